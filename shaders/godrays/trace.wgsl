@@ -1,7 +1,8 @@
 // defs: SIDE=2, WATER=0
 // One invocation a grid cell; the cell's SIDE² photons follow in a loop. SIDE = 0 takes the bound from the settings
 // (UW §4.1, dynamic tessellation).
-#import fathom::photon::{Photon, Trace, place, trace}
+#import fathom::estimator::{Trace, place, trace}
+#import fathom::photon::{Photon}
 
 @group(1) @binding(0) var<uniform> settings: Trace;
 @group(1) @binding(1) var shadow_depth: texture_depth_2d;

@@ -1,9 +1,10 @@
 // Photons from given starts through the water to the scene: UW §3.3.
 // defs: CONSERVING=0, FRESNEL=0, WATER=0
 #import fathom::dispatch
+#import fathom::estimator::{Trace, follow}
 #import fathom::frame::{frame}
 #import fathom::photon::{
-    MISSED, Photon, Ray, Trace, angular_weight, divide, follow, in_mask, light_direction, meet_water, transmittance
+    MISSED, Photon, Ray, angular_weight, divide, in_mask, light_direction, meet_water, transmittance
 }
 #import fathom::water
 

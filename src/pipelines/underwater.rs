@@ -2,6 +2,7 @@
 
 mod explain;
 mod found;
+mod grid;
 mod landing;
 mod measure;
 mod parameters;
@@ -26,12 +27,13 @@ use crate::stages::godrays::lines::LinesUniforms;
 use crate::stages::kit::Resources;
 use crate::stages::lit_scene::LitScene;
 use crate::stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
-use crate::stages::photon::{Photons, Tracing};
+use crate::stages::photon::{Photons, TraceUniforms, Tracing};
 use crate::stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
 use crate::stages::{Stage, StageInfo, caustics, godrays, scene, shadow, water};
 
+pub use grid::PhotonGrid;
 pub use measure::{PhotonQuery, blended_fragments, photons_at, read_photons};
-pub use parameters::{CausticMethod, Intensity, Params, PhotonGrid, Splatting, SubdivisionMode};
+pub use parameters::{CausticMethod, Intensity, Params, Splatting, SubdivisionMode};
 use parameters::{CausticsUnit, PhotonPath};
 
 /// Photons through the water's surface, splats and light shafts.
@@ -160,8 +162,12 @@ fn photon_grids(
     let filter = |of: &Resources<'_>, drawn: &dyn Accumulated| {
         LowPass::guided(of, &caustics::filter::INFO, drawn.source(), (shared, seen), &guide)
     };
-    let caustics =
-        photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
+    let caustics = photon_stages(
+        resources,
+        shared,
+        light,
+        (path, &plan.traces[0], &filter),
+        |of, photons, conserving| {
             let (inputs, settings, side_px) = ((photons, seen), &plan.splat, plan.splat_px);
             let sides_px = [side_px, params.caustics.point_size_max_px];
             let rules = (conserving, params.caustics.coverage);
@@ -179,7 +185,8 @@ fn photon_grids(
                     }
                 };
             Ok(drawn)
-        })?;
+        },
+    )?;
     let path = params.godrays.path();
     let settings = FilterUniforms {
         taps: params.godrays.filter_taps,
@@ -188,13 +195,18 @@ fn photon_grids(
     let filter = |of: &Resources<'_>, drawn: &dyn Accumulated| {
         LowPass::new(of, &godrays::filter::INFO, drawn.source(), &settings)
     };
-    let godrays =
-        photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
+    let godrays = photon_stages(
+        resources,
+        shared,
+        light,
+        (path, &plan.traces[1], &filter),
+        |of, photons, conserving| {
             let (inputs, settings, length_px) = ((photons, seen), &plan.lines, plan.line_px);
             let drawn: Rc<dyn Accumulated> =
                 of.push(godrays::lines::new(of, shared, inputs, settings, conserving, length_px)?);
             Ok(drawn)
-        })?;
+        },
+    )?;
     Ok([caustics, godrays])
 }
 
@@ -206,13 +218,13 @@ fn photon_stages(
     resources: &Resources<'_>,
     shared: &Shared,
     light: (&wgpu::Texture, &wgpu::Texture),
-    (path, filter): (PhotonPath, &Smoothing<'_>),
+    (path, uniforms, filter): (PhotonPath, &TraceUniforms, &Smoothing<'_>),
     draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Rc<dyn Accumulated>, GpuError>,
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;
     let of_grid = &resources.sized_by(path.grid_sized_by);
     let rules = (grid.is_dynamic(), conserving);
-    let trace = Tracing::new(of_grid, path.trace, shared, light, grid.uniforms(), rules)?;
+    let trace = Tracing::new(of_grid, path.trace, shared, light, uniforms.clone(), rules)?;
     let trace = of_grid.push(trace);
     let of_buffer = &resources.sized_by(path.buffer_sized_by);
     let drawn = draw(of_buffer, &trace.photons, conserving)?;
@@ -235,6 +247,8 @@ pub fn view(params: &Params, scene: &Scene) -> View {
 
 /// Uniforms of the camera-space stages, and the sizes that their declared work rests on.
 struct Plan {
+    /// Of caustics and of godrays.
+    traces: [TraceUniforms; 2],
     splat: SplatUniforms,
     /// Side of a splat in the middle of the scene.
     splat_px: f64,
@@ -260,8 +274,8 @@ impl Plan {
             params.camera.z_far_m,
         );
         let splat_px = size.at(middle_m);
-        let photons =
-            [params.caustics.grid_settings(), params.godrays.grid_settings()].map(|g| g.photons());
+        let grids = [params.caustics.grid_settings(), params.godrays.grid_settings()];
+        let photons = [grids[0].photons(), grids[1].photons()];
         let most = flux_w[0] / photons[0] as f64
             * match params.caustics.intensity {
                 Intensity::Paper => 1.0,
@@ -304,6 +318,7 @@ impl Plan {
                 Intensity::Conserving => 1.0,
             };
         Self {
+            traces: grids.map(|grid| grid.uniforms(view, params.shadow.size)),
             splat,
             splat_px,
             mesh,

@@ -1,5 +1,5 @@
-//! The image-space intersection of Shah and Konttinen (UW §3.3) over an exact surface, to tell the
-//! method's own failures from those of a depth map's resolution.
+//! Where a ray under water meets what the light sees, over an exact surface, to tell the methods' own failures from those of a
+//! depth map's resolution: the iteration of Shah and Konttinen (UW §3.3), and the first crossing.
 
 use glam::DVec3;
 
@@ -32,6 +32,46 @@ pub fn estimate(
     }
     let point = entry + direction * distance_m;
     Some(Estimate { distance_m, residual_m: (point - surface(point)?).length() })
+}
+
+/// Halvings of a step about a crossing: below f64 resolution.
+const HALVINGS: u32 = 60;
+/// Two places this near to each other that lie before and behind what the light sees by more are at an edge, metres.
+const EDGE_M: f64 = 1e-6;
+
+/// The least distance at which a ray meets what the light sees, of those where it passes from before to behind it. At edges the ray goes
+/// on: it passes behind what the light sees there. The way up to `reach_m` is searched in equal `steps`.
+///
+/// `behind` gives by how far the place at a distance lies behind what the light sees there; `None` where it sees nothing.
+pub fn first_crossing(
+    reach_m: f64,
+    steps: u32,
+    behind: impl Fn(f64) -> Option<f64>,
+) -> Option<f64> {
+    let depth = |d: f64| behind(d).unwrap_or(f64::NEG_INFINITY);
+    let place = |step: u32| reach_m * f64::from(step) / f64::from(steps);
+    (0..steps).map(|step| (place(step), place(step + 1))).find_map(|(mut low, mut high)| {
+        if depth(low) >= 0.0 || depth(high) < 0.0 {
+            return None;
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if depth(middle) < 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        (depth(high) - depth(low) < EDGE_M).then_some(high)
+    })
+}
+
+/// By how far a point lies behind what a depth map of unlimited resolution and precision stores for it, metres.
+pub fn behind_seen(frame: &LightFrame, tracer: &Tracer, point: DVec3) -> Option<f64> {
+    let seen = exact_depth(frame, tracer, point)?;
+    let ndc = frame.view_projection.project_point3(point);
+    let (_, direction) = frame.ray(ndc.x, ndc.y);
+    Some((point - seen).dot(direction))
 }
 
 /// The surface point that a depth map of unlimited resolution and precision stores for a world
@@ -74,6 +114,29 @@ mod tests {
         let direction = DVec3::new(0.5, -(0.75f64).sqrt(), 0.0);
         let found = estimate(DVec3::ZERO, direction, 0.5, 50, step).unwrap();
         assert!(found.residual_m > 0.1, "residual {}", found.residual_m);
+    }
+
+    #[test]
+    fn the_first_crossing_of_slanted_light_is_where_the_ray_meets_the_floor() {
+        for degrees in [0.0f64, 50.0, 80.0] {
+            let light = DVec3::new(degrees.to_radians().sin(), -degrees.to_radians().cos(), 0.0);
+            let sin = light.x / 1.33;
+            let ray = DVec3::new(sin, -(1.0 - sin * sin).sqrt(), 0.0);
+            // Along the light from a point of the ray to the floor.
+            let behind = |d: f64| Some((-DEPTH_M - ray.y * d) / -light.y);
+            let found = first_crossing(10.0, 16, behind).unwrap();
+            assert!((found - DEPTH_M / -ray.y).abs() < 1e-9, "{degrees}: {found}");
+        }
+    }
+
+    #[test]
+    fn a_ray_that_passes_behind_an_edge_lands_where_it_is_seen_again() {
+        // In steep light a plate hides the ray from 1 m to 2 m of its way; the floor comes at 4 m.
+        let behind = |d: f64| Some(if (1.0..2.0).contains(&d) { 0.5 } else { d - 4.0 });
+        let found = first_crossing(5.0, 50, behind).unwrap();
+        assert!((found - 4.0).abs() < 1e-9, "{found}");
+        assert_eq!(first_crossing(3.9, 50, behind), None, "the floor lies beyond");
+        assert_eq!(first_crossing(5.0, 50, |_| None), None);
     }
 
     #[test]

@@ -13,7 +13,7 @@
 //! | [`photons`] | the photon grid and where each photon lands |
 //! | [`pool`] | the inner faces of a rectangular pool, and photons counted on them texel by texel |
 //! | [`photon_map`] | irradiance of what each pixel shows, by many photons |
-//! | [`estimator`] | the image-space iteration over an exact depth, to study its convergence |
+//! | [`estimator`] | the estimators of photons' ends over an exact depth: first crossing, and the iteration of the paper |
 //! | [`splat`] | point sizes, intensities, and a rasterizer of splats, as squares and within one surface |
 //! | [`caustic_mesh`] | irradiance by refracted triangles, drawn exactly |
 //! | [`godray`] | intensity at a point of a godray |

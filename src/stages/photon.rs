@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec2};
+use serde::{Deserialize, Serialize};
 
 use super::frame::{Shared, View};
 use super::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
@@ -18,7 +19,7 @@ shader_struct! {
     pub struct Photon {
         /// Where it meets the water.
         pub entry_m: glam::Vec3,
-        /// Distance between estimate and seen surface in the last iteration, or [`MISSED`] or [`OUTSIDE`].
+        /// Distance between where it lands and what the light sees there, or [`MISSED`] or [`OUTSIDE`].
         pub residual_m: f32,
         /// Where it lands.
         pub hit_m: glam::Vec3,
@@ -122,11 +123,47 @@ impl Photons {
     }
 }
 
+/// How it is found where a photon lands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PhotonEstimator {
+    /// The first crossing of the refracted ray and the light's depth: linear search and regula falsi. In light of any angle.
+    Secant,
+    /// The iteration of Shah and Konttinen, as in the paper. It diverges in slanted light.
+    Paper,
+}
+
+/// Most steps of a search, and most crossings of a ray that are refined, as in `shaders/shared/estimator.wgsl`.
+const MOST_STEPS: u32 = 128;
+const MOST_REFINED: u32 = 4;
+
+impl PhotonEstimator {
+    /// Most turns of loops for a photon.
+    pub fn most_turns(self, iterations: u32) -> u32 {
+        match self {
+            PhotonEstimator::Secant => MOST_STEPS + MOST_REFINED * iterations,
+            PhotonEstimator::Paper => iterations,
+        }
+    }
+
+    /// Places looked up in the light's depth for a photon whose way covers `across_px` texels of it, about: the search ends where the
+    /// photon lands, and the way's begin and two steps of regula falsi come to it.
+    pub fn lookups(self, iterations: u32, across_px: f64, step_px: f64) -> u32 {
+        match self {
+            PhotonEstimator::Secant => {
+                ((across_px / step_px).ceil() as u32).clamp(1, MOST_STEPS) + iterations.min(2) + 1
+            }
+            PhotonEstimator::Paper => iterations,
+        }
+    }
+}
+
 shader_struct! {
-    /// `Trace` in `shaders/shared/photon.wgsl`.
+    /// `Trace` in `shaders/shared/estimator.wgsl`.
     pub struct TraceUniforms {
         pub grid: u32,
         pub side: u32,
+        pub estimator: u32,
         pub iterations: u32,
         pub masked: u32,
         pub offset: Vec2,
@@ -135,6 +172,12 @@ shader_struct! {
         pub tolerance_m: f32,
         /// Share of its part of the cell in which a photon is strewn.
         pub jitter: f32,
+        /// Longest step of a search, in texels of the light's depth.
+        pub step_px: f32,
+        /// Height below which there is nothing.
+        pub bottom_m: f32,
+        /// Places looked up for a photon, about.
+        pub lookups: u32,
     }
 }
 
@@ -219,14 +262,14 @@ impl Stage for Tracing {
         let photons = u64::from(self.photons.count);
         Work {
             photons,
-            // Four depth texels an iteration.
-            texel_fetches: photons * 4 * u64::from(self.settings.iterations),
+            // Four depth texels a place.
+            texel_fetches: photons * 4 * u64::from(self.settings.lookups),
             bytes_written: Photons::bytes(photons),
             ..Work::default()
         }
     }
 
-    /// Iterations end where a photon has landed.
+    /// The search ends where a photon has landed.
     fn least_work(&self) -> Work {
         Work { texel_fetches: 0, ..self.work() }
     }
@@ -283,7 +326,7 @@ fn columns() -> Vec<Column> {
         column(
             "residual_m",
             "m",
-            "distance of the last estimate from the surface seen by the light; -1: never enters the water, -2: left the light's frustum or meets nothing",
+            "distance of the landing point from the surface that the light sees there; -1: never enters the water, -2: left the light's frustum or meets nothing",
         ),
         column("converged", "1", "1 where the residual is within the tolerance"),
         column(

@@ -1,17 +1,18 @@
 //! `caustics/trace` and `godrays/trace` against exact refraction and ray casting.
 
-use glam::Vec2;
+use glam::{DVec3, Vec2};
 
 use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use crate::gpu::{GpuError, StageInfo};
 use crate::pipelines::underwater::{Params, Underwater};
 use crate::pipelines::{AnyPipeline, Built};
-use crate::reference::estimator::{estimate, exact_depth};
-use crate::reference::photons::{Landing, PhotonGrid, land_all};
+use crate::reference::estimator::{behind_seen, estimate, exact_depth, first_crossing};
+use crate::reference::photons::{Landed, Landing, PhotonGrid, land_all};
 use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors};
 use crate::reference::rays::Tracer;
 use crate::scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
-use crate::stages::photon::{TraceUniforms, Tracing};
+use crate::stages::frame::View;
+use crate::stages::photon::{PhotonEstimator, TraceUniforms, Tracing};
 use crate::stages::{caustics, godrays, shadow};
 
 /// Flat water over a plane has a closed form: what is left is f32 and the depth map's bits.
@@ -25,6 +26,8 @@ const ENTRY_P99_M: f64 = 1e-3;
 const FLAT_GRID: u32 = 32;
 const REAL_GRID: u32 = 64;
 const SHADOW_TEXELS: u32 = 512;
+/// Steps of the search over an exact depth.
+const EXACT_STEPS: u32 = 64;
 
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
@@ -91,12 +94,17 @@ pub(super) fn settings(grid: u32, side: u32) -> TraceUniforms {
     TraceUniforms {
         grid,
         side,
+        estimator: PhotonEstimator::Secant as u32,
         iterations: 12,
         masked: 1,
         offset: Vec2::splat(0.5),
         start_m: 1.0,
         tolerance_m: 0.01,
         jitter: 0.0,
+        step_px: 4.0,
+        // Below the floor of scene `plane`.
+        bottom_m: -3.01,
+        lookups: 12,
     }
 }
 
@@ -221,7 +229,8 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
     let grid = PhotonGrid::new(REAL_GRID, 4)?.with_jitter(pipeline.params.caustics.jitter);
     let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
     let perturbed = land_all(&frame, &with_index(&scene.water, 1.40), &tracer, grid, 1);
-    let unlimited = unconverged_over_exact_depth(&pipeline.params, &frame, &tracer, &landings);
+    let unlimited =
+        unconverged_over_exact_depth(&pipeline.view, &pipeline.params, &tracer, &landings);
     [Family::Caustics, Family::Godrays]
         .into_iter()
         .map(|family| {
@@ -253,26 +262,42 @@ pub fn run_until(rig: &Rig<'_>, pipeline: &Built<Underwater>, last: &str) -> Res
     rig.run(&stages[..end.map_or(stages.len(), |i| i + 1)])
 }
 
-/// Of every fourth photon that stays within the light's frustum: the share whose estimate does not
-/// converge over a depth map of unlimited resolution. These are the method's own failures.
+/// Of every fourth photon that lands within the light's frustum: the share that the pipeline's estimator does not bring within the
+/// tolerance of what the light sees, over a depth map of unlimited resolution. These are the method's own failures.
 fn unconverged_over_exact_depth(
+    view: &View,
     params: &Params,
-    frame: &LightFrame,
     tracer: &Tracer,
     landings: &[Landing],
 ) -> f64 {
-    let settings = &params.caustics;
-    let (mut estimated, mut unconverged) = (0u32, 0u32);
-    for landed in landings.iter().step_by(4).filter_map(Landing::landed) {
-        let surface = |p| exact_depth(frame, tracer, p);
-        let (entry, start_m) = (landed.entry.position, settings.start_m);
-        if let Some(end) = estimate(entry, landed.direction, start_m, settings.iterations, surface)
-        {
-            estimated += 1;
-            unconverged += u32::from(end.residual_m > settings.tolerance_m);
+    let (frame, settings) = (view.light_frame(), &params.caustics);
+    let grid = settings.grid_settings();
+    let sampled = landings.iter().step_by(4).filter_map(Landing::landed);
+    let held = sampled.filter(|landed| in_frustum(&frame, landed.hit.position)).collect::<Vec<_>>();
+    let converges = |landed: &Landed| {
+        let (entry, direction) = (landed.entry.position, landed.direction);
+        match settings.estimator {
+            PhotonEstimator::Secant => {
+                let reach_m = (view.bounds.min.y - entry.y) / direction.y * 1.001;
+                let behind = |d: f64| behind_seen(&frame, tracer, entry + direction * d);
+                first_crossing(reach_m, EXACT_STEPS, behind).is_some()
+            }
+            PhotonEstimator::Paper => {
+                let surface = |p| exact_depth(&frame, tracer, p);
+                let iterations = grid.iterations_in(view);
+                estimate(entry, direction, settings.start_m, iterations, surface)
+                    .is_some_and(|end| end.residual_m <= settings.tolerance_m)
+            }
         }
-    }
-    f64::from(unconverged) / f64::from(estimated.max(1))
+    };
+    let failed = held.iter().filter(|landed| !converges(landed)).count();
+    failed as f64 / held.len().max(1) as f64
+}
+
+/// Whether a point lies within the light's frustum.
+pub(super) fn in_frustum(frame: &LightFrame, point: DVec3) -> bool {
+    let ndc = frame.view_projection.project_point3(point);
+    ndc.truncate().abs().max_element() <= 1.0
 }
 
 pub(super) fn with_rates(check: Check, errors: &PhotonErrors) -> Check {

@@ -5,6 +5,7 @@ use std::rc::Rc;
 
 use glam::{DVec2, DVec4};
 
+use super::grid::largest_contraction;
 use super::{CausticMethod, Intensity, Params, Underwater, view};
 use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
 use crate::pipelines::{AnyPipeline, Built, Pipeline};
@@ -13,7 +14,7 @@ use crate::scene::Scene;
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
-use crate::stages::photon::{MISSED, OUTSIDE, Photon, Photons};
+use crate::stages::photon::{MISSED, OUTSIDE, Photon, PhotonEstimator, Photons};
 use crate::stages::photons::query::{Answer, Query, Start};
 use crate::stages::shadow;
 
@@ -40,10 +41,15 @@ impl Underwater {
         lines.map(|line| covered_px(line, width_px, size)).sum()
     }
 
-    /// Shares of the photons that never enter the water, and that leave the light's frustum; pixels that godrays cover.
+    /// Shares of the photons that never enter the water, and that leave the light's frustum; pixels that godrays cover; of the paper's
+    /// estimator the factor of its error in an iteration, where it is largest.
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let mut quantities = BTreeMap::new();
-        for (name, _, _, photons) in self.grids() {
+        for (name, _, settings, photons) in self.grids() {
+            if settings.estimator == PhotonEstimator::Paper {
+                let factor = largest_contraction(&self.view);
+                quantities.insert(format!("{name}_contraction"), factor);
+            }
             let photons: Vec<Photon> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, photons)?);
             let share = |residual_m: f32| {
                 let alike = photons.iter().filter(|p| p.residual_m == residual_m);
@@ -81,7 +87,8 @@ impl PhotonQuery {
         starts: &[Start],
     ) -> Result<Self, GpuError> {
         scene.needs_objects(Underwater::NAME).map_err(GpuError::Unusable)?;
-        let shared = Shared::new(resources, &view(params, scene));
+        let view = view(params, scene);
+        let shared = Shared::new(resources, &view);
         let geometry = Geometry::new(resources, scene);
         let of_light = resources.sized_by("shadow.size");
         let depth = shadow::depth::Depth::new(&of_light, &shared, &geometry, params.shadow.size)?;
@@ -94,7 +101,7 @@ impl PhotonQuery {
             &shared,
             (depth.texture(), mask.texture()),
             starts,
-            &params.caustics.grid_settings().uniforms(),
+            &params.caustics.grid_settings().uniforms(&view, params.shadow.size),
             params.caustics.photon_intensity() == Intensity::Conserving,
         )?;
         Ok(Self(resources.push_once(query)))

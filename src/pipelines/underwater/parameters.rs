@@ -1,15 +1,15 @@
 //! Parameters of the underwater pipeline, their defaults with sources, and their ranges.
 
-use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
+use super::grid::PhotonGrid;
 use crate::gpu::StageInfo;
 use crate::parameter::{ParamError, within};
 use crate::pipelines::Parameters;
 use crate::pipelines::settings::{View, scaled};
 use crate::scene::{Camera, Light, SceneFile, Water};
 use crate::stages::caustics::splat::SplatCoverage;
-use crate::stages::photon::TraceUniforms;
+use crate::stages::photon::PhotonEstimator;
 use crate::stages::{caustics, godrays};
 use crate::{choices, settings};
 
@@ -89,7 +89,7 @@ pub enum CausticMethod {
     Mesh,
 }
 
-choices!(CausticMethod, Intensity, SplatCoverage, Splatting, SubdivisionMode);
+choices!(CausticMethod, Intensity, PhotonEstimator, SplatCoverage, Splatting, SubdivisionMode);
 
 settings! {
     /// Caustics: a photon grid, drawn as splats. UW §3.3.
@@ -105,10 +105,17 @@ settings! {
         /// How much of its share of the cell a photon is strewn over at random; with 0 the grid is regular, and shows as a herringbone
         /// pattern on surfaces that the light grazes. Half breaks the pattern with less noise than the whole. Tuned on scene tank.
         jitter: f64 = 0.5 => 0.0 ..= 1.0, "1";
-        /// Iterations of the estimator. UW gives none: errors shrink by about the square of the sine between ray and light
-        /// at each, so that 6 reach below a millimetre on smooth floors.
-        iterations: u32 = 6 => 1 ..= 1000, "1";
-        /// First estimate d0 of the path under water. UW gives none.
+        /// How it is found where a photon lands.
+        estimator: PhotonEstimator = PhotonEstimator::Secant;
+        /// Iterations of the estimator; 0 chooses them. `secant`: steps of regula falsi at a crossing, 8 by default; the first is exact on
+        /// planes. `paper`, which gives none: over a level floor each multiplies the error by sin ρ · sin(θ − ρ) / cos θ, with the light θ
+        /// and the ray ρ off the vertical. 0 takes as many as reach 1 mm in the light's frustum, at least 6 and at most 64. Under 72° is
+        /// the limit at index 1.33: beyond it the factor is above 1, and no number of iterations converges.
+        iterations: u32 = 0 => 0 ..= 1000, "1";
+        /// Of `secant`: longest step of the search along the ray, in texels of the light's depth. What is narrower can be passed. Paths
+        /// longer than 128 steps take longer ones.
+        step_px: f64 = 4.0 => 0.5 ..= 1024.0, "px";
+        /// Of `paper`: first estimate d0 of the path under water. UW gives none.
         start_m: f64 = 1.0 => 0.0 ..= 1e4, "m";
         /// Residual below which a photon counts as converged.
         tolerance_m: f64 = 0.01 => 0.0 ..= 1e3, "m";
@@ -163,10 +170,17 @@ settings! {
         /// How much of its share of the cell a photon is strewn over at random; with 0 the grid is regular, and shows as a herringbone
         /// pattern on surfaces that the light grazes. Half breaks the pattern with less noise than the whole. Tuned on scene tank.
         jitter: f64 = 0.5 => 0.0 ..= 1.0, "1";
-        /// Iterations of the estimator. UW gives none: errors shrink by about the square of the sine between ray and light
-        /// at each, so that 6 reach below a millimetre on smooth floors.
-        iterations: u32 = 6 => 1 ..= 1000, "1";
-        /// First estimate d0 of the path under water. UW gives none.
+        /// How it is found where a photon lands.
+        estimator: PhotonEstimator = PhotonEstimator::Secant;
+        /// Iterations of the estimator; 0 chooses them. `secant`: steps of regula falsi at a crossing, 8 by default; the first is exact on
+        /// planes. `paper`, which gives none: over a level floor each multiplies the error by sin ρ · sin(θ − ρ) / cos θ, with the light θ
+        /// and the ray ρ off the vertical. 0 takes as many as reach 1 mm in the light's frustum, at least 6 and at most 64. Under 72° is
+        /// the limit at index 1.33: beyond it the factor is above 1, and no number of iterations converges.
+        iterations: u32 = 0 => 0 ..= 1000, "1";
+        /// Of `secant`: longest step of the search along the ray, in texels of the light's depth. What is narrower can be passed. Paths
+        /// longer than 128 steps take longer ones.
+        step_px: f64 = 4.0 => 0.5 ..= 1024.0, "px";
+        /// Of `paper`: first estimate d0 of the path under water. UW gives none.
         start_m: f64 = 1.0 => 0.0 ..= 1e4, "m";
         /// Residual below which a photon counts as converged.
         tolerance_m: f64 = 0.01 => 0.0 ..= 1e3, "m";
@@ -205,65 +219,6 @@ settings! {
     }
 }
 
-/// The photon-grid part that caustics and godrays share.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PhotonGrid {
-    pub grid: u32,
-    pub subdivision: u32,
-    pub mode: SubdivisionMode,
-    pub offset: [f64; 2],
-    pub jitter: f64,
-    pub iterations: u32,
-    pub start_m: f64,
-    pub tolerance_m: f64,
-    pub mask: bool,
-}
-
-impl PhotonGrid {
-    pub fn photons(&self) -> u64 {
-        u64::from(self.grid) * u64::from(self.grid) * u64::from(self.subdivision)
-    }
-
-    /// Photons per side of a cell.
-    pub fn side(&self) -> u32 {
-        self.subdivision.isqrt()
-    }
-
-    pub fn is_dynamic(&self) -> bool {
-        self.mode == SubdivisionMode::Dynamic
-    }
-
-    pub fn uniforms(&self) -> TraceUniforms {
-        TraceUniforms {
-            grid: self.grid,
-            side: self.side(),
-            iterations: self.iterations,
-            masked: u32::from(self.mask),
-            offset: Vec2::new(self.offset[0] as f32, self.offset[1] as f32),
-            start_m: self.start_m as f32,
-            tolerance_m: self.tolerance_m as f32,
-            jitter: self.jitter as f32,
-        }
-    }
-
-    fn consistent(&self, name: &str) -> Result<(), ParamError> {
-        let side = self.side();
-        if side == 0 || side * side != self.subdivision {
-            return Err(ParamError::Unfit(format!(
-                "{name}.subdivision is {}: it must be a square number (1, 4, 9, 16 …)",
-                self.subdivision
-            )));
-        }
-        if self.photons() > u64::from(u32::MAX / 8) {
-            return Err(ParamError::Unfit(format!(
-                "{name}.grid² × {name}.subdivision is {}: more photons than can be indexed",
-                self.photons()
-            )));
-        }
-        Ok(())
-    }
-}
-
 /// What distinguishes the stages of one photon grid from those of another.
 pub(super) struct PhotonPath {
     pub(super) grid_sized_by: &'static str,
@@ -284,7 +239,9 @@ macro_rules! photon_settings {
                     mode: self.subdivision_mode,
                     offset: self.offset,
                     jitter: self.jitter,
+                    estimator: self.estimator,
                     iterations: self.iterations,
+                    step_px: self.step_px,
                     start_m: self.start_m,
                     tolerance_m: self.tolerance_m,
                     mask: self.mask,

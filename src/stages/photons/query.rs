@@ -46,7 +46,7 @@ pub struct Query {
     kernel: Kernel,
     dispatch: Dispatch,
     count: u64,
-    iterations: u64,
+    lookups: u64,
     /// An [`Answer`] for each start.
     pub answers: Buffer,
 }
@@ -84,7 +84,7 @@ impl Query {
             kernel: Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &groups)?,
             dispatch: Dispatch::new(resources, INFO.name, &groups, workgroups),
             count,
-            iterations: settings.iterations.into(),
+            lookups: settings.lookups.into(),
             answers,
         })
     }
@@ -102,15 +102,15 @@ impl Stage for Query {
     fn work(&self) -> Work {
         Work {
             photons: self.count,
-            // Four depth texels an iteration.
-            texel_fetches: self.count * 4 * self.iterations,
+            // Four depth texels a place.
+            texel_fetches: self.count * 4 * self.lookups,
             bytes_read: self.count * Start::min_size().get(),
             bytes_written: self.count * Answer::min_size().get(),
             ..Work::default()
         }
     }
 
-    /// Iterations end where a photon has landed.
+    /// The search ends where a photon has landed.
     fn least_work(&self) -> Work {
         Work { texel_fetches: 0, ..self.work() }
     }

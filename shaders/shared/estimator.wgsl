@@ -1,0 +1,291 @@
+// Where photons under water land: the refracted ray against the light's depth map, UW §3.3.
+#define_import_path fathom::estimator
+
+#import fathom::frame::{frame}
+#import fathom::photon::{MISSED, OUTSIDE, Photon, divide, in_mask, light_ray, meet_water}
+#import fathom::random::{pcg}
+#import fathom::water
+
+struct Trace {
+    // Cells per side of the grid.
+    grid: u32,
+    // Photons per side of a cell, where the loop bound is a run-time value.
+    side: u32,
+    // PAPER, or another for the first crossing.
+    estimator: u32,
+    iterations: u32,
+    // 1: photons are tested against the water mask.
+    masked: u32,
+    // Place of a photon within its share of the cell, 0…1; the middle is 0.5.
+    offset: vec2<f32>,
+    // The paper's first estimate d0 of the distance from the surface.
+    start_m: f32,
+    // Residual up to which a photon counts as converged; only the host asks.
+    tolerance_m: f32,
+    // Share of its part of the cell in which a photon is strewn; 0: the grid is regular.
+    jitter: f32,
+    // Longest step of the search for the first crossing, in texels of the light's depth.
+    step_px: f32,
+    // Height below which there is nothing.
+    bottom_m: f32,
+    // Places looked up for a photon, about; only the host asks.
+    lookups: u32,
+}
+
+// Host twin: PhotonEstimator in src/stages/photon.rs.
+const PAPER: u32 = 1u;
+// Most steps of a search. A cell of 256 photons stays below the 65,535 turns of a loop after which lavapipe ends an invocation.
+const MOST_STEPS: f32 = 128.0;
+// Most crossings of a ray that are refined; each before the last was a silhouette that the ray passes behind.
+const MOST_REFINED: u32 = 4u;
+// Gap of device depth that counts as none: four steps of 32-bit floats near 1.
+const NO_GAP: f32 = 2.4e-7;
+
+fn inside_frustum(ndc: vec2<f32>) -> bool {
+    return all(abs(ndc) <= vec2(1.0));
+}
+
+// Step of device depth from texel to texel that is an edge: more than on a level floor, whose depth changes in slanted light.
+fn edge_step(settings: Trace, depth: texture_depth_2d) -> f32 {
+    let m = frame.light_inverse;
+    // A level plane in the light's canonical screen space: the coefficients of x, y and z.
+    let plane = vec3(m[0].y, m[1].y, m[2].y) - settings.bottom_m * vec3(m[0].w, m[1].w, m[2].w);
+    let texel = 2.0 / vec2<f32>(textureDimensions(depth));
+    return frame.light_depth_jump + dot(abs(plane.xy), texel) / max(abs(plane.z), 1e-9);
+}
+
+// Device depth of what the light sees at a place of its screen; 1: nothing. Bilinear, which is exact on planes, and beyond the
+// outermost texels' middles extrapolated; across a step of more than `edge` the nearest texel counts.
+fn seen_depth(depth: texture_depth_2d, texels: sampler, edge: f32, ndc: vec2<f32>) -> f32 {
+    let size = vec2<f32>(textureDimensions(depth));
+    let place = (ndc * vec2(0.5, -0.5) + 0.5) * size - 0.5;
+    let base = clamp(floor(place), vec2(0.0), max(size - 2.0, vec2(0.0)));
+    let f = place - base;
+    // The corner where four texels meet: no rounding of the sampler's can choose others.
+    let four = textureGather(depth, texels, (base + 1.0) / size);
+    let a = four.w;
+    let b = four.z;
+    let c = four.x;
+    let d = four.y;
+    let most = max(max(a, b), max(c, d));
+    if most - min(min(a, b), min(c, d)) > edge || most >= 1.0 {
+        return select(select(a, b, f.x > 0.5), select(c, d, f.x > 0.5), f.y > 0.5);
+    }
+    return mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
+}
+
+fn unproject(ndc: vec3<f32>) -> vec3<f32> {
+    return divide(frame.light_inverse * vec4(ndc, 1.0));
+}
+
+// One photon of the grid, at a place in the light's canonical screen space.
+fn trace(
+    settings: Trace, depth: texture_depth_2d, texels: sampler, mask: texture_2d<f32>, ndc: vec2<f32>
+) -> Photon {
+    let ray = light_ray(ndc);
+    let met = meet_water(ray);
+    let entry = met.position_m;
+    if !water::inside(entry.xz) || (settings.masked != 0u && !in_mask(mask, ndc)) {
+        return Photon(entry, MISSED, entry, 0.0);
+    }
+    let refracted = refract(ray.direction, met.normal, 1.0 / frame.refractive_index);
+    return follow(settings, depth, texels, entry, refracted);
+}
+
+// From the water's surface along the refracted direction.
+fn follow(
+    settings: Trace, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
+) -> Photon {
+    if settings.estimator == PAPER {
+        return fixed_point(settings, depth, texels, entry, refracted);
+    }
+    return first_crossing(settings, depth, texels, entry, refracted);
+}
+
+// The iteration of Shah and Konttinen (UW reference [7]).
+fn fixed_point(
+    settings: Trace, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
+) -> Photon {
+    let edge = edge_step(settings, depth);
+    var d = settings.start_m;
+    var residual = 0.0;
+    for (var i = 0u; i < settings.iterations; i++) {
+        let estimate = entry + d * refracted;
+        let ndc = divide(frame.light_view_projection * vec4(estimate, 1.0));
+        var z = 1.0;
+        if inside_frustum(ndc.xy) {
+            z = seen_depth(depth, texels, edge, ndc.xy);
+        }
+        if z >= 1.0 {
+            return Photon(entry, OUTSIDE, estimate, d);
+        }
+        let seen = unproject(vec3(ndc.xy, z));
+        residual = distance(estimate, seen);
+        d = distance(entry, seen);
+    }
+    return Photon(entry, residual, entry + d * refracted, d);
+}
+
+// A ray under water in the light's canonical screen space, where it is straight too, and planes are planes: from its entry, or
+// where it comes into the light's frustum, to where it leaves the frustum or is below the scene.
+struct Path {
+    entry_m: vec3<f32>,
+    direction: vec3<f32>,
+    begin: vec3<f32>,
+    end: vec3<f32>,
+    // Homogeneous w of both.
+    w: vec2<f32>,
+    // Distances of both from the entry; the second is less than the first where the ray lies outside.
+    distance_m: vec2<f32>,
+    // Whether its end is below the scene, and within the frustum.
+    to_bottom: bool,
+    edge: f32,
+}
+
+// A place on a path: the share of it, and by how much of device depth it lies behind what the light sees there.
+struct Place {
+    share: f32,
+    gap: f32,
+}
+
+// The part of a range of shares in which a quantity that goes from a to b is not negative.
+fn clipped(range: vec2<f32>, a: f32, b: f32) -> vec2<f32> {
+    let crossing = a / (a - b);
+    if a < 0.0 && b < 0.0 {
+        return vec2(1.0, 0.0);
+    }
+    return vec2(
+        select(range.x, max(range.x, crossing), a < 0.0), select(range.y, min(range.y, crossing), b < 0.0));
+}
+
+// Least fall of a ray per metre: a shallower one is followed to where this one would end.
+const LEAST_FALL: f32 = 1e-3;
+
+fn path(settings: Trace, entry: vec3<f32>, direction: vec3<f32>, edge: f32) -> Path {
+    let reach_m = max(entry.y - settings.bottom_m, 0.0) / max(-direction.y, LEAST_FALL);
+    let a = frame.light_view_projection * vec4(entry, 1.0);
+    let b = frame.light_view_projection * vec4(entry + reach_m * direction, 1.0);
+    var range = clipped(vec2(0.0, 1.0), a.w + a.x, b.w + b.x);
+    range = clipped(range, a.w - a.x, b.w - b.x);
+    range = clipped(range, a.w + a.y, b.w + b.y);
+    range = clipped(range, a.w - a.y, b.w - b.y);
+    range = clipped(range, a.z, b.z);
+    range = clipped(range, a.w - a.z, b.w - b.z);
+    let begin = mix(a, b, range.x);
+    let end = mix(a, b, range.y);
+    return Path(
+        entry, direction, divide(begin), divide(end), vec2(begin.w, end.w), reach_m * range, range.y >= 1.0,
+        edge);
+}
+
+fn place_at(way: Path, depth: texture_depth_2d, texels: sampler, share: f32) -> Place {
+    let ndc = mix(way.begin, way.end, share);
+    return Place(share, ndc.z - seen_depth(depth, texels, way.edge, ndc.xy));
+}
+
+// The photon that lands at a place of its path.
+fn landed(way: Path, place: Place) -> Photon {
+    // Perspective: equal shares on the screen are not equal lengths.
+    let share = place.share * way.w.x / mix(way.w.y, way.w.x, place.share);
+    let d = mix(way.distance_m.x, way.distance_m.y, share);
+    let hit = way.entry_m + d * way.direction;
+    let ndc = mix(way.begin, way.end, place.share);
+    let seen_z = ndc.z - place.gap;
+    if seen_z >= 1.0 {
+        return Photon(way.entry_m, OUTSIDE, hit, d);
+    }
+    return Photon(way.entry_m, distance(hit, unproject(vec3(ndc.xy, seen_z))), hit, d);
+}
+
+// The crossing between a place before and one behind what the light sees: regula falsi, of which the end that stays is halved
+// (Illinois; Dowell and Jarratt 1971). Its order is 1.44, and the first step is exact on planes.
+fn crossing(
+    settings: Trace, way: Path, depth: texture_depth_2d, texels: sampler, before: Place, behind: Place
+) -> Place {
+    var low = before;
+    var high = behind;
+    // Gaps that the next step takes.
+    var gaps = vec2(before.gap, behind.gap);
+    var last = 0;
+    for (var i = 0u; i < settings.iterations; i++) {
+        let share = mix(low.share, high.share, gaps.x / (gaps.x - gaps.y));
+        let place = place_at(way, depth, texels, share);
+        if abs(place.gap) <= NO_GAP {
+            return place;
+        }
+        if place.gap < 0.0 {
+            low = place;
+            gaps = vec2(place.gap, select(gaps.y, 0.5 * gaps.y, last < 0));
+            last = -1;
+        } else {
+            high = place;
+            gaps = vec2(select(gaps.x, 0.5 * gaps.x, last > 0), place.gap);
+            last = 1;
+        }
+    }
+    if -low.gap < high.gap {
+        return low;
+    }
+    return high;
+}
+
+// Linear search for the first place where the ray passes through what the light sees, and regula falsi between the steps about
+// it. A ray that is then behind an edge passes behind a silhouette, and the search goes on where the light reaches it again. If it
+// never does, the photon lands out of the light's sight: where it would meet what it passed over last if that went on.
+fn first_crossing(
+    settings: Trace, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
+) -> Photon {
+    let way = path(settings, entry, refracted, edge_step(settings, depth));
+    if way.distance_m.y <= way.distance_m.x {
+        return Photon(entry, OUTSIDE, entry, 0.0);
+    }
+    let size = vec2<f32>(textureDimensions(depth));
+    let across_px = length(0.5 * size * (way.end.xy - way.begin.xy));
+    let steps = clamp(ceil(across_px / settings.step_px), 1.0, MOST_STEPS);
+    var earlier = place_at(way, depth, texels, 0.0);
+    var before = earlier;
+    var refined = 0u;
+    // Where a photon out of the light's sight lands.
+    var hidden = 1.0;
+    for (var i = 1.0; i <= steps; i += 1.0) {
+        let behind = place_at(way, depth, texels, i / steps);
+        if before.gap < 0.0 && behind.gap >= 0.0 {
+            if refined < MOST_REFINED {
+                let found = crossing(settings, way, depth, texels, before, behind);
+                if abs(found.gap) <= way.edge {
+                    return landed(way, found);
+                }
+                refined += 1u;
+            }
+            hidden = 1.0;
+            let closing = before.gap - earlier.gap;
+            if closing > 0.0 {
+                hidden = min(before.share - before.gap * (before.share - earlier.share) / closing, 1.0);
+            }
+        }
+        earlier = before;
+        before = behind;
+    }
+    if before.gap < 0.0 || (hidden >= 1.0 && !way.to_bottom) {
+        return Photon(entry, OUTSIDE, entry + way.distance_m.y * refracted, way.distance_m.y);
+    }
+    return landed(way, place_at(way, depth, texels, hidden));
+}
+
+// Two repeatable numbers in [0, 1) for a photon of the grid, of 16 bits each.
+fn strewn(photon: vec2<u32>) -> vec2<f32> {
+    let bits = pcg(pcg(photon.x) + photon.y);
+    return vec2(f32(bits >> 16u), f32(bits & 0xffffu)) / 65536.0;
+}
+
+// Canonical place of sub-photon `sub` of cell `cell`.
+fn place(settings: Trace, cell: vec2<u32>, sub: vec2<u32>, side: u32) -> vec2<f32> {
+    let photon = cell * side + sub;
+    var share = settings.offset;
+    if settings.jitter > 0.0 {
+        // What leaves the share on one side comes in on the other.
+        share = fract(share + settings.jitter * (strewn(photon) - 0.5));
+    }
+    let index = vec2<f32>(photon) + share;
+    return index / f32(settings.grid * side) * 2.0 - 1.0;
+}
