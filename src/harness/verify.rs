@@ -29,6 +29,7 @@ pub mod rig;
 mod scalar;
 mod shadow_rays;
 mod shafts;
+mod slanted;
 mod splats;
 mod sprites;
 mod starts;
@@ -190,6 +191,7 @@ pub fn cases() -> Vec<Case> {
         ao_compose::cases(),
         hsao::cases(),
         photons::cases(),
+        slanted::cases(),
         given_water::cases(),
         glass::cases(),
         starts::cases(),
