@@ -7,7 +7,8 @@ use std::path::Path;
 use std::process::Command;
 
 use common::{cells, fathom, records, small};
-use fathom::record::{Bounded, Ceiling, CeilingShare, Outcome, Record, Run, StageRecord};
+use fathom::record::ceilings::Bounded;
+use fathom::record::{Ceiling, CeilingShare, Outcome, Record, Run, StageRecord};
 use serde_json::Value;
 
 /// Bounds of a sound doubling, and of the copies' agreement with the CPU's, as `docs/ceilings.md` has them.

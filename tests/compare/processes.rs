@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use super::builds::{Builds, SLOWLY};
+use super::builds::Builds;
 use super::script::{Script, hello};
 
 /// Far more than a busy machine takes.
@@ -31,7 +31,11 @@ fn processes_that_a_base_forked_do_not_outlive_fathom() {
     let builds = Builds::new();
     let log = builds.path("log");
     let base = builds.build("base", &Script { hello: forking(&log), ..Script::default() });
-    let head = builds.build("head", &Script { instead: &[SLOWLY], ..Script::default() });
+    let sample = r#"echo '{"message":"sample","ns":[2000000]}'"#;
+    let held = format!("{}; {sample}", builds.waits());
+    let instead = [("\"sample\"", held.as_str())];
+    let head = builds.build("head", &Script { instead: &instead, ..Script::default() });
+    builds.release();
     let output = builds.command(&base, &head).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{output:?}");
     assert!(!is_any_left(&log));
@@ -39,6 +43,7 @@ fn processes_that_a_base_forked_do_not_outlive_fathom() {
     // However fathom ends.
     fs::remove_file(&log).unwrap();
     fs::remove_dir_all(builds.path("out")).unwrap();
+    builds.hold();
     let mut running = builds.command(&base, &head).spawn().unwrap();
     let start = Instant::now();
     while !log.exists() {

@@ -41,7 +41,7 @@ fn cell(experiment: &str, number: usize) -> Record {
         pipeline: "underwater".to_owned(),
         scene: "tank".to_owned(),
         stand_ins: vec![format!("note {number}")],
-        params: json!({}),
+        params: json!({}).into(),
         outcome: Outcome::Skipped { reason: "too large".to_owned() },
     }))
 }

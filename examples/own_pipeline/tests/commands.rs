@@ -143,7 +143,8 @@ fn its_own_compare_catches_a_slowdown_of_its_shader_and_nothing_else() {
     let measured = run(&[&gates[..], &sides].concat());
     let judged = |folder: &Path| {
         let told = run(&["compare", "--replay", text(folder)]);
-        let verdicts = Verdicts::of(&StoredComparison::read(folder).unwrap());
+        let comparison = StoredComparison::read(folder).unwrap();
+        let verdicts = Verdicts::of(&comparison);
         let of = |name: &str| {
             let cell = verdicts.cells.iter().find(|judged| judged.cell.as_str() == name);
             cell.unwrap_or_else(|| panic!("no cell `{name}`: {told:?}")).verdict

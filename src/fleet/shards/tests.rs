@@ -112,7 +112,7 @@ fn no_link_and_no_pipe_of_the_folder_is_opened() {
     let (out, folder) = folder();
     let elsewhere = tempfile::tempdir().unwrap();
     let header = r#"{"record":"run"}"#;
-    for (name, text) in [(RECORDS, header), ("3.status", "0"), ("3.log", "a log")] {
+    for (name, text) in [(RECORDS, header), ("3.status", "0 12"), ("3.log", "a log")] {
         fs::write(elsewhere.path().join(name), text).unwrap();
     }
     let names = [folder.path.join(RECORDS), folder.beside(STATUS), folder.beside(LOG)];
@@ -127,7 +127,7 @@ fn no_link_and_no_pipe_of_the_folder_is_opened() {
         let ((done, read), path) = (mpsc::channel(), folder.path.clone());
         std::thread::spawn(move || {
             let folder = Folder { path };
-            let told = (folder.header(), folder.status(), folder.last_line());
+            let told = (folder.header(), folder.status(None), folder.last_line());
             done.send((told, Shard::new(folder, 3).count()))
         });
         // Far longer than it takes: only a hang ends so.
