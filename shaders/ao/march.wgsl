@@ -46,11 +46,11 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     atomicAdd(&counters.samples[slot], marching::taken);
     atomicAdd(&counters.lookups[slot], marching::looked_up);
 #if SLICED == 1
-    if marching::slice.first > 0u {
-        return vec4(1.0 - occluded);
-    }
-#endif
+    // A fragment counts once, in its first pass.
+    atomicAdd(&counters.fragments[slot], u32(marching::slice.first == 0u));
+#else
     atomicAdd(&counters.fragments[slot], 1u);
+#endif
 #endif
     return vec4(1.0 - occluded);
 }
