@@ -230,7 +230,7 @@ impl WorkerProcess {
             _ => self.patience.slow,
         };
         let asked = Instant::now();
-        let mut told = false;
+        let (mut told, mut told_stopped) = (false, false);
         loop {
             let left = patience.saturating_sub(asked.elapsed());
             match self.replies.recv_timeout(left.min(SLICE)) {
@@ -247,15 +247,19 @@ impl WorkerProcess {
                 let (request, seconds) = (self.asked, patience.as_secs());
                 return Err(WorkerFault::Silent { request, seconds, stderr: self.last_words() });
             }
-            if asked.elapsed() >= LONG && !std::mem::replace(&mut told, true) {
-                (waiting.tell)(&self.waited_for(patience));
+            // It may be stopped later than it is told of, too.
+            if asked.elapsed() >= LONG && !told_stopped {
+                told_stopped = quiet::is_stopped(self.tree.id());
+                if told_stopped || !std::mem::replace(&mut told, true) {
+                    (waiting.tell)(&self.waited_for(patience, told_stopped));
+                }
             }
         }
     }
 
-    fn waited_for(&self, patience: Duration) -> String {
+    fn waited_for(&self, patience: Duration, stopped: bool) -> String {
         let process = self.tree.id();
-        let stopped = if quiet::is_stopped(process) {
+        let stopped = if stopped {
             format!("; it is stopped, `kill -CONT {process}` lets it go on")
         } else {
             String::new()

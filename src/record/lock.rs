@@ -1,7 +1,7 @@
 //! One process at a time writes to a folder.
 
 use std::fs::{self, File, TryLockError};
-use std::io::{self, Read, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -12,9 +12,9 @@ use crate::folder::{self, Folder};
 pub const LOCK: &str = ".lock";
 /// Bytes read of what a holder says of itself.
 const MAX_HOLDER_BYTES: u64 = 1_000;
-/// Readings of it before it is given up, and the time between two: 10 s, in which a holder on a busy machine tells its name.
-const MAX_READINGS: usize = 500;
-const BETWEEN_READINGS: Duration = Duration::from_millis(20);
+/// Tries to take a lock, and the time between two: 10 s, in which a holder on a busy machine tells its name.
+const MAX_TRIES: usize = 500;
+const BETWEEN_TRIES: Duration = Duration::from_millis(20);
 
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
@@ -38,26 +38,56 @@ pub struct FolderLock {
 
 impl FolderLock {
     /// Takes the lock of a folder, which is made if it is not there. `holder` tells another process who holds it.
+    ///
+    /// A holder may be about to let go of it, or have told nothing yet but what its killed predecessor told. So it is
+    /// tried again until two tries find the same holder, which has not ended.
     pub fn take(path: &Path, holder: &str) -> Result<Self, LockError> {
         let unwritable = |source| LockError::Unwritable { folder: path.to_owned(), source };
-        let made_folder = !folder::is_there(path);
-        let folder = Folder::make(path).map_err(unwritable)?;
-        loop {
-            let mut file = folder.append(LOCK).map_err(unwritable)?;
-            match file.try_lock() {
-                Ok(()) => {}
-                Err(TryLockError::WouldBlock) => {
-                    let holder = told(&folder);
-                    return Err(LockError::InUse { folder: path.to_owned(), holder });
+        let (mut other, mut failure) = (String::new(), None);
+        for _ in 0..MAX_TRIES {
+            match Self::attempt(path, holder) {
+                Ok(Ok(lock)) => return Ok(lock),
+                Ok(Err(now)) => {
+                    failure = None;
+                    let before = std::mem::replace(&mut other, now);
+                    if !other.is_empty() && other == before && !has_ended(&other) {
+                        break;
+                    }
+                    std::thread::sleep(BETWEEN_TRIES);
                 }
-                Err(TryLockError::Error(source)) => return Err(unwritable(source)),
-            }
-            // Its last holder may have removed the file after it was opened here: then the lock is that of no name.
-            if folder.has(LOCK, &file) {
-                tell(&mut file, holder).map_err(unwritable)?;
-                return Ok(Self { file, folder, made_folder });
+                // As when the last holder removes the file or the folder at this moment.
+                Err(error)
+                    if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::AlreadyExists) =>
+                {
+                    failure = Some(error);
+                }
+                Err(error) => return Err(unwritable(error)),
             }
         }
+        if let Some(error) = failure {
+            return Err(unwritable(error));
+        }
+        let holder = if other.is_empty() { "another process".to_owned() } else { other };
+        Err(LockError::InUse { folder: path.to_owned(), holder })
+    }
+
+    /// The lock, or what its holder says of itself.
+    fn attempt(path: &Path, holder: &str) -> io::Result<Result<Self, String>> {
+        let made_folder = !folder::is_there(path);
+        // Opened anew by each try: another may have made the folder again that the last holder removed.
+        let folder = Folder::make(path)?;
+        let mut file = folder.append(LOCK)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Ok(Err(read_holder(&folder))),
+            Err(TryLockError::Error(source)) => return Err(source),
+        }
+        // Its last holder may have removed the file after it was opened here: then the lock is that of no name.
+        if !folder.has(LOCK, &file) {
+            return Err(ErrorKind::NotFound.into());
+        }
+        tell(&mut file, holder)?;
+        Ok(Ok(Self { file, folder, made_folder }))
     }
 }
 
@@ -78,21 +108,6 @@ impl Drop for FolderLock {
 fn tell(file: &mut File, holder: &str) -> io::Result<()> {
     file.set_len(0)?;
     file.write_all(holder.as_bytes())
-}
-
-/// What the holder of a lock says of itself. It may have taken the lock this moment, and say nothing yet or what its killed
-/// predecessor said: what stays the same for a while is believed, if it is not of a process that has ended.
-fn told(folder: &Folder) -> String {
-    let mut before = String::new();
-    for _ in 0..MAX_READINGS {
-        std::thread::sleep(BETWEEN_READINGS);
-        let now = read_holder(folder);
-        if !now.is_empty() && now == before && !has_ended(&now) {
-            return now;
-        }
-        before = now;
-    }
-    if before.is_empty() { "another process".to_owned() } else { before }
 }
 
 /// One line; empty where nothing can be read. On some systems nobody but its holder reads a locked file.
@@ -161,20 +176,26 @@ mod tests {
     }
 
     #[test]
-    fn of_many_that_try_at_once_one_holds_it() {
+    fn of_many_that_try_at_once_one_holds_it_and_no_other_fault_comes_of_it() {
         use std::sync::atomic::{AtomicUsize, Ordering};
 
-        let folder = tempfile::tempdir().unwrap();
+        let parent = tempfile::tempdir().unwrap();
+        // It goes and comes with its holders.
+        let folder = parent.path().join("new");
         let (inside, entered) = (AtomicUsize::new(0), AtomicUsize::new(0));
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 scope.spawn(|| {
-                    for _ in 0..20 {
-                        if let Ok(held) = FolderLock::take(folder.path(), "one of many") {
-                            assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0);
-                            entered.fetch_add(1, Ordering::SeqCst);
-                            inside.fetch_sub(1, Ordering::SeqCst);
-                            drop(held);
+                    for _ in 0..50 {
+                        match FolderLock::take(&folder, "one of many") {
+                            Ok(held) => {
+                                assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0);
+                                entered.fetch_add(1, Ordering::SeqCst);
+                                inside.fetch_sub(1, Ordering::SeqCst);
+                                drop(held);
+                            }
+                            Err(LockError::InUse { .. }) => {}
+                            Err(error) => panic!("{error}"),
                         }
                     }
                 });

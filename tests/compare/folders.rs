@@ -109,16 +109,30 @@ fn damage_in_a_comparison_is_named_and_kept_aside_and_no_comparison_is_not_resum
 #[test]
 fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
     let builds = Builds::new();
-    let stops = Script { instead: &[("\"id\":\"two\"", "kill -STOP $$")], ..Script::default() };
+    let number = builds.path("number");
+    let stop = format!("echo $$ > '{}'; kill -STOP $$", number.display());
+    let stops = Script { instead: &[("\"id\":\"two\"", &stop)], ..Script::default() };
     let (base, head) = (builds.build("base", &Script::default()), builds.build("head", &stops));
     let mut child =
         builds.command(&base, &head).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
     let mut told = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
-    // On a busy machine it is told of slow greetings, too.
-    let of_prepare = "waiting for the head worker to answer `prepare`, for at most 180 s";
-    let waiting = told.find(|line| line.contains(of_prepare)).unwrap();
+    // On a busy machine it is told of slow greetings, too, and of this one before it is stopped.
+    let (ending, stopped) = ("to answer `prepare`, for at most 180 s", "; it is stopped, ");
+    let awaited = ["", stopped][usize::from(cfg!(target_os = "linux"))];
+    let all = format!("{ending}{awaited}");
+    let mut before = Vec::new();
+    let waiting = told.find(|line| {
+        before.push(line.clone());
+        line.contains(&all)
+    });
+    let waiting = waiting.unwrap_or_else(|| panic!("{before:#?}"));
+    let number = fs::read_to_string(number).unwrap();
+    let number = number.trim();
+    let of_whom = format!("waiting for the head worker (process {number}) {ending}");
+    assert!(waiting.contains(&of_whom), "{waiting}");
     if cfg!(target_os = "linux") {
-        assert!(waiting.contains("it is stopped, `kill -CONT "), "{waiting}");
+        let hint = format!("{stopped}`kill -CONT {number}` lets it go on");
+        assert!(waiting.ends_with(&hint), "{waiting}");
     }
     signal("-INT", child.id());
     let rest: Vec<String> = told.collect();

@@ -3,6 +3,7 @@ use std::convert::Infallible;
 use itertools::Itertools;
 
 use super::*;
+use crate::compare::protocol::RequestKind;
 
 /// Workers whose cells take 1 ms on the base and 2 ms on the head, and which fail as asked.
 #[derive(Default)]
@@ -14,6 +15,8 @@ struct Simulated {
     /// (launch, role, stage): the worker goes on after this, or dies.
     refusing: Option<(u32, WorkerRole, &'static str)>,
     dying: Option<(u32, WorkerRole, &'static str)>,
+    /// It hangs where it would die.
+    hangs: bool,
     refused_configuration: Option<(&'static str, WorkerRole)>,
     killing_configuration: Option<&'static str>,
     never_starts: bool,
@@ -31,6 +34,10 @@ fn refusal() -> WorkerFault {
 
 fn ended() -> WorkerFault {
     WorkerFault::Ended { status: "signal 11".to_owned(), stderr: String::new() }
+}
+
+fn silent() -> WorkerFault {
+    WorkerFault::Silent { request: RequestKind::Sample, seconds: 30, stderr: String::new() }
 }
 
 impl LaunchWorkers for Simulated {
@@ -65,7 +72,7 @@ impl LaunchWorkers for Simulated {
             return Err(refusal());
         }
         if now == self.dying {
-            return Err(ended());
+            return Err(if self.hangs { silent() } else { ended() });
         }
         self.samples.push((self.launch, role, cell.clone()));
         if self.interrupt_after == Some(self.samples.len()) {
@@ -217,19 +224,25 @@ fn a_refused_sample_costs_its_cell_and_nothing_else() {
 }
 
 #[test]
-fn a_dead_worker_costs_the_launch_and_the_cell_that_killed_it() {
-    let mut bench = Simulated { dying: Some((1, WorkerRole::Base, "a/x")), ..Simulated::default() };
-    let found = measure(&mut bench);
-    assert_eq!(found.launches(), [0, 2, 3], "launch 1 does not count and another is run");
-    assert!(found.pairs.iter().all(|pair| pair.launch != 1));
-    let fault = found.only_fault();
-    assert_eq!(fault.reason, "base worker: it ended with signal 11");
-    let lost = fault.cell.clone().unwrap();
-    assert_eq!(lost.stage(), "a/x");
-    assert!(!bench.opened[2].1.contains(&lost));
-    let others: BTreeSet<_> =
-        found.pairs.iter().filter(|pair| pair.launch == 3).map(|pair| pair.cell.clone()).collect();
-    assert_eq!(others.len(), 2);
+fn a_dead_or_hung_worker_costs_the_launch_and_the_cell_that_it_was_at() {
+    for (hangs, reason) in [
+        (false, "base worker: it ended with signal 11"),
+        (true, "base worker: it gave no answer to `sample` within 30 s"),
+    ] {
+        let dying = Some((1, WorkerRole::Base, "a/x"));
+        let mut bench = Simulated { dying, hangs, ..Simulated::default() };
+        let found = measure(&mut bench);
+        assert_eq!(found.launches(), [0, 2, 3], "launch 1 does not count and another is run");
+        assert!(found.pairs.iter().all(|pair| pair.launch != 1));
+        let fault = found.only_fault();
+        assert_eq!(fault.reason, reason);
+        let lost = fault.cell.clone().unwrap();
+        assert_eq!(lost.stage(), "a/x");
+        assert!(!bench.opened[2].1.contains(&lost));
+        let last = found.pairs.iter().filter(|pair| pair.launch == 3);
+        let others: BTreeSet<_> = last.map(|pair| pair.cell.clone()).collect();
+        assert_eq!(others.len(), 2);
+    }
 }
 
 #[test]
