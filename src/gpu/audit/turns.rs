@@ -16,7 +16,7 @@ const TRIED: u32 = 1 << 20;
 /// Of the outer and the inner of two loops.
 const SIDE: u32 = 1 << 10;
 
-/// What an invocation does of [`TRIED`] turns, in one loop and in two of which one lies within the other.
+/// What an invocation does of `TRIED` turns, in one loop and in two of which one lies within the other.
 ///
 /// # Errors
 /// A fault of the device, turns whose work was not done, and a limit below [`MOST_LOOP_TURNS`].
