@@ -1,6 +1,6 @@
 //! Child processes with limits: of their time, of what is kept of their words, and of what outlives them.
 //!
-//! On Linux nothing that a child has started outlives it, or this process, however either ends (see [`guardian`]).
+//! On Linux nothing that a child has started outlives it, or this process, however either ends (see `guardian`).
 
 #[cfg(target_os = "linux")]
 mod guardian;
