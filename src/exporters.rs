@@ -62,14 +62,13 @@ pub enum ExportError {
 
 /// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
 pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>, ReportError> {
-    of_view(&ReportView::new(records, folder))
+    of_view(&ReportView::new(records, folder)).flatten_ok().collect()
 }
 
-fn of_view(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
+/// The files of one exporter after the other, each made when it is asked for: those of a large run fill memory.
+fn of_view(view: &ReportView<'_>) -> impl Iterator<Item = Result<Vec<Artifact>, ReportError>> {
     let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
-    let files =
-        |exporter: &RunExporter| exporter.run(view, &FrameChoice::default()).map(Exported::files);
-    written.map(files).flatten_ok().collect()
+    written.map(|exporter| exporter.run(view, &FrameChoice::default()).map(Exported::files))
 }
 
 /// The files of a comparison's report.
@@ -152,7 +151,7 @@ pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportErro
     }
     let left_out = LeftOut::lines(&folder.join(RECORDS), &reading.damaged);
     let view = ReportView { left_out, ..ReportView::new(&reading.records, Some(folder)) };
-    put(folder, of_view(&view)?)
+    of_view(&view).map(|files| put(folder, files?)).flatten_ok().collect()
 }
 
 /// What a folder gives to a page.

@@ -3,6 +3,8 @@
 //! Ids, titles, cells, scenes, adapters, notes and reasons come from files that anyone may have written, and from drivers.
 //! Each output has one function here, and everything that is written passes through it.
 
+use std::borrow::Cow;
+
 use sha2::{Digest, Sha256};
 
 /// Longest id of an experiment, so that file names made of it stay below the 255 bytes that file systems take.
@@ -32,8 +34,14 @@ fn shown(c: char) -> char {
 }
 
 /// The same with line feeds and tabs kept: for texts of several lines, whose names have passed through [`line()`].
-pub fn block(text: &str) -> String {
-    text.chars().map(|c| if ['\n', '\t'].contains(&c) { c } else { shown(c) }).collect()
+pub fn block<'a>(text: impl Into<Cow<'a, str>>) -> String {
+    let text = text.into();
+    let shown = |c| if ['\n', '\t'].contains(&c) { c } else { shown(c) };
+    // Mostly nothing changes, and a page may be too large to be copied.
+    if text.chars().all(|c| shown(c) == c) {
+        return text.into_owned();
+    }
+    text.chars().map(shown).collect()
 }
 
 /// Text that Markdown shows as it is, within a paragraph, a heading, a list or a table. Code between backticks stays code.

@@ -161,7 +161,7 @@ impl<'a> Page<'a> {
                         }
                     }
                     main #main {
-                        @for (section, content) in &sections {
+                        @for (section, content) in sections {
                             section #(section.id) aria-labelledby={ (section.id) "-title" } {
                                 h2 #{ (section.id) "-title" } { (section.title) }
                                 (content)
@@ -175,7 +175,7 @@ impl<'a> Page<'a> {
             }
         };
         // Characters that would reorder or hide what is read.
-        text::block(&markup.into_string()) + "\n"
+        text::block(markup.into_string()) + "\n"
     }
 
     fn title(&self) -> String {
