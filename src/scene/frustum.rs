@@ -16,14 +16,18 @@ const FRUSTUM_FACES: [[usize; 4]; 6] =
 /// not meet. Each lies on a face of one solid cut by the planes of the other.
 pub fn visible_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec3> {
     let corners = camera.frustum_corners(aspect);
-    let box_corners = bounds.corners();
     let frustum_planes = camera.frustum_planes(aspect);
     let box_planes = planes(bounds);
     let frustum_faces =
         FRUSTUM_FACES.iter().map(|face| clip(face.map(|i| corners[i]).to_vec(), &box_planes));
-    let box_faces =
-        BOX_FACES.iter().map(|face| clip(face.map(|i| box_corners[i]).to_vec(), &frustum_planes));
-    frustum_faces.chain(box_faces).flatten().collect()
+    frustum_faces.flatten().chain(surface_within(bounds, &frustum_planes)).collect()
+}
+
+/// The corners of what is left of a box's faces inside all planes (n, d), n·p + d ≥ 0 (some repeated).
+pub fn surface_within(bounds: &Bounds, planes: &[DVec4]) -> Vec<DVec3> {
+    let corners = bounds.corners();
+    let faces = BOX_FACES.iter().map(|face| clip(face.map(|i| corners[i]).to_vec(), planes));
+    faces.flatten().collect()
 }
 
 /// The planes (n, d) of a box with n·p + d ≥ 0 inside.

@@ -2,13 +2,13 @@
 
 use glam::dcamera::rh::proj::directx;
 use glam::dcamera::rh::view;
-use glam::{DMat4, DVec2, DVec3};
+use glam::{DMat4, DVec2, DVec3, DVec4};
 use serde::{Deserialize, Serialize};
 
 use super::bounds::Bounds;
 use super::camera::Camera;
 use super::check::within_ranges;
-use super::frustum::{Rectangle, visible_points};
+use super::frustum::{Rectangle, surface_within, visible_points};
 use fathom_base::{choices, settings};
 
 /// Horizontal room given to photons for the slopes of the waves, per metre of depth: refraction at
@@ -143,7 +143,7 @@ impl Light {
         let across = |points: &[DVec3]| {
             Rectangle::around(points.iter().map(|p| view.transform_point3(*p).truncate()))
         };
-        let (near, far) = depth_range(view, bounds);
+        let (near, far) = depth_range(view, &bounds.corners());
         let r = match self.half_extent_m {
             h if h > 0.0 => Rectangle::square(h),
             _ => across(seen).within(&across(&bounds.corners())),
@@ -158,13 +158,13 @@ impl Light {
         let tangents = |points: &[DVec3]| {
             Rectangle::around(points.iter().map(|p| tangent(view.transform_point3(*p))))
         };
-        let (nearest, farthest) = depth_range(view, bounds);
-        let near = (nearest - DEPTH_SLACK_M).max(POINT_NEAR_M);
-        let far = (farthest + DEPTH_SLACK_M).max(2.0 * near);
         let r = match self.half_extent_m {
             h if h > 0.0 => Rectangle::square((h / reach).min(POINT_MAX_TANGENT)),
             _ => tangents(seen).within(&tangents(&bounds.corners())),
         };
+        let (nearest, farthest) = depth_range(view, &lit_within(bounds, view, &r));
+        let near = (nearest - DEPTH_SLACK_M).max(POINT_NEAR_M);
+        let far = (farthest + DEPTH_SLACK_M).max(2.0 * near);
         let (low, high) = (r.min * near, r.max * near);
         let projection = directx::frustum(low.x, high.x, low.y, high.y, near, far);
         (projection, self.intensity_w_sr * solid_angle(&r))
@@ -211,11 +211,26 @@ fn lit_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec3> {
     seen
 }
 
-/// Smallest and largest distance of the bounds' corners along the view direction.
-fn depth_range(view: &DMat4, bounds: &Bounds) -> (f64, f64) {
-    let depths = bounds.corners().map(|corner| -view.transform_point3(corner).z);
-    let nearest = depths.into_iter().fold(f64::INFINITY, f64::min);
-    (nearest, depths.into_iter().fold(f64::NEG_INFINITY, f64::max))
+/// Smallest and largest distance of points along the view direction.
+fn depth_range(view: &DMat4, points: &[DVec3]) -> (f64, f64) {
+    let depths = || points.iter().map(|point| -view.transform_point3(*point).z);
+    (depths().fold(f64::INFINITY, f64::min), depths().fold(f64::NEG_INFINITY, f64::max))
+}
+
+/// Corners of the part of the bounds within a point light's pyramid; all of the bounds where there is none. Bounds beside or
+/// behind the light must not bring the near plane to it: 32-bit floats then place rays a millimetre off at 25 m.
+fn lit_within(bounds: &Bounds, view: &DMat4, r: &Rectangle) -> Vec<DVec3> {
+    // A point's depth is −z: its tangents are at least the rectangle's smallest, and at most its largest.
+    let sides = [
+        DVec4::new(1.0, 0.0, r.min.x, 0.0),
+        DVec4::new(-1.0, 0.0, -r.max.x, 0.0),
+        DVec4::new(0.0, 1.0, r.min.y, 0.0),
+        DVec4::new(0.0, -1.0, -r.max.y, 0.0),
+    ];
+    let mut points = surface_within(bounds, &sides.map(|side| view.transpose() * side));
+    let light = view.inverse().transform_point3(DVec3::ZERO);
+    points.extend(bounds.contains(light).then_some(light));
+    if points.is_empty() { bounds.corners().to_vec() } else { points }
 }
 
 /// Tangents of a view-space point's angles off the axis, limited to [`POINT_MAX_TANGENT`]; a point
@@ -301,6 +316,31 @@ mod tests {
         let away = Camera { position_m: [0.0, 50.0, 0.0], target_m: [0.0, 60.0, 1.0], ..camera() };
         let frame = steep().frame(&away, 1.0, &bounds());
         assert!((frame.emitted_w - 9.2 * 12.0 * 14.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn near_plane_of_a_point_light_is_as_far_as_what_lies_in_its_frustum() {
+        let wide = Bounds { min: DVec3::new(-60.0, -4.0, -60.0), max: DVec3::new(60.0, 1.0, 60.0) };
+        let near_m = |position_m: [f64; 3]| {
+            let light = Light { half_extent_m: 2.0, ..point(position_m) };
+            let frame = light.frame(&camera(), 1.0, &wide);
+            let cells = iproduct!(0..=240, 0..=10, 0..=240);
+            let places =
+                cells.map(|(i, j, k)| wide.min + DVec3::from([i, j, k].map(f64::from)) * 0.5);
+            let mut held = 0;
+            for p in places {
+                let ndc = frame.view_projection * p.extend(1.0);
+                if ndc.w > 0.0 && (ndc.truncate().truncate() / ndc.w).abs().max_element() <= 1.0 {
+                    assert!((0.0..=1.0).contains(&(ndc.z / ndc.w)), "{position_m:?} {p}");
+                    held += 1;
+                }
+            }
+            assert!(held > 100);
+            (frame.ray(0.0, 0.0).0 - frame.position).length()
+        };
+        // Of these bounds some lies behind the light, and none of that in its frustum.
+        assert!(near_m([20.0, 9.0, 2.0]) > 8.0);
+        assert_eq!((near_m([20.0, 0.5, 2.0]) * 1e6).round(), POINT_NEAR_M * 1e6);
     }
 
     #[test]
