@@ -131,11 +131,11 @@ mod tests {
     fn slices_cover_the_loop_and_none_is_too_long() {
         for (count, of_each) in [(1, 1), (50, 700), (16_384, 163), (1 << 20, 1), (4, 64_000)] {
             let slices = slices(count, of_each, 100);
-            let ends = slices.iter().map(|slice| slice.end);
+            let mut ends = slices.iter().map(|slice| slice.end);
             let firsts: Vec<u32> = slices.iter().map(|slice| slice.first).collect();
             assert_eq!(firsts[0], 0);
             assert!(ends.clone().zip(&firsts[1..]).all(|(end, first)| end == *first));
-            assert_eq!(ends.last(), Some(count));
+            assert_eq!(ends.next_back(), Some(count));
             assert!(most_turns(&slices, of_each, 100) <= MOST_LOOP_TURNS);
         }
     }
