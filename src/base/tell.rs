@@ -16,7 +16,7 @@ static FAILURE: OnceLock<io::Error> = OnceLock::new();
 
 /// Prints what was asked for: a text of whole lines.
 pub fn answer(answer: impl Display) {
-    let mut text = text::block(&answer.to_string());
+    let mut text = text::block(answer.to_string());
     if !text.ends_with('\n') {
         text.push('\n');
     }
