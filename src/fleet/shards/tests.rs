@@ -128,7 +128,7 @@ fn no_link_and_no_pipe_of_the_folder_is_opened() {
         std::thread::spawn(move || {
             let folder = Folder { path };
             let told = (folder.header(), folder.status(None), folder.last_line());
-            done.send((told, Shard::new(folder, 3).count()))
+            done.send((told, Shard::new(folder, 3).count())).is_ok()
         });
         // Far longer than it takes: only a hang ends so.
         let (told, counted) = read.recv_timeout(Duration::from_secs(300)).expect("no hang");
