@@ -6,31 +6,18 @@ use std::path::{Path, PathBuf};
 use itertools::Itertools;
 use thiserror::Error;
 
-use crate::compare::store::{StoreError, StoredComparison, holds_comparison};
-use crate::compare::tables::{self, ComparisonExporter};
-use crate::compare::verdict::Verdicts;
 use crate::folder::Folder;
-use crate::harness::output::RECORDS;
+use crate::gates::store::{StoreError, StoredComparison, holds_comparison};
+use crate::gates::tables::{self, ComparisonExporter};
+use crate::gates::verdict::Verdicts;
+use crate::record::output::RECORDS;
 use crate::record::{self, Reading, Record};
 use crate::report::page::{self, ComparisonOnPage, Page};
 use crate::report::{
-    self, Artifact, Exported, Exporter, FrameChoice, LeftOut, OfRun, ReportError, ReportView,
-    RunExporter, Written,
+    Artifact, Exported, Exporter, FrameChoice, LeftOut, OF_RUNS, OfRun, ReportError, ReportView,
+    Written, of_view,
 };
 use crate::text;
-
-/// Exporters of runs, in the order in which their files are written.
-pub const OF_RUNS: [RunExporter; 9] = [
-    report::PLOTS,
-    report::ROOFLINES,
-    report::CELLS_CSV,
-    report::PAGE,
-    report::SUMMARY,
-    report::BENCHER,
-    report::GITHUB_BENCHMARK,
-    report::JUNIT,
-    report::CHROME_TRACE,
-];
 
 /// Exporters of comparisons, in the order in which their files are written.
 pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
@@ -58,17 +45,6 @@ pub enum ExportError {
         "--cell and --frame do not apply to `{name}`, only to a format of one frame ({formats})"
     )]
     NoFrame { name: &'static str, formats: String },
-}
-
-/// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
-pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>, ReportError> {
-    of_view(&ReportView::new(records, folder)).flatten_ok().collect()
-}
-
-/// The files of one exporter after the other, each made when it is asked for: those of a large run fill memory.
-fn of_view(view: &ReportView<'_>) -> impl Iterator<Item = Result<Vec<Artifact>, ReportError>> {
-    let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
-    written.map(|exporter| exporter.run(view, &FrameChoice::default()).map(Exported::files))
 }
 
 /// The files of a comparison's report.

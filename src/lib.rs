@@ -24,35 +24,37 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Dependency rule. Between crates cargo keeps it: `fathom → fathom-reference → fathom-scene → fathom-base`. Within this crate
-//! `tests/dependency_rule.rs` does:
-//! `main → cli → exporters → compare → report, harness → experiments → pipelines → stages → gpu`;
-//! `history` imports `report`, and only `cli` imports it; neither `report` nor `harness` imports the
-//! other, and `report` never imports `gpu`; a stage never imports a sibling stage.
+//! Each folder of `src` is a crate, and this one re-exports them. Cargo keeps the direction of their imports: a lower crate does not know a
+//! higher one (`ARCHITECTURE.md` has the table). A stage imports no stage of another family, which a test of `fathom-stages` keeps.
 //!
 //! Conventions, stated once: right-handed world, +Y up, metres, water at rest is the plane y = 0,
 //! seconds, depth range 0 (near) … 1 (far), clip space y up, light directions point the way the
 //! light travels, CPU geometry and references in f64, GPU in f32, angles in degrees in parameters.
 
+#![warn(clippy::dbg_macro, clippy::print_stderr, clippy::print_stdout)]
+
 pub mod bench;
 pub mod cli;
-pub mod compare;
-pub mod experiments;
 pub mod exporters;
-pub mod fleet;
-pub mod gpu;
-pub mod harness;
-pub mod history;
-pub mod pipelines;
-pub mod record;
-pub mod report;
-pub mod stages;
-pub mod words;
 
 pub use fathom_base::{
     choices, embedded, folder, input, npy, parameter, private, process, quiet, settings,
     statistics, tell, text,
 };
+pub use fathom_compare as compare;
+pub use fathom_experiments as experiments;
+pub use fathom_experiments::words;
+pub use fathom_fleet as fleet;
+pub use fathom_gates as gates;
+pub use fathom_gpu as gpu;
+pub use fathom_harness as harness;
+pub use fathom_harness::catalog::Catalog;
+pub use fathom_history as history;
+pub use fathom_pipelines as pipelines;
+pub use fathom_record as record;
 pub use fathom_reference as reference;
+pub use fathom_report as report;
 pub use fathom_scene as scene;
-pub use harness::catalog::Catalog;
+pub use fathom_stages as stages;
+pub use fathom_stages::shader_struct;
+pub use fathom_verify as verify;

@@ -12,7 +12,6 @@ use crate::folder::{self, Folder};
 use crate::gpu::{self, Gpu};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, Figure, FigureError, Rendered};
-use crate::harness::output::{OutputFolder, RECORDS};
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
@@ -21,6 +20,7 @@ use crate::harness::{
     sheet, verify as verifying,
 };
 use crate::parameter::{self, Allowed};
+use crate::record::output::{OutputFolder, RECORDS};
 use crate::report::{self, ReportView};
 use crate::scene::{SceneFile, assets};
 use crate::{exporters, private, quiet, record, stages, tell, text};

@@ -10,12 +10,12 @@ use crate::compare::cells::Gates;
 use crate::compare::driver::{self, EnvironmentError, GivenEnvironment};
 use crate::compare::flow::{self, CompareOptions, Program};
 use crate::compare::launch::Waiting;
-use crate::compare::store::{self, StoredComparison};
-use crate::compare::verdict::Verdicts;
 use crate::compare::{files, tables};
+use crate::gates::store::{self, StoredComparison};
+use crate::gates::verdict::Verdicts;
 use crate::harness::catalog::Catalog;
-use crate::harness::output::{FolderKind, Taken};
 use crate::record::comparison::{GateSettings, Side};
+use crate::record::output::{FolderKind, Taken};
 use crate::{exporters, folder, private, tell};
 use anyhow::Context;
 

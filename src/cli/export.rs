@@ -8,7 +8,7 @@ use anyhow::Context;
 
 use super::ExportArgs;
 use super::commands::Outcome;
-use crate::harness::output::{OutputFolder, RECORDS};
+use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::schema::LineKind;
 use crate::record::{self, Reading};
 use crate::report::{Artifact, Exported, FrameChoice};

@@ -13,7 +13,7 @@ use super::{COULD_NOT_RUN, Cli, Command, Engine, FleetArgs, RunArgs, merge};
 use crate::fleet::slurm::{self, Slurm};
 use crate::fleet::{self, Followed};
 use crate::harness::catalog::Catalog;
-use crate::harness::output;
+use crate::record::output;
 use crate::tell;
 
 /// Name of the folder of the merged run within the fleet's.

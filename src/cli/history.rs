@@ -8,11 +8,11 @@ use clap::{Args, Subcommand};
 
 use super::commands::Outcome;
 use super::export::write_into;
-use crate::harness::output::RECORDS;
 use crate::history::{
     self, Added, DEFAULT_FILE, Findings, History, HistoryError, Location, NewRun, Said, Selection,
     VARIABLE, on_page, otava, tables,
 };
+use crate::record::output::RECORDS;
 use crate::report::Artifact;
 use crate::report::page::Page;
 use crate::{exporters, folder, tell};

@@ -10,10 +10,10 @@ use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest, with_dr
 use super::rounds::{
     BrokenLaunch, LaunchWorkers, OpenedLaunch, RoleFault, Sampled, WorkerRole, random,
 };
-use crate::gpu::ClockPlan;
-use crate::quiet::PADDING_BYTES;
-use crate::record::Adapter;
-use crate::record::comparison::CellId;
+use fathom_base::quiet::PADDING_BYTES;
+use fathom_gpu::ClockPlan;
+use fathom_record::Adapter;
+use fathom_record::comparison::CellId;
 
 /// The frames of a sample last at least so long together, so that a stage of microseconds is no mere reading of the clock;
 /// the shortest counts, as what disturbs a frame only makes it longer.
@@ -39,7 +39,7 @@ pub struct Processes<'a> {
     head: WorkerStart,
     waiting: Waiting<'a>,
     configurations: BTreeMap<String, GateConfiguration>,
-    /// In the order of [`Side::BOTH`](crate::record::comparison::Side::BOTH).
+    /// In the order of [`Side::BOTH`](fathom_record::comparison::Side::BOTH).
     pub sides: [ProbedSide; 2],
     cores: Vec<usize>,
     seed: u64,
@@ -289,8 +289,8 @@ mod tests {
 
     #[test]
     fn sides_are_timed_by_clocks_that_both_have() {
-        use crate::gpu::SubmitCost;
-        use crate::record::Clock;
+        use fathom_gpu::SubmitCost;
+        use fathom_record::Clock;
         let plan = |compute, compute_ns| {
             let cost = SubmitCost { compute_ns, ..SubmitCost::default() };
             ClockPlan { compute, ..ClockPlan::fenced(cost) }

@@ -13,10 +13,10 @@ use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use thiserror::Error;
 
-use crate::folder::Folder;
-use crate::harness::catalog::CargoTarget;
-use crate::input;
-use crate::process::{self, Limits, ProcessError};
+use fathom_base::folder::Folder;
+use fathom_base::input;
+use fathom_base::process::{self, Limits, ProcessError};
+use fathom_harness::catalog::CargoTarget;
 
 /// Built revisions that are kept.
 const KEPT: usize = 8;

@@ -5,10 +5,10 @@ use std::path::Path;
 use thiserror::Error;
 
 use super::protocol::GateConfiguration;
-use crate::experiments::{Experiment, ExperimentError};
-use crate::record::Profile;
-use crate::record::comparison::CellId;
-use crate::text::{did_you_mean, nearest};
+use fathom_base::text::{did_you_mean, nearest};
+use fathom_experiments::{Experiment, ExperimentError};
+use fathom_record::Profile;
+use fathom_record::comparison::CellId;
 
 /// Gates are small at every profile.
 const PROFILE: Profile = Profile::Quick;
@@ -85,7 +85,7 @@ impl Gates {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::harness::catalog::Catalog;
+    use fathom_harness::catalog::Catalog;
 
     #[test]
     fn names_are_configuration_and_stage() {
@@ -101,7 +101,7 @@ mod tests {
         let cells = Gates::load(None, Catalog::builtin().gates).unwrap().cells();
         assert!(cells.len() >= 40, "{}", cells.len());
         for cell in &cells {
-            let known = crate::stages::REGISTRY.iter().any(|stage| stage.name == cell.stage());
+            let known = fathom_stages::REGISTRY.iter().any(|stage| stage.name == cell.stage());
             assert!(known, "{cell}");
         }
     }
@@ -111,7 +111,7 @@ mod tests {
     fn every_stage_that_can_be_compared_is_in_a_gate() {
         let apart = ["frame", "voxel/clear", "voxel/view", "ao/query", "photons/query"];
         let cells = Gates::load(None, Catalog::builtin().gates).unwrap().cells();
-        for stage in crate::stages::REGISTRY {
+        for stage in fathom_stages::REGISTRY {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);
             assert!(
                 compared != apart.contains(&stage.name),

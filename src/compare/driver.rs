@@ -9,9 +9,11 @@ use tempfile::TempDir;
 use thiserror::Error;
 
 use super::launch::{Waiting, WorkerFault, WorkerProcess, WorkerStart};
-use crate::record::Adapter;
-use crate::record::comparison::{NamedDriver, Side, SideEnvironment};
-use crate::{gpu, input, quiet};
+use fathom_base::input;
+use fathom_base::quiet;
+use fathom_gpu as gpu;
+use fathom_record::Adapter;
+use fathom_record::comparison::{NamedDriver, Side, SideEnvironment};
 
 /// Variables in which the Vulkan loader finds the manifests of the only drivers to use, the second one for loaders before 1.3.207
 /// (Khronos, *Vulkan Loader*, LoaderInterfaceArchitecture.md, "Table of Debug Environment Variables").

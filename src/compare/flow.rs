@@ -7,27 +7,28 @@ use std::time::Instant;
 use itertools::Itertools;
 use thiserror::Error;
 
-use super::adapters::AdapterRelation;
 use super::bench::Processes;
 use super::cells::{CellsError, Gates};
 use super::driver::{self, EnvironmentError, GivenEnvironment};
 use super::instructions;
 use super::launch::{Quiet, Waiting, WorkerFault, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
-use super::rounds::{self, Before, Schedule};
-use super::store::{self, StoreError, StoredComparison};
+use super::rounds::{self, Before};
 use super::survey::{self, SurveyedBuild};
-use super::time;
-use crate::gpu;
-use crate::harness::calendar;
-use crate::harness::catalog::Catalog;
-use crate::harness::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Taken, unused};
-use crate::input;
-use crate::record::RecordError;
-use crate::record::comparison::{
+use fathom_base::input;
+use fathom_gates::adapters::AdapterRelation;
+use fathom_gates::schedule::Schedule;
+use fathom_gates::store::{self, StoreError, StoredComparison};
+use fathom_gates::time;
+use fathom_gpu as gpu;
+use fathom_harness::catalog::Catalog;
+use fathom_record::RecordError;
+use fathom_record::calendar;
+use fathom_record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, GateSettings,
     Side, Skip,
 };
+use fathom_record::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Taken, unused};
 
 #[derive(Debug, Error)]
 pub enum CompareError {

@@ -6,7 +6,7 @@
 //! [`fathom_sample_boundary`](super::worker::fathom_sample_boundary) around each frame, where callgrind cuts its count.
 //! Seen on lavapipe: equal builds agree to 0.03 % in each of 41 cells, frames of a process to 0.08 %.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -18,76 +18,20 @@ use std::time::Duration;
 use itertools::Itertools;
 use tempfile::TempDir;
 
-use super::adapters::AdapterRelation;
 use super::launch::{self, Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Reply, WorkerRequest};
-use super::store::{self, StoredComparison};
 use super::valgrind;
-use crate::harness::output::Held;
-use crate::process;
-use crate::record::RecordError;
-use crate::record::comparison::{CellId, Compared, Fault, Gate, InstructionCounts, Side};
+use fathom_base::process;
+use fathom_gates::store::{self, StoredComparison};
+use fathom_record::RecordError;
+use fathom_record::comparison::{CellId, Compared, Fault, Gate, InstructionCounts, Side};
+use fathom_record::output::Held;
 
 /// Frames that are counted of each cell and side.
 pub const FRAMES: u32 = 3;
 /// Under valgrind a process is tens of times slower than by itself.
 const PATIENCE: Patience =
     Patience { slow: Duration::from_secs(180), sample: Duration::from_secs(180) };
-
-/// A cell's counts on both sides.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Counted {
-    /// Medians over the frames.
-    pub base: f64,
-    pub head: f64,
-    /// `head / base`.
-    pub ratio: f64,
-    pub change: Change,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Change {
-    More,
-    Fewer,
-    Same,
-    /// Counts of different adapters.
-    NotJudged,
-}
-
-/// Compares the counts of both sides. A change is one that exceeds the threshold and the spread of
-/// either side's frames; cells that lack a side are left out.
-pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Counted> {
-    let threshold = comparison.header.settings.instruction_threshold;
-    let is_judged = AdapterRelation::in_header(&comparison.header).is_judged();
-    let counts = |cell: &CellId, side: Side| {
-        let mut lines = comparison.instructions.iter().rev();
-        lines.find(|line| line.cell == *cell && line.side == side && !line.counts.is_empty())
-    };
-    let judged = |cell: &CellId| {
-        let (base, head) = (counts(cell, Side::Base)?, counts(cell, Side::Head)?);
-        let counted = compared(&base.counts, &head.counts, threshold);
-        let change = if is_judged { counted.change } else { Change::NotJudged };
-        Some((cell.clone(), Counted { change, ..counted }))
-    };
-    comparison.header.cells.iter().filter_map(judged).collect()
-}
-
-fn compared(base_counts: &[u64], head_counts: &[u64], threshold: f64) -> Counted {
-    let median = |counts: &[u64]| {
-        let counts: Vec<f64> = counts.iter().map(|count| *count as f64).collect();
-        crate::statistics::median(&counts)
-    };
-    let (base, head) = (median(base_counts), median(head_counts));
-    let ratio = head / base;
-    let change = if ratio > 1.0 + threshold && head_counts.iter().min() > base_counts.iter().max() {
-        Change::More
-    } else if ratio < 1.0 - threshold && head_counts.iter().max() < base_counts.iter().min() {
-        Change::Fewer
-    } else {
-        Change::Same
-    };
-    Counted { base, head, ratio, change }
-}
 
 /// The version of the valgrind that is installed, if one is.
 pub fn valgrind_version() -> Option<String> {
@@ -333,7 +277,7 @@ esac; done
     /// What a job of these stages sends, by stage: counts or a reason.
     fn sent(folder: &Path, stages: &[&str], ending: &[&AtomicBool]) -> Vec<String> {
         let script = folder.join("worker");
-        let adapter = serde_json::to_string(&crate::record::Adapter::default()).unwrap();
+        let adapter = serde_json::to_string(&fathom_record::Adapter::default()).unwrap();
         std::fs::write(&script, SCRIPT.replace("ADAPTER", &adapter)).unwrap();
         let stages: Vec<String> = stages.iter().map(|stage| (*stage).to_owned()).collect();
         let id = "one".to_owned();
@@ -390,25 +334,5 @@ esac; done
         assert_eq!(parse_total(text), Some(57_708_534));
         assert_eq!(parse_total("version: 1\n"), None);
         assert_eq!(parse_total("totals: many\n"), None);
-    }
-
-    /// The figures of two runs on lavapipe, and of one with 2 % more work.
-    #[test]
-    fn two_percent_more_is_a_change_and_the_spread_of_runs_is_not() {
-        let base = [60_679_568, 60_718_750, 60_729_061];
-        let again = [60_677_997, 60_716_862, 60_727_334];
-        assert_eq!(compared(&base, &again, 0.005).change, Change::Same);
-        let more = base.map(|count| count + count / 50);
-        let counted = compared(&base, &more, 0.005);
-        assert_eq!(counted.change, Change::More);
-        assert!((counted.ratio - 1.02).abs() < 1e-6);
-        assert_eq!(compared(&more, &base, 0.005).change, Change::Fewer);
-    }
-
-    #[test]
-    fn frames_that_vary_more_than_the_sides_differ_are_no_change() {
-        let wide = [100, 110, 120];
-        assert_eq!(compared(&wide, &[112, 113, 114], 0.005).change, Change::Same);
-        assert_eq!(compared(&wide, &[121, 122, 123], 0.005).change, Change::More);
     }
 }

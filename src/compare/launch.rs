@@ -13,10 +13,11 @@ use thiserror::Error;
 
 use super::driver::{self, GivenEnvironment};
 use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
-use crate::gpu::{self, ClockPlan};
-use crate::process::{Listener, ProcessTree};
-use crate::quiet;
-pub use crate::quiet::{Quiet, allowed_cores};
+use fathom_base::process::{Listener, ProcessTree};
+use fathom_base::quiet;
+pub use fathom_base::quiet::{Quiet, allowed_cores};
+use fathom_gpu as gpu;
+use fathom_gpu::ClockPlan;
 
 /// A reply longer than this is garbage.
 const MAX_REPLY_BYTES: u64 = 16 << 20;

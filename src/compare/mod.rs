@@ -6,25 +6,18 @@
 //! what is measured goes to a folder of records ([`store`]); the [`verdict`] is a function of those alone, and
 //! [`tables`] report it.
 
-pub mod adapters;
 pub mod bench;
 pub mod build;
 pub mod cells;
 pub mod driver;
-pub mod exact;
-pub mod files;
 pub mod flow;
 pub mod instructions;
 pub mod launch;
 pub mod protocol;
 
-pub mod rank;
 pub mod rounds;
-pub mod store;
 pub mod survey;
-pub mod tables;
-pub mod time;
-pub mod unpaired;
 mod valgrind;
-pub mod verdict;
 pub mod worker;
+
+pub use fathom_gates::{adapters, exact, files, rank, store, tables, time, unpaired, verdict};

@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use strum::{Display, EnumDiscriminants, EnumString};
 
-use crate::experiments::CellPlan;
-use crate::gpu::ClockPlan;
-use crate::record::comparison::CellId;
-use crate::record::{Adapter, ErrorFigure, MachineState, PassKind, Work, nan};
+use fathom_experiments::CellPlan;
+use fathom_gpu::ClockPlan;
+use fathom_record::comparison::CellId;
+use fathom_record::{Adapter, ErrorFigure, MachineState, PassKind, Work, nan};
 
 /// Version of these messages.
 pub const PROTOCOL: u32 = 1;

@@ -20,12 +20,10 @@ use rand_pcg::Pcg64;
 use strum::{Display, IntoStaticStr};
 
 use super::launch::WorkerFault;
-use crate::record::MachineState;
-use crate::record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, PairStates, Side};
+use fathom_gates::schedule::Schedule;
+use fathom_record::MachineState;
+use fathom_record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, PairStates, Side};
 
-/// The second measurement has up to so many times the rounds of the first, as far as it takes no longer than that. With 64
-/// pairs instead of 16 the figures of launches of `scene/gbuffer` scattered by 1.1 to 2.0 % instead of 2.6 to 3.8 % (llvmpipe).
-const MORE_PAIRS: u32 = 4;
 /// Launches that may fail for no cell's sake before the gate is given up.
 const MAX_BROKEN_LAUNCHES: u32 = 2;
 
@@ -103,34 +101,6 @@ pub trait LaunchWorkers {
     fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault>;
     /// Ends the workers.
     fn close(&mut self);
-}
-
-/// What the gate measures.
-#[derive(Clone, Debug)]
-pub struct Schedule {
-    pub cells: Vec<CellId>,
-    /// Measured once more with the base on both sides.
-    pub control: Option<CellId>,
-    pub launches: u32,
-    /// Rounds of each launch.
-    pub pairs: u32,
-    pub seed: u64,
-    /// It is the second measurement.
-    pub second: bool,
-}
-
-impl Schedule {
-    /// The second measurement, of the cells that this one left open.
-    pub fn again(&self, open: Vec<CellId>) -> Self {
-        let room = self.pairs as usize * self.cells.len() / open.len().max(1);
-        let most = (MORE_PAIRS * self.pairs) as usize;
-        Self {
-            pairs: room.clamp(self.pairs as usize, most) as u32,
-            cells: open,
-            second: true,
-            ..self.clone()
-        }
-    }
 }
 
 /// What an earlier run of the same comparison has left.

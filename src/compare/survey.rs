@@ -2,7 +2,7 @@
 
 use super::launch::{Waiting, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
-use crate::record::comparison::{
+use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
 
@@ -192,8 +192,8 @@ mod tests {
     use itertools::Itertools;
 
     use super::*;
-    use crate::compare::protocol::StageKind;
-    use crate::record::PassKind;
+    use crate::protocol::StageKind;
+    use fathom_record::PassKind;
 
     fn prepared(stages: &[&str]) -> Result<Reply, WorkerFault> {
         let kind = |name: &&str| StageKind { name: (*name).to_owned(), kind: PassKind::Compute };

@@ -16,17 +16,18 @@ use super::protocol::{
     WorkerRequest, parse_request,
 };
 use super::valgrind;
-use crate::gpu::{
-    self, ClockPlan, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageSample, SubmitCost,
+use fathom_base::parameter::ParamError;
+use fathom_base::quiet;
+use fathom_gpu as gpu;
+use fathom_gpu::{
+    ClockPlan, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageSample, SubmitCost,
 };
-use crate::harness::MAX_PASSES;
-use crate::harness::catalog::Catalog;
-use crate::harness::subject::{Subject, SubjectError, Subjects};
-use crate::harness::verify::{Case, Check, VerifyError, verify_stages};
-use crate::parameter::ParamError;
-use crate::pipelines::{AnyPipeline, Judge, Known};
-use crate::quiet;
-use crate::scene::SceneError;
+use fathom_harness::MAX_PASSES;
+use fathom_harness::catalog::Catalog;
+use fathom_harness::subject::{Subject, SubjectError, Subjects};
+use fathom_pipelines::{AnyPipeline, Judge, Known};
+use fathom_scene::SceneError;
+use fathom_verify::{Case, Check, VerifyError, verify_stages};
 
 /// Readings of a frame before its clock is given up.
 const ATTEMPTS: u32 = 20;

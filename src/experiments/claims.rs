@@ -25,8 +25,8 @@ use self::comparison::{Comparison, Judgement};
 use super::expand::label_text;
 use super::measure::{self, Measure, Reading};
 use super::schema::{Claim, Experiment, Test};
-use crate::record::Cell;
-use crate::statistics;
+use fathom_base::statistics;
+use fathom_record::Cell;
 
 pub use comparison::RuledFigure;
 pub use fits::{Scaling, scaling};

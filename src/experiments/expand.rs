@@ -6,8 +6,8 @@ use serde_json::{Map, Value, json};
 
 use super::schema::{Axis, Profiles, Sweep};
 use super::{Experiment, ExperimentError};
-use crate::record::Profile;
-use crate::text::{did_you_mean, nearest};
+use fathom_base::text::{did_you_mean, nearest};
+use fathom_record::Profile;
 
 /// Most cells that one experiment plans, the reference and the views of each counted too: planned, one takes about 20 KiB.
 pub const MAX_CELLS: u64 = 20_000;

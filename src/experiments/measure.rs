@@ -26,9 +26,9 @@ use std::str::FromStr;
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-use crate::record::{Cell, Estimate, Interval, Measured, StageRecord, Work};
-use crate::statistics;
 use crate::words::{self, Label, Unit};
+use fathom_base::statistics;
+use fathom_record::{Cell, Estimate, Interval, Measured, StageRecord, Work};
 
 /// A product of terms over another.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -4,17 +4,20 @@
 
 mod claims;
 mod expand;
+#[cfg(any(test, feature = "fixtures"))]
+pub mod fixtures;
 mod measure;
 pub mod schema;
 #[cfg(test)]
 mod tests;
 mod units;
+pub mod words;
 
 use std::path::{Path, PathBuf};
 
-use crate::embedded::{EXPERIMENTS, Folders};
-use crate::input;
-use crate::text::{did_you_mean, line, nearest};
+use fathom_base::embedded::{EXPERIMENTS, Folders};
+use fathom_base::input;
+use fathom_base::text::{did_you_mean, line, nearest};
 
 pub use claims::{
     CHANCE, LOOKS, RuledFigure, Ruling, Scaling, Verdict, concerned, groups, least_samples, scaling,

@@ -13,8 +13,8 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::{ExperimentError, Measure};
-use crate::record::Cell;
-use crate::text;
+use fathom_base::text;
+use fathom_record::Cell;
 
 pub use claim::{Claim, Direction, FIXED_SHARE, Test};
 pub use plot::{Plot, PlotKind};
@@ -401,7 +401,7 @@ fn one() -> f64 {
 }
 
 /// The parser's message with its line number, without the quoted source.
-pub(crate) fn one_line(error: &toml::de::Error, text: &str) -> String {
+pub fn one_line(error: &toml::de::Error, text: &str) -> String {
     let line =
         error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
     match line {

@@ -1,9 +1,9 @@
 use serde_json::{Value, json};
 
 use super::*;
-use crate::pipelines;
-use crate::record::Profile;
-use crate::scene::SceneFile;
+use fathom_pipelines as pipelines;
+use fathom_record::Profile;
+use fathom_scene::SceneFile;
 
 const SWEPT: &str = r#"
 id = "own"
@@ -264,7 +264,7 @@ fn an_experiment_without_sweeps_is_one_cell() {
 
 #[test]
 fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
-    let stages: Vec<&str> = crate::stages::REGISTRY.iter().map(|stage| stage.name).collect();
+    let stages: Vec<&str> = fathom_stages::REGISTRY.iter().map(|stage| stage.name).collect();
     for id in Experiment::builtin_ids() {
         let experiment = Experiment::load(&id).unwrap();
         let measured = experiment.measures();
@@ -282,7 +282,7 @@ fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
                 let repetitions = repetitions.flat_map(|runs| [runs.repeated, vec![runs.limit]]);
                 let others = reference.into_iter().chain(repetitions.flatten()).flatten();
                 for (path, value) in cell.overrides.into_iter().chain(others) {
-                    crate::parameter::set(&mut tree, &path, value).unwrap();
+                    fathom_base::parameter::set(&mut tree, &path, value).unwrap();
                 }
                 for path in measured.iter().flat_map(|measure| measure.params()) {
                     assert!(lookup(&tree, path).is_some(), "{id}: {path}");

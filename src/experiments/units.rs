@@ -99,7 +99,7 @@ impl Sets {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Profile;
+    use fathom_record::Profile;
 
     fn units(toml: &str) -> Vec<Vec<String>> {
         let experiment = Experiment::parse("own", toml).unwrap();

@@ -17,9 +17,9 @@ use thiserror::Error;
 
 use self::shards::{Folder, Progress, Shard};
 use self::slurm::{Slurm, SlurmError};
-use crate::folder;
-use crate::record::{FolderLock, LockError, MOST_SHARDS};
-use crate::text;
+use fathom_base::folder;
+use fathom_base::text;
+use fathom_record::{FolderLock, LockError, MOST_SHARDS};
 
 /// Time between two looks at the queue.
 const LOOK_INTERVAL: Duration = Duration::from_secs(2);
@@ -121,7 +121,7 @@ impl<'a> Fleet<'a> {
     fn open(options: &'a Options, interrupted: &'a AtomicBool) -> Result<Self, FleetError> {
         let [out, program] = [&options.out, &options.program].map(|path| usable(path));
         let (out, program) = (out?, program?);
-        let lock = FolderLock::take(&options.out, &crate::harness::output::holder())?;
+        let lock = FolderLock::take(&options.out, &fathom_record::output::holder())?;
         // The same folder has the same jobs under each of its names.
         let folder = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
         let mut slurm = Slurm::find(&options.slurm, &folder)?;
@@ -252,7 +252,7 @@ fn check_resumed(out: &Path, asked: &Stored) -> Result<(), FleetError> {
     let folder = out.to_owned();
     let nothing = |reason: String| FleetError::NothingToResume { folder: folder.clone(), reason };
     let json = folder::Folder::open(out)
-        .and_then(|folder| folder.text(FLEET, crate::input::MAX_TEXT))
+        .and_then(|folder| folder.text(FLEET, fathom_base::input::MAX_TEXT))
         .map_err(|error| nothing(format!("{FLEET}: {error}")))?;
     let stored: Stored =
         serde_json::from_str(&json).map_err(|error| nothing(format!("{FLEET}: {error}")))?;

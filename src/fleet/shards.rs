@@ -9,11 +9,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::slurm::{JobId, Queue};
 use super::{GRACE, UNSEEN_GRACE};
-use crate::folder;
-use crate::harness::output::RECORDS;
-use crate::input::{self, Limited};
-use crate::record::{self, MAX_LINE, Record};
-use crate::{tell, text};
+use fathom_base::folder;
+use fathom_base::input::{self, Limited};
+use fathom_base::tell;
+use fathom_base::text;
+use fathom_record as record;
+use fathom_record::output::RECORDS;
+use fathom_record::{MAX_LINE, Record};
 
 /// Ending of the name of the file with a task's exit status.
 pub const STATUS: &str = "status";

@@ -11,8 +11,8 @@ use itertools::Itertools;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
-use crate::process::{self, Limits, ProcessError};
-use crate::text;
+use fathom_base::process::{self, Limits, ProcessError};
+use fathom_base::text;
 
 /// Longest time of one of Slurm's commands: six times its `MessageTimeout` (`slurm.conf(5)`).
 const COMMAND_TIME: Duration = Duration::from_secs(60);

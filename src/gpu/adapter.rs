@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use super::pipelines::Pipelines;
 use super::shader::Shaders;
 use super::{Capacity, GpuError};
-use crate::embedded::{Folders, SHADERS};
-use crate::record;
+use fathom_base::embedded::{Folders, SHADERS};
+use fathom_record as record;
 
 /// Features that are taken when the adapter has them, each with what is lost without it.
 const OPTIONAL: &[(wgpu::Features, &str)] = &[

@@ -1,7 +1,7 @@
 //! What an adapter and the machine it runs on can take, known before anything is allocated.
 
 use super::limits::Demand;
-use crate::record::{Adapter, Work};
+use fathom_record::{Adapter, Work};
 
 /// Share of the available memory that one pipeline may take on a software adapter: the driver's own memory, compiled
 /// shaders and references need some, and other processes may ask for more meanwhile.

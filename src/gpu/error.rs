@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::parameter::ParamError;
+use fathom_base::parameter::ParamError;
 
 #[derive(Debug, Error)]
 pub enum GpuError {

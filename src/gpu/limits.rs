@@ -1,7 +1,7 @@
 //! Limits checked before anything is allocated.
 
 use super::{Gpu, MOST_LOOP_TURNS};
-use crate::record::Work;
+use fathom_record::Work;
 
 /// What a pipeline will need of the adapter, collected before it is built; checked by [`Gpu::check`].
 #[derive(Clone, Debug, Default, PartialEq)]

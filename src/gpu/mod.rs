@@ -27,11 +27,9 @@ pub use capacity::Capacity;
 pub use ceilings::{CopyCheck, ceilings, compare_copies, limits, measure};
 pub use counters::{StageCounters, count};
 pub use error::GpuError;
-#[cfg(test)]
-pub(crate) use frame::CostMeter;
 pub use frame::{
-    ClockPlan, ColorTarget, DepthTarget, Fault, FrameSample, FrameTimer, HostClock, HostTime,
-    StageSample, StageScope, SubmitCost, Targets,
+    ClockPlan, ColorTarget, CostMeter, DepthTarget, Fault, FrameSample, FrameTimer, HostClock,
+    HostTime, StageSample, StageScope, SubmitCost, Targets,
 };
 pub use layout::{BoundStruct, Member, StructLayout};
 pub use limits::Demand;

@@ -17,7 +17,7 @@ use wgpu::naga;
 
 use super::layout::{BoundStruct, bound_structs};
 use super::{Gpu, GpuError};
-use crate::embedded::Folders;
+use fathom_base::embedded::Folders;
 
 /// A linked shader of a device.
 #[derive(Clone)]
@@ -179,7 +179,7 @@ impl Gpu {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::embedded::SHADERS;
+    use fathom_base::embedded::SHADERS;
 
     fn folders() -> Folders {
         Folders::of(SHADERS)

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::StageScope;
-use crate::record::Work;
+use fathom_record::Work;
 
 /// A timed unit of a pipeline.
 pub trait Stage {

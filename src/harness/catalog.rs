@@ -4,14 +4,16 @@
 use serde_json::Value;
 
 use super::subject::SubjectError;
-use super::verify::{self, Case};
-use crate::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
-use crate::gpu::StageInfo;
-use crate::parameter::{self, Allowed, Field};
-use crate::pipelines::{self, KINDS, Pipeline, PipelineKind};
-use crate::scene::{Scene, SceneFile};
-use crate::stages;
-use crate::text::nearest;
+use fathom_base::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
+use fathom_base::parameter::{self, Allowed, Field};
+use fathom_base::text::nearest;
+use fathom_gpu::StageInfo;
+use fathom_pipelines as pipelines;
+use fathom_pipelines::{KINDS, Pipeline, PipelineKind};
+use fathom_scene::{Scene, SceneFile};
+use fathom_stages as stages;
+use fathom_verify as verify;
+use fathom_verify::Case;
 
 /// What cargo calls a program: `cargo build -p PACKAGE --bin BINARY`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

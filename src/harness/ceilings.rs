@@ -4,10 +4,11 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::gpu::{self, ClockPlan, CopyCheck, Gpu, GpuError};
-use crate::record::ceilings::{Bounded, Ceiling, CeilingShare, Limit};
-use crate::record::{Measured, Record, Run, StageRecord};
-use crate::statistics;
+use fathom_base::statistics;
+use fathom_gpu as gpu;
+use fathom_gpu::{ClockPlan, CopyCheck, Gpu, GpuError};
+use fathom_record::ceilings::{Bounded, Ceiling, CeilingShare, Limit};
+use fathom_record::{Measured, Record, Run, StageRecord};
 
 /// The ceilings of a run: those of the latest run that this one goes on with, if it had the same adapter, conditions and clocks,
 /// else measured.
@@ -196,8 +197,8 @@ fn row(ceiling: &Ceiling) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::ceilings::{Basis, TexelFormat};
-    use crate::record::{Clock, Estimate, Interval, Work};
+    use fathom_record::ceilings::{Basis, TexelFormat};
+    use fathom_record::{Clock, Estimate, Interval, Work};
 
     const LIMIT: Limit = Limit::Load2d { format: TexelFormat::R32Float };
 

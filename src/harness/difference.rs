@@ -7,8 +7,8 @@ use thiserror::Error;
 use super::plan::PlannedReference;
 use super::readout::{self, ReadoutError};
 use super::subject::Subject;
-use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels};
-use crate::pipelines::AnyPipeline;
+use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels};
+use fathom_pipelines::AnyPipeline;
 
 #[derive(Debug, Error)]
 pub enum DifferenceError {

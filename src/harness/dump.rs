@@ -8,11 +8,11 @@ use thiserror::Error;
 
 use super::render;
 use super::subject::Subject;
-use crate::folder::Folder;
-use crate::gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
-use crate::npy;
-use crate::stages::{Output, OutputData, Stage};
-use crate::text::{did_you_mean, nearest};
+use fathom_base::folder::Folder;
+use fathom_base::npy;
+use fathom_base::text::{did_you_mean, nearest};
+use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
+use fathom_stages::{Output, OutputData, Stage};
 
 #[derive(Debug, Error)]
 pub enum DumpError {
@@ -143,10 +143,10 @@ fn axes(output: &Output, count: usize) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::Options;
-    use crate::scene::Grid;
-    use crate::stages::kit::Resources;
-    use crate::stages::voxels::Voxels;
+    use fathom_gpu::Options;
+    use fathom_scene::Grid;
+    use fathom_stages::kit::Resources;
+    use fathom_stages::voxels::Voxels;
 
     /// A volume whose cell (x, y, z) of 3 × 2 × 5 holds 10 + x + 3 (y + 2 z).
     #[test]

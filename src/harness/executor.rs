@@ -10,7 +10,6 @@ use image::RgbImage;
 use super::difference::References;
 use super::journal::{CellName, Journal};
 use super::outcome::{Facts, Findings, measured};
-use super::output::picture_path;
 use super::picture::PictureError;
 use super::plan::PlannedCell;
 use super::progress::Progress;
@@ -18,13 +17,15 @@ use super::repetitions::{self, NoiseAndBias};
 use super::sample::{CellResult, Executor, Failure, Samples};
 use super::views::{Views, ViewsError};
 use super::{MAX_PASSES, picture};
-use crate::experiments::schema::{Experiment, Pictures, RepeatedOutput};
-use crate::folder::Folder;
-use crate::gpu::{
-    self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageCounters,
+use fathom_base::folder::Folder;
+use fathom_experiments::schema::{Experiment, Pictures, RepeatedOutput};
+use fathom_gpu as gpu;
+use fathom_gpu::{
+    ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageCounters,
 };
-use crate::pipelines::{AnyPipeline, Judge, Known};
-use crate::record::{
+use fathom_pipelines::{AnyPipeline, Judge, Known};
+use fathom_record::output::picture_path;
+use fathom_record::{
     Addition, Ceiling, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind,
     PictureScale, Record, RecordError, Run, SampleLine, SetUp, Writer,
 };

@@ -11,12 +11,12 @@ use thiserror::Error;
 use super::picture::PictureError;
 use super::render::{self, Bare};
 use super::subject::{Subject, SubjectError, Subjects};
-use crate::embedded::Folders;
-use crate::experiments::flatten;
-use crate::experiments::schema::one_line;
-use crate::gpu::Gpu;
-use crate::pipelines::Known;
-use crate::text::{check_id, did_you_mean, nearest};
+use fathom_base::embedded::Folders;
+use fathom_base::text::{check_id, did_you_mean, nearest};
+use fathom_experiments::flatten;
+use fathom_experiments::schema::one_line;
+use fathom_gpu::Gpu;
+use fathom_pipelines::Known;
 
 /// The name that stands for every figure.
 pub const ALL: &str = "all";
@@ -245,10 +245,10 @@ pub fn panel_file(folder: &Path, figure: &Figure, number: usize) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::embedded::FIGURES;
-    use crate::harness::catalog::Catalog;
-    use crate::parameter;
-    use crate::scene::SceneFile;
+    use crate::catalog::Catalog;
+    use fathom_base::embedded::FIGURES;
+    use fathom_base::parameter;
+    use fathom_scene::SceneFile;
 
     #[test]
     fn every_figure_parses_and_its_parameters_exist() {

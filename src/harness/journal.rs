@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::folder;
-use crate::record::{
+use fathom_base::folder;
+use fathom_record::{
     Addition, Clocks, LineWriter, Outcome, Record, RecordError, Run, SAMPLES_SCHEMA, SampleLine,
     read_lines,
 };
@@ -235,7 +235,7 @@ fn recorded(records: &[Record]) -> BTreeSet<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{Clock, FaultKind, FramePair, PassKind};
+    use fathom_record::{Clock, FaultKind, FramePair, PassKind};
 
     fn cell(id: &str) -> CellName {
         CellName { id: id.to_owned(), experiment: "e".to_owned(), cell: id.to_owned() }

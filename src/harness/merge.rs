@@ -17,10 +17,10 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::output::{OutputError, OutputFolder};
 use super::plan::PlanError;
-use crate::experiments::ExperimentError;
-use crate::record::{Adapter, Damaged, LockError, Part, Record, RecordError, Run, Shard, read};
+use fathom_experiments::ExperimentError;
+use fathom_record::output::{OutputError, OutputFolder};
+use fathom_record::{Adapter, Damaged, LockError, Part, Record, RecordError, Run, Shard, read};
 
 pub use records::{CellId, Counts};
 pub use staging::Staging;
@@ -131,7 +131,7 @@ impl Source {
         let folder = folder.to_owned();
         let Some(header) = last else {
             // A file without any sound record is named with its damage.
-            crate::record::empty_or_sound(&path, &reading)?;
+            fathom_record::empty_or_sound(&path, &reading)?;
             return Err(MergeError::NoHeader { folder });
         };
         let Some(shard) = header.shard.clone() else {

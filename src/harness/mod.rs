@@ -3,7 +3,6 @@
 //! [`plan`] resolves parameters and checks limits, [`sample`] schedules frames over an
 //! [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
 
-pub mod calendar;
 mod canvas;
 pub mod catalog;
 pub mod ceilings;
@@ -15,7 +14,6 @@ pub mod journal;
 pub mod memory;
 pub mod merge;
 pub mod outcome;
-pub mod output;
 pub mod picture;
 pub mod plan;
 pub mod progress;
@@ -29,7 +27,9 @@ mod scale;
 pub mod shard;
 pub mod sheet;
 pub mod subject;
-pub mod verify;
+
+pub use fathom_record::{calendar, output};
+pub use fathom_verify as verify;
 pub mod views;
 
 /// Most passes of a frame that are timed or counted: voxelization slice by slice has three for each slice.

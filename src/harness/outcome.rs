@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 
 use super::sample::{Samples, StageSamples, Stopped};
-use crate::gpu::{Stage, StageCounters};
-use crate::pipelines::AnyPipeline;
-use crate::record::{
+use fathom_base::statistics;
+use fathom_gpu::{Stage, StageCounters};
+use fathom_pipelines::AnyPipeline;
+use fathom_record::{
     ErrorFigure, Estimate, Fenced, FrameRecord, Measured, Note, NoteKind, Picture, RejectedFrames,
     StageRecord, Throttling, Work,
 };
-use crate::statistics;
 
 /// Share of outliers among the frame times from which on the record says so: one in twenty.
 const NOTED_OUTLIER_SHARE: f64 = 0.05;
@@ -202,7 +202,7 @@ fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<No
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{MachineState, ThrottleReason};
+    use fathom_record::{MachineState, ThrottleReason};
 
     #[test]
     fn a_throttled_cell_has_a_note_with_share_and_reasons() {

@@ -7,9 +7,9 @@ use image::{ImageFormat, RgbImage};
 use thiserror::Error;
 
 use super::scale;
-use crate::folder::{self, Folder};
-use crate::gpu::{Gpu, GpuError, read_texture};
-use crate::pipelines::{AnyPipeline, JudgeError};
+use fathom_base::folder::{self, Folder};
+use fathom_gpu::{Gpu, GpuError, read_texture};
+use fathom_pipelines::{AnyPipeline, JudgeError};
 
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
 const GAMMA: f32 = 2.2;

@@ -14,11 +14,12 @@ use super::repetitions::PlannedRepetitions;
 use super::shard;
 use super::subject::{Subject, SubjectError, Subjects};
 use super::views::OtherViews;
-use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
-use crate::gpu::Capacity;
-use crate::private;
-use crate::record::{self, Outcome, Part, Profile, resume_key};
-use crate::text::{did_you_mean, nearest};
+use fathom_base::private;
+use fathom_base::text::{did_you_mean, nearest};
+use fathom_experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
+use fathom_gpu::Capacity;
+use fathom_record as record;
+use fathom_record::{Outcome, Part, Profile, resume_key};
 
 #[derive(Debug, Error)]
 pub enum PlanError {

@@ -5,9 +5,10 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::experiments::CellPlan;
-use crate::record::{Cell, Outcome};
-use crate::{tell, text};
+use fathom_base::tell;
+use fathom_base::text;
+use fathom_experiments::CellPlan;
+use fathom_record::{Cell, Outcome};
 
 /// Longest budget that is counted down, seconds: a year. A point in time too far away cannot be told.
 const LONGEST_S: f64 = 365.0 * 86_400.0;

@@ -12,15 +12,15 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::subject::{Subject, SubjectError};
-use crate::gpu::{Gpu, GpuError};
-use crate::input::{self, Limited};
-use crate::pipelines::volume_ao::{PointQuery, VolumeAo, occlusion_at};
-use crate::reference::ReferenceError;
-use crate::reference::occlusion::{self as exact, Attenuation};
-use crate::reference::rays::Tracer;
-use crate::stages::ao::query::SurfacePoint;
-use crate::stages::kit::Resources;
-use crate::stages::marching::{self, Occluder};
+use fathom_base::input::{self, Limited};
+use fathom_gpu::{Gpu, GpuError};
+use fathom_pipelines::volume_ao::{PointQuery, VolumeAo, occlusion_at};
+use fathom_reference::ReferenceError;
+use fathom_reference::occlusion::{self as exact, Attenuation};
+use fathom_reference::rays::Tracer;
+use fathom_stages::ao::query::SurfacePoint;
+use fathom_stages::kit::Resources;
+use fathom_stages::marching::{self, Occluder};
 pub use table::PointFault;
 use table::SHORT;
 

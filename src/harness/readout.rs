@@ -2,9 +2,9 @@
 
 use thiserror::Error;
 
-use crate::gpu::{Gpu, GpuError, Pixels, read_texture};
-use crate::pipelines::AnyPipeline;
-use crate::stages::OutputData;
+use fathom_gpu::{Gpu, GpuError, Pixels, read_texture};
+use fathom_pipelines::AnyPipeline;
+use fathom_stages::OutputData;
 
 #[derive(Debug, Error)]
 pub enum ReadoutError {

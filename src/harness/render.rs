@@ -6,9 +6,9 @@ use image::RgbImage;
 
 use super::picture::{self, PictureError};
 use super::subject::Subject;
-use crate::gpu::{Gpu, GpuError};
-use crate::pipelines::caustics_image::Compared;
-use crate::pipelines::{AnyPipeline, Judge, Known};
+use fathom_gpu::{Gpu, GpuError};
+use fathom_pipelines::caustics_image::Compared;
+use fathom_pipelines::{AnyPipeline, Judge, Known};
 
 /// A picture without what explains it.
 pub struct Bare {

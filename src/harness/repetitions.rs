@@ -6,9 +6,9 @@ use thiserror::Error;
 use super::difference::{DifferenceError, References};
 use super::readout::{self, ReadoutError};
 use super::subject::Subject;
-use crate::experiments::schema::RepeatedOutput;
-use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels};
-use crate::statistics::mean;
+use fathom_base::statistics::mean;
+use fathom_experiments::schema::RepeatedOutput;
+use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels};
 
 #[derive(Debug, Error)]
 pub enum RepetitionsError {

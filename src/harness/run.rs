@@ -10,16 +10,19 @@ use thiserror::Error;
 use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, Session, Spent};
 use super::journal::Journal;
-use super::output::{Held, OutputError};
 use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
 use super::progress::{self, Progress};
 use super::sample::{self, Settings};
-use super::{calendar, ceilings, memory, shard};
-use crate::experiments::{Experiment, ExperimentError};
-use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
-use crate::quiet;
-use crate::record::{
-    self, Conditions, Definition, End, Note, NoteKind, Outcome, Part, PassKind, Profile, Record,
+use super::{ceilings, memory, shard};
+use fathom_base::quiet;
+use fathom_experiments::{Experiment, ExperimentError};
+use fathom_gpu as gpu;
+use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError};
+use fathom_record as record;
+use fathom_record::calendar;
+use fathom_record::output::{Held, OutputError};
+use fathom_record::{
+    Conditions, Definition, End, Note, NoteKind, Outcome, Part, PassKind, Profile, Record,
     RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks, Shard,
 };
 

@@ -25,9 +25,9 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use crate::experiments::LOOKS;
-use crate::gpu::{Fault, FrameSample, StageSample};
-use crate::record::{Addition, FaultKind, FramePair, MachineState, Rejection, StageTime};
+use fathom_experiments::LOOKS;
+use fathom_gpu::{Fault, FrameSample, StageSample};
+use fathom_record::{Addition, FaultKind, FramePair, MachineState, Rejection, StageTime};
 
 pub use samples::{Samples, StageSamples};
 

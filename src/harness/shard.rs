@@ -8,8 +8,8 @@
 use sha2::{Digest, Sha256};
 
 use super::plan::{self, PlanError, Request};
-use crate::experiments::{CellPlan, Experiment};
-use crate::record::{Part, Profile, Selection, Shard};
+use fathom_experiments::{CellPlan, Experiment};
+use fathom_record::{Part, Profile, Selection, Shard};
 
 /// What every cell costs beside the sampling of its frames, as a share of what a timed cell of weight 1 costs: in the reference
 /// run on llvmpipe set-up took 0.17 s per cell, and a timed cell 1.5 to 2 s.
@@ -117,7 +117,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::harness::catalog::Catalog;
+    use crate::catalog::Catalog;
 
     fn builtin() -> (Vec<Experiment>, Vec<Vec<CellPlan>>) {
         let request = Request::default();

@@ -149,7 +149,7 @@ pub fn of_all(parts: &[RgbImage]) -> RgbImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::harness::render::Bare;
+    use crate::render::Bare;
 
     #[test]
     fn lines_break_between_words() {

@@ -7,12 +7,13 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::catalog::Catalog;
-use crate::gpu::{Capacity, Gpu, GpuError};
-use crate::parameter::{self, ParamError};
-use crate::pipelines::{self, AnyPipeline, Configuration, Pipeline, PipelineKind, Plan};
-use crate::scene::{Camera, Scene, SceneError, SceneFile};
-use crate::tell;
-use crate::text::did_you_mean;
+use fathom_base::parameter::{self, ParamError};
+use fathom_base::tell;
+use fathom_base::text::did_you_mean;
+use fathom_gpu::{Capacity, Gpu, GpuError};
+use fathom_pipelines as pipelines;
+use fathom_pipelines::{AnyPipeline, Configuration, Pipeline, PipelineKind, Plan};
+use fathom_scene::{Camera, Scene, SceneError, SceneFile};
 
 /// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
 #[derive(Debug, Error)]

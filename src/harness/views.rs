@@ -7,11 +7,11 @@ use thiserror::Error;
 
 use super::picture::{self, PictureError, explained};
 use super::subject::Subject;
-use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
-use crate::pipelines::AnyPipeline;
-use crate::reference::rays::PixelRays;
-use crate::scene::Camera;
-use crate::statistics::mean;
+use fathom_base::statistics::mean;
+use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
+use fathom_pipelines::AnyPipeline;
+use fathom_reference::rays::PixelRays;
+use fathom_scene::Camera;
 
 /// Points of the cell's own view that are looked up in the others at most.
 const MOST_POINTS: usize = 4_000;
@@ -330,10 +330,10 @@ impl Shot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipelines::occlusion::tests::{camera, corner, gbuffer};
-    use crate::reference::filter::{pcg, unit};
-    use crate::reference::image::pixels;
-    use crate::reference::rays::Tracer;
+    use fathom_pipelines::occlusion::fixtures::{camera, corner, gbuffer};
+    use fathom_reference::filter::{pcg, unit};
+    use fathom_reference::image::pixels;
+    use fathom_reference::rays::Tracer;
 
     /// A view of a corner whose occlusion is a function of the place and of the view.
     fn shot(tracer: &Tracer, position_m: [f64; 3], occlusion: impl Fn(DVec3) -> f64) -> Shot {

@@ -6,7 +6,7 @@ use super::changes::{self, ChangePoint, LEAST_RUNS};
 use super::scores::Scores;
 use super::shift::{MOST_SIDE, shift};
 use super::stored::{Series, StoredRuns};
-use crate::record::Estimate;
+use fathom_record::Estimate;
 
 /// A change is sure where, of all changes that are as sure or surer, at most this share is expected to be false. Benjamini &
 /// Hochberg, *J. R. Stat. Soc. B* 57 (1995).

@@ -30,8 +30,8 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::record::{Damage, RecordError};
-use crate::text;
+use fathom_base::text;
+use fathom_record::{Damage, RecordError};
 
 /// Where a history lies that nobody said the place of.
 pub const DEFAULT_FILE: &str = "reports/history.sqlite";

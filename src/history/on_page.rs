@@ -7,11 +7,11 @@ use super::findings::{Change, Findings};
 use super::run::{FRAME, NANOSECONDS};
 use super::stored::{Series, StoredRuns};
 use super::tables;
-use crate::report::format::NS_PER_MS;
-use crate::report::page::{
+use fathom_experiments::words;
+use fathom_report::format::NS_PER_MS;
+use fathom_report::page::{
     ChangeRow, HistoryChart, HistoryMark, HistoryOnPage, HistoryPoint, Tone,
 };
-use crate::words;
 
 /// Charts of a page. A page of as many charts of as many points stays below 5 MB.
 const MOST_CHARTS: usize = 60;

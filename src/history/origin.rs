@@ -3,7 +3,8 @@
 use std::process::Command;
 
 use super::HistoryError;
-use crate::{private, process};
+use fathom_base::private;
+use fathom_base::process;
 
 /// What the user says. The rest is found out.
 #[derive(Clone, Debug, Default)]

@@ -5,8 +5,8 @@ use serde_json::json;
 
 use super::stored::{Series, StoredRuns};
 use super::{HistoryError, tables};
-use crate::report::Artifact;
-use crate::text;
+use fathom_base::text;
+use fathom_report::Artifact;
 use jiff::Timestamp;
 
 /// Name of the configuration.

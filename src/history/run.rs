@@ -11,8 +11,9 @@ use indexmap::IndexSet;
 use sha2::{Digest, Sha256};
 
 use super::HistoryError;
-use crate::folder;
-use crate::record::{self, Cell, Clock, Damaged, Estimate, Measured, Record, Run, ShaderChecks};
+use fathom_base::folder;
+use fathom_record as record;
+use fathom_record::{Cell, Clock, Damaged, Estimate, Measured, Record, Run, ShaderChecks};
 
 /// Name of the figure that is a frame's time without per-stage timing.
 pub const FRAME: &str = "frame";

@@ -1,7 +1,7 @@
 //! By how much two sides of a change differ.
 
 use super::changes::LEAST_SIDE;
-use crate::statistics::{Estimate, Interval, median};
+use fathom_base::statistics::{Estimate, Interval, median};
 
 /// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
 pub const MOST_SIDE: usize = 60;

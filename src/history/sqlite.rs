@@ -13,7 +13,7 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, params_from_iter};
 
 use super::HistoryError;
 use super::database::{ColumnTypes, Database, MOST_BYTES, MOST_ROWS, Value, counted};
-use crate::input;
+use fathom_base::input;
 
 /// How long a writer waits for another one.
 const PATIENCE: Duration = Duration::from_secs(60);

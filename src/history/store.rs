@@ -11,8 +11,8 @@ use jiff::Timestamp;
 use super::database::{self, Database, Location, Value};
 use super::run::{FigureKey, KeyDigest, MAX_RECORDS, NewFigure, NewRun, digest_of};
 use super::{FORMAT, HistoryError, Origin};
-use crate::input::{self, Limited};
-use crate::record::Estimate;
+use fathom_base::input::{self, Limited};
+use fathom_record::Estimate;
 
 /// Rows of one statement. SQLite binds at most 32,766 values.
 const ROWS_AT_ONCE: usize = 500;

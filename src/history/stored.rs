@@ -12,8 +12,8 @@ use jiff::tz::TimeZone;
 use super::database::{Value, keep};
 use super::run::{FigureKey, NANOSECONDS, Texts};
 use super::{History, HistoryError};
-use crate::record::{Estimate, Interval};
-use crate::text;
+use fathom_base::text;
+use fathom_record::{Estimate, Interval};
 
 /// Digits of a commit or a run that people read.
 const SHORT: usize = 10;

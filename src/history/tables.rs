@@ -6,9 +6,9 @@ use super::changes::{LEAST_RUNS, LEVEL};
 use super::findings::{Change, FALSE_SHARE, Findings, Size};
 use super::run::NANOSECONDS;
 use super::stored::{Series, StoredRun, StoredRuns};
-use crate::record::Estimate;
-use crate::report::format::{NS_PER_MS, three, trim_zeros};
-use crate::text;
+use fathom_base::text;
+use fathom_record::Estimate;
+use fathom_report::format::{NS_PER_MS, three, trim_zeros};
 
 /// Unit in records of errors that have none.
 const WITHOUT_UNIT: &str = "1";

@@ -6,12 +6,12 @@ use std::rc::Rc;
 use super::occlusion::signed_color;
 use super::settings::Animation;
 use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
-use crate::record::{ErrorFigure, ErrorSpan, PictureScale};
-use crate::reference::image::Image;
-use crate::reference::kept::Content;
-use crate::reference::photon_map::{Lighting, PhotonMap};
-use crate::scene::{Object, Optics};
-use crate::stages::frame::View;
+use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
+use fathom_reference::image::Image;
+use fathom_reference::kept::Content;
+use fathom_reference::photon_map::{Lighting, PhotonMap};
+use fathom_scene::{Object, Optics};
+use fathom_stages::frame::View;
 
 /// Name of the error that asks for the photon map.
 pub const IMAGE_ERROR: &str = "caustics_image_error";

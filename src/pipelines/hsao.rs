@@ -8,12 +8,12 @@ use std::collections::BTreeMap;
 use super::lighting::{Composed, Seen};
 use super::occlusion::{self, Model, OcclusionBuffers};
 use super::{ErrorPicture, Judge, JudgeError, Judged, Pipeline, settings};
-use crate::gpu::{Gpu, GpuError};
-use crate::scene::Scene;
-use crate::stages::geometry::Geometry;
-use crate::stages::hsao;
-use crate::stages::hsao::march::{self, HorizonUniforms};
-use crate::stages::kit::Resources;
+use fathom_gpu::{Gpu, GpuError};
+use fathom_scene::Scene;
+use fathom_stages::geometry::Geometry;
+use fathom_stages::hsao;
+use fathom_stages::hsao::march::{self, HorizonUniforms};
+use fathom_stages::kit::Resources;
 
 pub use parameters::{Horizon, Params};
 

@@ -4,13 +4,13 @@
 use std::rc::Rc;
 
 use super::settings::{Compose, Filter, Shadow, VIEWPORT};
-use crate::gpu::{GpuError, StageInfo};
-use crate::scene::Scene;
-use crate::stages::bilateral::Bilateral;
-use crate::stages::frame::{Frame, Shared, View};
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
-use crate::stages::{ao, post, scene, shadow};
+use fathom_gpu::{GpuError, StageInfo};
+use fathom_scene::Scene;
+use fathom_stages::bilateral::Bilateral;
+use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::geometry::Geometry;
+use fathom_stages::kit::Resources;
+use fathom_stages::{ao, post, scene, shadow};
 
 /// The stages before the occlusion buffer.
 pub struct Seen {

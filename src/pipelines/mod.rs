@@ -26,14 +26,14 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use thiserror::Error;
 
-use crate::gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
-use crate::parameter::{self, Field, ParamError, Setting};
-use crate::record::{ErrorFigure, PictureScale, Work};
-use crate::reference::ReferenceError;
-use crate::reference::kept::KeptAnswers;
-use crate::scene::{Camera, Scene, SceneFile, VolumeFile, assets};
-use crate::stages::kit::{Parts, Resources};
 use caustics_image::Compared;
+use fathom_base::parameter::{self, Field, ParamError, Setting};
+use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
+use fathom_record::{ErrorFigure, PictureScale, Work};
+use fathom_reference::ReferenceError;
+use fathom_reference::kept::KeptAnswers;
+use fathom_scene::{Camera, Scene, SceneFile, VolumeFile, assets};
+use fathom_stages::kit::{Parts, Resources};
 use occlusion::OcclusionBuffers;
 
 /// A pipeline's parameters.
@@ -365,7 +365,7 @@ impl<P: Pipeline> Configuration for Configured<P> {
         planner.scoped(|| {
             let resources = Resources::new(planner);
             let pipeline = P::new(&resources, scene, &self.0)?;
-            let pixels = crate::stages::kit::pixels(pipeline.image());
+            let pixels = fathom_stages::kit::pixels(pipeline.image());
             let picture = resources.sized_by(settings::VIEWPORT);
             picture.host_copies("image", pixels.saturating_mul(PICTURE_BYTES));
             let parts = resources.into_parts();

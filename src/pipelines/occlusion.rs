@@ -9,16 +9,16 @@ use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation, Deform};
 use super::{ErrorPicture, Judge, JudgeError, Judged};
-use crate::gpu::{Pixels, StageInfo, read_texture};
-use crate::record::{ErrorFigure, ErrorSpan, PictureScale};
-use crate::reference::ReferenceError;
-use crate::reference::deform::{Moment, Motion};
-use crate::reference::kept::Content;
-use crate::reference::occlusion::{self as reference, occlusion, occlusion_through};
-use crate::reference::rays::{Hit, PixelRays, Tracer};
-use crate::scene::{Camera, Object, Scene};
-use crate::stages::bilateral::Bilateral;
-use crate::stages::gbuffer::GbufferTextures;
+use fathom_gpu::{Pixels, StageInfo, read_texture};
+use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
+use fathom_reference::ReferenceError;
+use fathom_reference::deform::{Moment, Motion};
+use fathom_reference::kept::Content;
+use fathom_reference::occlusion::{self as reference, occlusion, occlusion_through};
+use fathom_reference::rays::{Hit, PixelRays, Tracer};
+use fathom_scene::{Camera, Object, Scene};
+use fathom_stages::bilateral::Bilateral;
+use fathom_stages::gbuffer::GbufferTextures;
 
 /// Points that figures rest on at most: an RMS over so many independent errors is known to 2 %.
 const MOST_POINTS: usize = 1_500;
@@ -426,5 +426,7 @@ fn paint(question: &Question, points: &[JudgedPoint], errors: &[f64]) -> image::
     picture
 }
 
+#[cfg(any(test, feature = "fixtures"))]
+pub mod fixtures;
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

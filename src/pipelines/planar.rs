@@ -14,16 +14,16 @@ use std::rc::Rc;
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Pipeline};
-use crate::gpu::{Gpu, GpuError};
-use crate::reference::pool::Basin;
-use crate::scene::Scene;
-use crate::stages::frame::{Frame, Shared, View};
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
-use crate::stages::planar::compose::Compose;
-use crate::stages::planar::points::Points;
-use crate::stages::scene;
-use crate::stages::screen_ray::Transfers;
+use fathom_gpu::{Gpu, GpuError};
+use fathom_reference::pool::Basin;
+use fathom_scene::Scene;
+use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::geometry::Geometry;
+use fathom_stages::kit::Resources;
+use fathom_stages::planar::compose::Compose;
+use fathom_stages::planar::points::Points;
+use fathom_stages::scene;
+use fathom_stages::screen_ray::Transfers;
 
 pub use parameters::{Params, Show};
 

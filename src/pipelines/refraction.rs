@@ -10,23 +10,24 @@ use serde::{Deserialize, Serialize};
 use super::screen_tracing::{self, Composition, LayeredDepth};
 use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Parameters, Pipeline};
-use crate::gpu::{Gpu, GpuError, read_texture};
-use crate::parameter::ParamError;
-use crate::record::ErrorFigure;
-use crate::reference::quantities::quantile;
-use crate::reference::rays::{PixelRays, Tracer};
-use crate::reference::specular::Surfaces;
-use crate::scene::{Camera, Light, Object, Scene, SceneFile};
-use crate::stages::frame::{Frame, Shared, View};
-use crate::stages::geometry::{Geometry, Part};
-use crate::stages::kit::{Buffer, Resources};
-use crate::stages::refraction::Exits;
-use crate::stages::refraction::trace::{self, Surface, Trace};
-use crate::stages::refraction::two_interface::{self, TwoInterface};
-use crate::stages::screen_picture::Picture;
-use crate::stages::screen_ray::{WalkUniforms, walk_uniforms};
-use crate::stages::{StageInfo, refraction, scene};
-use crate::{choices, settings};
+use fathom_base::choices;
+use fathom_base::parameter::ParamError;
+use fathom_base::settings;
+use fathom_gpu::{Gpu, GpuError, read_texture};
+use fathom_record::ErrorFigure;
+use fathom_reference::quantities::quantile;
+use fathom_reference::rays::{PixelRays, Tracer};
+use fathom_reference::specular::Surfaces;
+use fathom_scene::{Camera, Light, Object, Scene, SceneFile};
+use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::geometry::{Geometry, Part};
+use fathom_stages::kit::{Buffer, Resources};
+use fathom_stages::refraction::Exits;
+use fathom_stages::refraction::trace::{self, Surface, Trace};
+use fathom_stages::refraction::two_interface::{self, TwoInterface};
+use fathom_stages::screen_picture::Picture;
+use fathom_stages::screen_ray::{WalkUniforms, walk_uniforms};
+use fathom_stages::{StageInfo, refraction, scene};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -37,7 +38,7 @@ pub enum Method {
     TwoInterface,
 }
 
-choices!(Method, Surface);
+choices!(Method);
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.

@@ -11,14 +11,14 @@ use std::rc::Rc;
 
 use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Pipeline};
-use crate::gpu::{Gpu, GpuError, read_texture};
-use crate::record::Work;
-use crate::scene::{Camera, Scene, Volume};
-use crate::stages::frame::{Frame, Shared, View};
-use crate::stages::kit::{self, Resources};
-use crate::stages::ray_cast::RayCast;
-use crate::stages::scalar;
-use crate::stages::scalar_field::ScalarField;
+use fathom_gpu::{Gpu, GpuError, read_texture};
+use fathom_record::Work;
+use fathom_scene::{Camera, Scene, Volume};
+use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::kit::{self, Resources};
+use fathom_stages::ray_cast::RayCast;
+use fathom_stages::scalar;
+use fathom_stages::scalar_field::ScalarField;
 
 pub use parameters::{Gather, Law, Mode, Params, Scalar, Stop};
 

@@ -6,19 +6,20 @@ use std::rc::Rc;
 use serde::{Deserialize, Serialize};
 
 use super::settings::Transfer;
-use crate::gpu::{Gpu, GpuError};
-use crate::parameter::ParamError;
-use crate::stages::frame::Shared;
-use crate::stages::geometry::{Geometry, Part};
-use crate::stages::kit::{Resources, linear_workgroups};
-use crate::stages::photon::Photons;
-use crate::stages::screen_ray::{
+use fathom_base::choices;
+use fathom_base::parameter::ParamError;
+use fathom_base::settings;
+use fathom_gpu::{Gpu, GpuError};
+use fathom_stages::frame::Shared;
+use fathom_stages::geometry::{Geometry, Part};
+use fathom_stages::kit::{Resources, linear_workgroups};
+use fathom_stages::photon::Photons;
+use fathom_stages::screen_ray::{
     FragmentLists, HitTest, Layers, Rays, Walked, Walking, group_each,
 };
-use crate::stages::transfer::bounce::Bounce;
-use crate::stages::transfer::map::Map;
-use crate::stages::{StageInfo, ldi, rays, shadow};
-use crate::{choices, settings};
+use fathom_stages::transfer::bounce::Bounce;
+use fathom_stages::transfer::map::Map;
+use fathom_stages::{StageInfo, ldi, rays, shadow};
 
 settings! {
     /// How the picture is made.
@@ -60,7 +61,7 @@ pub enum Method {
     Group,
 }
 
-choices!(Method, HitTest, LayerMethod);
+choices!(Method, LayerMethod);
 
 impl Method {
     /// The stage that finds hits.

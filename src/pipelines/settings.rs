@@ -3,19 +3,20 @@
 use glam::{DVec3, UVec2, Vec2};
 use serde::{Deserialize, Serialize};
 
-use crate::gpu::GpuError;
-use crate::parameter::{ParamError, within};
-use crate::scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
-use crate::stages::ao::compose::LightingUniforms;
-use crate::stages::ao::glass::GlassUniforms;
-use crate::stages::bilateral::BilateralUniforms;
-use crate::stages::frame;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
-pub use crate::stages::marching::Attenuation;
-use crate::stages::scene::deform::{self, Motion};
-use crate::stages::transfer::map::MapUniforms;
-use crate::{choices, settings};
+use fathom_base::choices;
+use fathom_base::parameter::{ParamError, within};
+use fathom_base::settings;
+use fathom_gpu::GpuError;
+use fathom_scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
+use fathom_stages::ao::compose::LightingUniforms;
+use fathom_stages::ao::glass::GlassUniforms;
+use fathom_stages::bilateral::BilateralUniforms;
+use fathom_stages::frame;
+use fathom_stages::geometry::Geometry;
+use fathom_stages::kit::Resources;
+pub use fathom_stages::marching::Attenuation;
+use fathom_stages::scene::deform::{self, Motion};
+use fathom_stages::transfer::map::MapUniforms;
 
 settings! {
     /// Pixels of the main viewport. Where a pipeline gives no other: 600 × 600, as in VAO Fig. 8.
@@ -116,7 +117,7 @@ impl Voxel {
             return Err(ParamError::Unfit(fault.into()));
         }
         if self.per_object {
-            let fit = |object: &crate::scene::Object| {
+            let fit = |object: &fathom_scene::Object| {
                 Grid::fit(&animation.room(&object.mesh.bounds()), self.resolution).map_err(
                     |fault| ParamError::Unfit(format!("object `{}`: {fault}", object.name)),
                 )
@@ -175,7 +176,7 @@ pub enum Deform {
     Wave,
 }
 
-choices!(Method, Update, Deform, Show, Attenuation);
+choices!(Method, Update, Deform, Show);
 
 settings! {
     /// Motion of the geometry, a function of time: each frame is the same work, and time is an axis like any other.

@@ -9,21 +9,21 @@ use rayon::prelude::*;
 use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
 use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Parameters, Pipeline};
-use crate::gpu::{Gpu, GpuError, read_buffer};
-use crate::parameter::ParamError;
-use crate::record::ErrorFigure;
-use crate::reference::quantities::{StoredPhoton, stored_photons};
-use crate::reference::rays::{PixelRays, Tracer};
-use crate::scene::{Camera, Light, LightKind, Object, Scene, SceneFile};
-use crate::settings;
-use crate::stages::frame::{Frame, Shared, View};
-use crate::stages::geometry::{Geometry, Part};
-use crate::stages::kit::Resources;
-use crate::stages::photon::{MISSED, Photons};
-use crate::stages::screen_picture::Picture;
-use crate::stages::screen_ray::Rays;
-use crate::stages::transfer::shadow::Shadow;
-use crate::stages::{scene, shadow};
+use fathom_base::parameter::ParamError;
+use fathom_base::settings;
+use fathom_gpu::{Gpu, GpuError, read_buffer};
+use fathom_record::ErrorFigure;
+use fathom_reference::quantities::{StoredPhoton, stored_photons};
+use fathom_reference::rays::{PixelRays, Tracer};
+use fathom_scene::{Camera, Light, LightKind, Object, Scene, SceneFile};
+use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::geometry::{Geometry, Part};
+use fathom_stages::kit::Resources;
+use fathom_stages::photon::{MISSED, Photons};
+use fathom_stages::screen_picture::Picture;
+use fathom_stages::screen_ray::Rays;
+use fathom_stages::transfer::shadow::Shadow;
+use fathom_stages::{scene, shadow};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -221,13 +221,13 @@ mod tests {
     #[test]
     fn a_picture_of_more_pixels_than_can_be_counted_is_planned() {
         let file = SceneFile::load("ball").unwrap();
-        let mut tree = crate::parameter::tree(&Params::from(&file));
+        let mut tree = fathom_base::parameter::tree(&Params::from(&file));
         for (path, value) in [
             ("view.width", 1_000_000.into()),
             ("view.height", 1_000_000.into()),
             ("rays.method", "march".into()),
         ] {
-            crate::parameter::set(&mut tree, path, value).unwrap();
+            fathom_base::parameter::set(&mut tree, path, value).unwrap();
         }
         let kind = super::super::PipelineKind::of::<ShadowRays>();
         let plan = (kind.configure)(&tree).unwrap().plan(&Scene::build(&file).unwrap()).unwrap();

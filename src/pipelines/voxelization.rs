@@ -3,18 +3,18 @@
 use std::rc::Rc;
 
 use super::settings::{self, Animation, Method, Update, Voxel};
-use crate::gpu::{GpuError, Stage};
-use crate::scene::{Grid, Scene};
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
-use crate::stages::voxel::clear::{Clear, Cleared};
-use crate::stages::voxel::combine::Combine;
-use crate::stages::voxel::mips::Mips;
-use crate::stages::voxel::slice::Slice;
-use crate::stages::voxel::slicemap::{Axis, Slicemap};
-use crate::stages::voxel::unpack::{Packed, Unpack};
-use crate::stages::voxel::{Part, alpha, overlap};
-use crate::stages::voxels::Voxels;
+use fathom_gpu::{GpuError, Stage};
+use fathom_scene::{Grid, Scene};
+use fathom_stages::geometry::Geometry;
+use fathom_stages::kit::Resources;
+use fathom_stages::voxel::clear::{Clear, Cleared};
+use fathom_stages::voxel::combine::Combine;
+use fathom_stages::voxel::mips::Mips;
+use fathom_stages::voxel::slice::Slice;
+use fathom_stages::voxel::slicemap::{Axis, Slicemap};
+use fathom_stages::voxel::unpack::{Packed, Unpack};
+use fathom_stages::voxel::{Part, alpha, overlap};
+use fathom_stages::voxels::Voxels;
 
 /// Which volumes are made, and when they are filled.
 pub struct Volumes {

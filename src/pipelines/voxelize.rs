@@ -5,16 +5,16 @@ use std::collections::BTreeMap;
 use super::settings::{self, Animation, Update, VIEWPORT, Voxel};
 use super::voxelization::{self, Voxelization};
 use super::{Parameters, Pipeline};
-use crate::gpu::{Gpu, GpuError, Stage, read_buffer, texture_bytes};
-use crate::parameter::ParamError;
-use crate::scene::{Camera, Light, Scene, SceneFile};
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
-use crate::stages::voxel::view::CubeView;
-use crate::stages::voxels::Voxels;
+use fathom_base::parameter::ParamError;
+use fathom_gpu::{Gpu, GpuError, Stage, read_buffer, texture_bytes};
+use fathom_scene::{Camera, Light, Scene, SceneFile};
+use fathom_stages::frame::Shared;
+use fathom_stages::geometry::Geometry;
+use fathom_stages::kit::Resources;
+use fathom_stages::voxel::view::CubeView;
+use fathom_stages::voxels::Voxels;
 
-crate::settings! {
+fathom_base::settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
         /// Pixels of the picture; the volume does not depend on them.
@@ -126,7 +126,7 @@ mod tests {
     fn params(change: impl FnOnce(&mut Params)) -> Result<Params, ParamError> {
         let mut params = Params::from(&SceneFile::load("plane").unwrap());
         change(&mut params);
-        crate::pipelines::read(&crate::parameter::tree(&params))
+        crate::read(&fathom_base::parameter::tree(&params))
     }
 
     #[test]
@@ -148,8 +148,8 @@ mod tests {
         let beyond = |change: &dyn Fn(&mut Params)| -> String {
             let mut params = Params::from(&file);
             change(&mut params);
-            let kind = crate::pipelines::PipelineKind::of::<Voxelize>();
-            let configured = (kind.configure)(&crate::parameter::tree(&params)).unwrap();
+            let kind = crate::PipelineKind::of::<Voxelize>();
+            let configured = (kind.configure)(&fathom_base::parameter::tree(&params)).unwrap();
             configured.plan(&scene).unwrap().demand.check(&limits).unwrap_err()
         };
         let message = beyond(&|p| p.voxel.resolution = 512);

@@ -375,7 +375,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::record::Work;
+    use crate::Work;
 
     fn ceiling(limit: Limit, rate: f64) -> Ceiling {
         let interval = Some(Interval { low: 0.9 * rate, high: 1.1 * rate });
@@ -463,7 +463,7 @@ mod tests {
         let timed = stage(1000.0, Work { texel_fetches: 500, ..Work::default() });
         let of_cpu = StageRecord { clock: Clock::Host, ..timed.clone() };
         assert_eq!(of_cpu.share_of(&ceilings), None);
-        let fenced = crate::record::Fenced {
+        let fenced = crate::Fenced {
             wall_samples_ns: vec![1500.0],
             submit_cost_samples_ns: vec![500.0],
             resolution_ns: 1000.0,

@@ -11,7 +11,7 @@ use serde::{Deserialize, Deserializer, Serialize, de};
 use strum::{Display, EnumString, IntoStaticStr};
 
 use super::{Adapter, ErrorFigure, MachineState, Record, Work, nan};
-use crate::private;
+use fathom_base::private;
 
 /// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
 pub const MOST_LAUNCHES: u32 = 200;

@@ -11,7 +11,7 @@ use super::lines::{
     read_lines_of_this_format,
 };
 use super::{Cell, Outcome, Record, Run, SCHEMA};
-use crate::text;
+use fathom_base::text;
 
 impl Line for Record {
     const SCHEMA: u32 = SCHEMA;

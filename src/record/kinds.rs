@@ -5,7 +5,7 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::private;
+use fathom_base::private;
 
 /// How large an experiment runs.
 #[derive(

@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::Record;
-use crate::folder::{self, Folder};
-use crate::input::{LineEnd, Lines};
-use crate::text;
+use fathom_base::folder::{self, Folder};
+use fathom_base::input::{LineEnd, Lines};
+use fathom_base::text;
 
 /// Damaged lines that are told one by one.
 const MOST_TOLD: usize = 20;

@@ -5,7 +5,7 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::folder::{self, Folder};
+use fathom_base::folder::{self, Folder};
 
 /// Name of the locked file. The system releases the lock when its process ends, however that ends, so a file that a killed
 /// process left behind blocks nobody.

@@ -44,6 +44,3 @@ pub(super) fn map<K: JsonSchema, V: JsonSchema>(generator: &mut SchemaGenerator)
     let (keys, values) = (generator.subschema_for::<K>(), generator.subschema_for::<V>());
     json_schema!({ "type": "object", "propertyNames": keys, "additionalProperties": values })
 }
-
-#[cfg(test)]
-mod tests;

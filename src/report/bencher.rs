@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 
 use super::timed::{cell_name, times};
 use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
-use crate::record::Interval;
+use fathom_record::Interval;
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "bencher",
@@ -61,8 +61,8 @@ fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Record;
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
+    use fathom_record::Record;
 
     /// As Bencher's documentation has it.
     fn schema() -> Value {

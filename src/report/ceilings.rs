@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 
 use super::ReportView;
-use crate::record::ceilings::{Bounded, Ceiling, CeilingShare, binding};
-use crate::record::{Cell, Clock, Run, StageRecord};
+use fathom_record::ceilings::{Bounded, Ceiling, CeilingShare, binding};
+use fathom_record::{Cell, Clock, Run, StageRecord};
 
 /// A stage of a cell and the ceiling that binds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -119,9 +119,9 @@ fn point<'a>(ceilings: &[Ceiling], stage: &'a StageRecord) -> Option<RoofPoint<'
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use crate::record::ceilings::{Basis, Limit, TexelFormat};
-    use crate::record::{Estimate, Record};
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
+    use fathom_record::ceilings::{Basis, Limit, TexelFormat};
+    use fathom_record::{Estimate, Record};
 
     fn ceiling(limit: Limit, rate: f64) -> Ceiling {
         Ceiling { limit, rate: Estimate { median: rate, ..Estimate::default() }, doubling: 2.0 }

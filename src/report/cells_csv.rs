@@ -5,12 +5,12 @@
 use itertools::Itertools;
 
 use super::{Entry, Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
-use crate::record::{
+use fathom_base::statistics::median;
+use fathom_base::text;
+use fathom_record::{
     Estimate, Fenced, Interval, MachineState, Measured, Outcome, StageRecord, Throttling, Work,
     machine,
 };
-use crate::statistics::median;
-use crate::text;
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "csv",
@@ -69,7 +69,7 @@ fn rows(entry: &Entry<'_>, columns: usize) -> Vec<Vec<String>> {
 
 fn cell_fields(entry: &Entry<'_>, status: &str, reason: &str) -> Vec<String> {
     let cell = entry.cell;
-    let run = |field: fn(&crate::record::Run) -> String| entry.run.map(field).unwrap_or_default();
+    let run = |field: fn(&fathom_record::Run) -> String| entry.run.map(field).unwrap_or_default();
     vec![
         cell.experiment.clone(),
         cell.cell.clone(),
@@ -146,8 +146,8 @@ fn estimate_fields(estimate: &Estimate) -> [String; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Record;
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
+    use fathom_record::Record;
 
     #[test]
     fn every_row_has_every_column() {
@@ -180,7 +180,7 @@ mod tests {
             _ => None,
         });
         let state = |throttle| MachineState { throttle, ..MachineState::default() };
-        use crate::record::ThrottleReason::{GpuIdle, SwPowerCap};
+        use fathom_record::ThrottleReason::{GpuIdle, SwPowerCap};
         measured.unwrap().frame.machine = vec![state(vec![GpuIdle]), state(vec![SwPowerCap])];
         let text = export(&ReportView::new(&records, None)).unwrap();
         let mut reader = csv::Reader::from_reader(text.as_bytes());
@@ -208,6 +208,6 @@ mod tests {
             resolution_ns: 5e4,
         });
         assert_eq!(time_fields(stage), ["", "", "", "7", "60000", "50000"]);
-        assert_eq!(crate::report::format::stage_ms(stage), "< 0.0500");
+        assert_eq!(crate::format::stage_ms(stage), "< 0.0500");
     }
 }

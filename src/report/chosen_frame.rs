@@ -2,9 +2,9 @@
 
 use super::timed::cell_name;
 use super::{Entry, ReportError, ReportView};
-use crate::record::{Measured, StageRecord};
-use crate::statistics::median;
-use crate::text;
+use fathom_base::statistics::median;
+use fathom_base::text;
+use fathom_record::{Measured, StageRecord};
 
 /// What is asked for.
 #[derive(Clone, Debug, Default)]
@@ -94,7 +94,7 @@ fn nearest_to_median(envelopes_ns: &[f64]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
 
     fn choice(cell: Option<&str>, frame: Option<usize>) -> FrameChoice {
         FrameChoice { cell: cell.map(str::to_owned), frame }

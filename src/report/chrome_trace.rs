@@ -10,8 +10,8 @@ use serde_json::{Map, Value, json};
 
 use super::timed::cell_name;
 use super::{ChosenFrame, Exporter, OfRun, RunExporter, Written};
-use crate::record::{Clock, PassKind, StageRecord};
-use crate::statistics::median;
+use fathom_base::statistics::median;
+use fathom_record::{Clock, PassKind, StageRecord};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "chrome-trace",

@@ -10,10 +10,11 @@ use serde_json::Value;
 use super::format::{self, percent};
 use super::plots::names;
 use super::{ReportView, Section, trust};
-use crate::experiments::schema::{FIXED_SHARE, Plot, PlotKind};
-use crate::experiments::{self, Measure, Ruling, Scaling, Verdict, groups, scaling};
-use crate::record::{Cell, Estimate, FrameRecord, Interval, Measured, Note, NoteKind, StageRecord};
-use crate::statistics;
+use fathom_base::statistics;
+use fathom_experiments as experiments;
+use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
+use fathom_experiments::{Measure, Ruling, Scaling, Verdict, groups, scaling};
+use fathom_record::{Cell, Estimate, FrameRecord, Interval, Measured, Note, NoteKind, StageRecord};
 
 /// How many claims have each verdict.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -412,8 +413,8 @@ pub fn share(share: &Estimate) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Record;
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
+    use fathom_record::Record;
 
     #[test]
     fn the_tally_counts_every_claim_once() {

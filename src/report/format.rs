@@ -1,7 +1,7 @@
 //! Numbers and tables as text.
 
-use crate::record::{Estimate, Interval, StageRecord};
-use crate::text;
+use fathom_base::text;
+use fathom_record::{Estimate, Interval, StageRecord};
 
 pub const NS_PER_MS: f64 = 1e6;
 

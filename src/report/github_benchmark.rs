@@ -65,7 +65,7 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
 
     #[test]
     fn every_entry_has_what_the_action_asks_for() {

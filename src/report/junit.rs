@@ -17,9 +17,9 @@ use std::fmt::Display;
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
-use crate::experiments::{Ruling, Verdict};
-use crate::record::Outcome;
-use crate::text;
+use fathom_base::text;
+use fathom_experiments::{Ruling, Verdict};
+use fathom_record::Outcome;
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "junit",
@@ -94,7 +94,7 @@ pub fn skipped(message: &str) -> TestCaseStatus {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
 
     fn count(report: &Report, suite: usize, wanted: fn(&TestCaseStatus) -> bool) -> usize {
         let cases = report.test_suites[suite].test_cases.iter();

@@ -19,9 +19,6 @@ mod timed;
 mod trust;
 mod view;
 
-#[cfg(test)]
-pub mod fixtures;
-
 pub use bencher::EXPORTER as BENCHER;
 pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use chosen_frame::{ChosenFrame, FrameChoice};
@@ -30,10 +27,15 @@ pub use github_benchmark::EXPORTER as GITHUB_BENCHMARK;
 pub use junit::EXPORTER as JUNIT;
 pub use page::EXPORTER as PAGE;
 pub use plots::{EXPORTER as PLOTS, ROOFLINES};
+use std::path::Path;
 pub use summary::{EXPORTER as SUMMARY, in_short};
+
+use fathom_record::Record;
+use itertools::Itertools;
+
 pub use view::{Entry, LeftOut, ReportView, Section};
 
-use crate::text;
+use fathom_base::text;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
@@ -126,4 +128,19 @@ impl RunExporter {
             OfRun::Frame(export) => self.one(export(&view.frame(choice)?)),
         })
     }
+}
+
+/// Exporters of runs, in the order in which their files are written.
+pub const OF_RUNS: [RunExporter; 9] =
+    [PLOTS, ROOFLINES, CELLS_CSV, PAGE, SUMMARY, BENCHER, GITHUB_BENCHMARK, JUNIT, CHROME_TRACE];
+
+/// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
+pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>, ReportError> {
+    of_view(&ReportView::new(records, folder)).flatten_ok().collect()
+}
+
+/// The files of one exporter after the other, each made when it is asked for: those of a large run fill memory.
+pub fn of_view(view: &ReportView<'_>) -> impl Iterator<Item = Result<Vec<Artifact>, ReportError>> {
+    let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
+    written.map(|exporter| exporter.run(view, &FrameChoice::default()).map(Exported::files))
 }

@@ -9,7 +9,7 @@ mod scaling;
 use itertools::Itertools;
 
 use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written, facts, page};
-use crate::text;
+use fathom_base::text;
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "markdown",
@@ -63,9 +63,15 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::exporters::of_run as artifacts;
-    use crate::record::{Cell, Definition, Record};
-    use crate::report::fixtures;
+    use crate::FrameChoice;
+    use crate::of_run as artifacts;
+    use fathom_experiments::fixtures;
+    use fathom_record::{Cell, Definition, Record};
+
+    fn written(records: &[Record]) -> String {
+        let page = EXPORTER.run(&ReportView::new(records, None), &FrameChoice::default()).unwrap();
+        String::from_utf8(page.files().remove(0).bytes).unwrap()
+    }
 
     #[test]
     fn the_same_records_give_the_same_bytes() {
@@ -75,7 +81,7 @@ mod tests {
 
     #[test]
     fn the_summary_tells_device_verdicts_and_figures() {
-        let text = fixtures::summary(&fixtures::run());
+        let text = written(&fixtures::run());
         for expected in [
             "# fathom on llvmpipe",
             "software driver",
@@ -92,7 +98,7 @@ mod tests {
 
     #[test]
     fn tables_have_as_many_columns_in_every_row() {
-        let text = fixtures::summary(&fixtures::run());
+        let text = written(&fixtures::run());
         let columns = |line: &str| line.replace("\\|", "").matches('|').count();
         let mut previous: Option<&str> = None;
         for line in text.lines() {
@@ -147,9 +153,9 @@ mod tests {
 
     #[test]
     fn the_summary_of_any_run_has_at_most_200_lines_and_says_what_is_left_out() {
-        let one = fixtures::summary(&fixtures::run());
+        let one = written(&fixtures::run());
         assert!(one.lines().count() <= MOST_LINES, "{}", one.lines().count());
-        let many = fixtures::summary(&many_times(4));
+        let many = written(&many_times(4));
         assert!(many.lines().count() <= MOST_LINES, "{}", many.lines().count());
         assert!(many.matches("more on the [page](index.html)").count() >= 4, "{many}");
     }

@@ -1,8 +1,8 @@
 //! Times of a run's cells under names that stay the same from run to run.
 
 use super::ReportView;
-use crate::record::{Cell, Clock, Estimate, Measured};
-use crate::text;
+use fathom_base::text;
+use fathom_record::{Cell, Clock, Estimate, Measured};
 
 /// The time of a frame or of a stage in one cell.
 pub struct NamedTime {

@@ -6,11 +6,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use itertools::Itertools;
 
 use super::ReportView;
-use crate::record::{
+use fathom_base::statistics;
+use fathom_record::{
     Cell, Clock, Conditions, Estimate, FrameRecord, PassKind, Run, SetUp, ThrottleReason,
     Throttling, machine,
 };
-use crate::statistics;
 
 /// Samples of a cell that the drift is computed from, evenly taken: pairs grow with the square of them.
 const MOST_OF_A_CELL: usize = 50;
@@ -192,8 +192,8 @@ pub fn drift(view: &ReportView<'_>) -> Option<Estimate> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{MachineState, Record};
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
+    use fathom_record::{MachineState, Record};
 
     /// The fixture's run with frame times that grow by a share of their median in a minute.
     fn drifting(per_minute: f64) -> Vec<Record> {
@@ -259,7 +259,7 @@ mod tests {
 
     #[test]
     fn clocks_are_worth_what_the_audit_said() {
-        let mut run = fixtures::header(crate::record::Profile::Quick);
+        let mut run = fixtures::header(fathom_record::Profile::Quick);
         let found = |run: &Run| clocks(run).map(|(_, _, trust)| trust).collect_vec();
         assert_eq!(
             found(&run),

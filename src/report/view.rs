@@ -13,9 +13,10 @@ use serde_json::Value;
 
 use super::colors::StageColors;
 use super::plots::Figure;
-use crate::experiments::{self, CellPlan, Experiment, Ruling, label_text};
-use crate::folder::Folder;
-use crate::record::{Cell, Clock, Damaged, End, Measured, Picture, Profile, Record, Run};
+use fathom_base::folder::Folder;
+use fathom_experiments as experiments;
+use fathom_experiments::{CellPlan, Experiment, Ruling, label_text};
+use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Profile, Record, Run};
 
 #[derive(Default)]
 pub struct ReportView<'a> {

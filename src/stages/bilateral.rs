@@ -5,9 +5,9 @@ use glam::Vec2;
 use super::frame::Shared;
 use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use super::{Column, Output, OutputData, Stage, StageInfo};
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
 use crate::shader_struct;
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 /// Format of ambient-occlusion buffers: visibility 1 − A, 1 where nothing was drawn.
 pub const VISIBILITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;

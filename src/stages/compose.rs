@@ -4,11 +4,11 @@ use glam::Vec2;
 
 use super::gbuffer::GbufferTextures;
 use super::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
-use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
+use crate::frame::Shared;
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "compose",

@@ -1,7 +1,7 @@
 //! Counters that a shader adds to, for figures of a frame that is run once more to count.
 
 use super::kit::{Bind, Buffer, Resources};
-use crate::gpu::{Gpu, GpuError, read_buffer};
+use fathom_gpu::{Gpu, GpuError, read_buffer};
 
 /// Partial sums of each counter, so that fragments do not queue for one.
 const SLOTS: usize = 64;

@@ -6,10 +6,10 @@ use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 use super::kit::{Bind, Buffer, Group, Resources, host_bytes};
 use super::photon::PhotonEnergy;
 use super::{Stage, StageInfo};
-use crate::gpu::StageScope;
-use crate::record::Work;
-use crate::scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
 use crate::shader_struct;
+use fathom_gpu::StageScope;
+use fathom_record::Work;
+use fathom_scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
 
 pub const INFO: StageInfo = StageInfo {
     name: "frame",

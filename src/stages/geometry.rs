@@ -6,8 +6,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 use super::kit::{Buffer, Resources};
-use crate::scene::{Material, Object, Optics, Scene};
 use crate::shader_struct;
+use fathom_scene::{Material, Object, Optics, Scene};
 
 /// Host twin of `SceneVertex` in `shaders/shared/surface.wgsl`.
 #[repr(C)]

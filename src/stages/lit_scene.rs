@@ -4,8 +4,8 @@ use super::frame::Shared;
 use super::geometry::Geometry;
 use super::kit::{Bind, Group, Resources, ScenePass};
 use super::{Column, Output, Stage, StageInfo};
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub struct LitScene {
     info: &'static StageInfo,

@@ -3,9 +3,9 @@
 use super::frame::Shared;
 use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use super::{Column, Output, Stage, StageInfo};
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
 use crate::shader_struct;
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 shader_struct! {
     /// `Filter` in `shaders/godrays/filter.wgsl`.

@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 use super::kit::{Bind, Buffer, Group, Resources};
 use super::slices::{Slice, most_turns, slices};
 use super::voxels::Voxels;
-use crate::gpu::GpuError;
-use crate::scene::Grid;
 use crate::shader_struct;
+use fathom_gpu::GpuError;
+use fathom_scene::Grid;
 
 /// ρ(d) on (0, r_max]. VAO Eq. 1 leaves it open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -20,6 +20,8 @@ pub enum Attenuation {
     Hard,
 }
 
+fathom_base::choices!(Attenuation);
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Estimator {
@@ -28,6 +30,8 @@ pub enum Estimator {
     /// Mean of (n·r) ρ over directions uniform in the hemisphere: VAO §3 step 3c, half of Eq. 1.
     Paper,
 }
+
+fathom_base::choices!(Estimator);
 
 /// Where the first sample of a ray lies. VAO §5.1, Fig. 3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,6 +47,8 @@ pub enum Guard {
     Variable,
 }
 
+fathom_base::choices!(Guard);
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Step {
@@ -51,6 +57,8 @@ pub enum Step {
     /// A number of voxels, as often as r_max holds it.
     Voxel,
 }
+
+fathom_base::choices!(Step);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -61,6 +69,8 @@ pub enum Sampling {
     Stratified,
 }
 
+fathom_base::choices!(Sampling);
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Storage {
@@ -70,6 +80,8 @@ pub enum Storage {
     Bits,
 }
 
+fathom_base::choices!(Storage);
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Occluder {
@@ -78,6 +90,8 @@ pub enum Occluder {
     /// Samples are opacities and are gathered along the ray: Eq. 7 with Eq. 4's rejection, no ρ.
     Opacity,
 }
+
+fathom_base::choices!(Occluder);
 
 /// Where a hit is taken to lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -91,6 +105,8 @@ pub enum Hit {
     /// a high threshold over less than a step.
     Peak,
 }
+
+fathom_base::choices!(Hit);
 
 /// How rays are marched.
 #[derive(Clone, Debug, PartialEq)]
@@ -289,8 +305,8 @@ impl MarchPasses {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::embedded::{Folders, SHADERS};
-    use crate::gpu::link;
+    use fathom_base::embedded::{Folders, SHADERS};
+    use fathom_gpu::link;
 
     fn marching() -> Marching {
         Marching {

@@ -1,7 +1,7 @@
 //! Stages: the units that are timed. Each has a file with the same stem as its shader.
 //!
 //! A stage is made from the typed resources of earlier stages. It encodes its passes through the
-//! [`StageScope`](crate::gpu::StageScope), which writes the timestamps, and declares its work.
+//! [`StageScope`](fathom_gpu::StageScope), which writes the timestamps, and declares its work.
 
 pub mod ao;
 pub mod bilateral;
@@ -41,7 +41,7 @@ pub mod voxel;
 pub mod voxels;
 pub mod water;
 
-pub use crate::gpu::{Column, Output, OutputData, ReadRow, Stage, StageInfo};
+pub use fathom_gpu::{Column, Output, OutputData, ReadRow, Stage, StageInfo};
 
 /// Every stage, in frame order. Adding a stage adds one line.
 pub const REGISTRY: &[StageInfo] = &[
@@ -105,3 +105,67 @@ pub const REGISTRY: &[StageInfo] = &[
     scalar::direct::INFO,
     scalar::positional::INFO,
 ];
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::{Path, PathBuf};
+
+    use itertools::Itertools;
+
+    /// Folders that are no family: what all of them share.
+    const SHARED: [&str; 2] = ["kit", "scalar_field"];
+
+    fn entries(folder: &Path) -> Vec<PathBuf> {
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).sorted().collect()
+    }
+
+    fn name(path: &Path) -> &str {
+        path.file_stem().unwrap().to_str().unwrap()
+    }
+
+    /// Modules of this crate that a file imports, by `crate::NAME` or in a list `crate::{NAME::…, NAME}`.
+    fn imported(text: &str) -> Vec<String> {
+        let code = text.lines().filter(|line| !line.trim_start().starts_with("//")).join("\n");
+        let mut names = Vec::new();
+        for after in code.replace("super::super::", "crate::").split("crate::").skip(1) {
+            let mut depth = 0;
+            let list = after.strip_prefix('{').map(|list| {
+                list.split(|c: char| {
+                    depth += i32::from(c == '{') - i32::from(c == '}');
+                    depth < 0 || depth == 0 && c == ','
+                })
+            });
+            let first = |path: &str| -> String {
+                path.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
+            };
+            match list {
+                Some(mut list) => {
+                    names.extend(list.by_ref().take_while(|p| !p.starts_with(';')).map(first))
+                }
+                None => names.push(first(after)),
+            }
+        }
+        names
+    }
+
+    #[test]
+    fn no_stage_imports_a_stage_of_another_family() {
+        let source = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let folders = entries(source).into_iter().filter(|path| path.is_dir());
+        let families: Vec<PathBuf> = folders.filter(|path| !SHARED.contains(&name(path))).collect();
+        assert!(families.len() >= 15, "{families:?}");
+        for family in &families {
+            for file in entries(family) {
+                let imported = imported(&fs::read_to_string(&file).unwrap());
+                let other = families.iter().filter(|other| *other != family).map(|path| name(path));
+                for other in other {
+                    let found = imported.iter().any(|import| import == other);
+                    assert!(!found, "{} imports from the family `{other}`", file.display());
+                }
+            }
+        }
+        let text = "use crate::{kit::{self, Pass}, sprites::compose};\n// crate::ao\nuse crate::post::luminance;\n";
+        assert_eq!(imported(text), ["kit", "sprites", "post"]);
+    }
+}

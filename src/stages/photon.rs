@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use super::frame::{Shared, View};
 use super::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use super::{Column, Output, OutputData, Stage, StageInfo};
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::scene::LightKind;
 use crate::shader_struct;
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
+use fathom_scene::LightKind;
 
 shader_struct! {
     /// A traced photon: `Photon` in `shaders/shared/photon.wgsl`, metres.
@@ -132,6 +132,8 @@ pub enum PhotonEstimator {
     /// The iteration of Shah and Konttinen, as in the paper. It diverges in slanted light.
     Paper,
 }
+
+fathom_base::choices!(PhotonEstimator);
 
 /// Most steps of a search, and most crossings of a ray that are refined, as in `shaders/shared/estimator.wgsl`.
 const MOST_STEPS: u32 = 128;

@@ -7,9 +7,9 @@ use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use super::scalar_field::ScalarField;
 use super::slices::{Slice, most_turns, slices};
 use super::{Column, Output, Stage, StageInfo};
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
 use crate::shader_struct;
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 shader_struct! {
     /// `March` in `shaders/shared/ray_cast.wgsl`.

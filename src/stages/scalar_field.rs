@@ -5,9 +5,9 @@ mod pyramid;
 use glam::{DVec3, Vec3};
 
 use super::kit::{Buffer, Resources};
-use crate::gpu::texture_bytes;
-use crate::scene::Volume;
 use crate::shader_struct;
+use fathom_gpu::texture_bytes;
+use fathom_scene::Volume;
 
 shader_struct! {
     /// `Field` in `shaders/shared/scalar_field.wgsl`.

@@ -7,9 +7,18 @@ use super::frame::Shared;
 use super::gbuffer::GbufferTextures;
 use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use super::{Output, Stage, StageInfo};
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
 use crate::shader_struct;
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
+
+/// Shafts of light over a picture.
+#[derive(Clone, Copy)]
+pub struct Shafts<'a> {
+    /// What they add up to in each pixel, W.
+    pub flux: &'a wgpu::Texture,
+    /// Radiance for each W in a pixel, 1/(m² sr).
+    pub scale: f64,
+}
 
 shader_struct! {
     /// `Compose` in the shaders.

@@ -7,10 +7,10 @@ use super::frame::Shared;
 use super::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use super::photon::{Photon, Photons};
 use super::{Column, Output, OutputData, Stage, StageInfo};
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::scene::Bounds;
 use crate::shader_struct;
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
+use fathom_scene::Bounds;
 
 shader_struct! {
     /// A texel of the transfer map: `Transfer` in `shaders/shared/transfer.wgsl`, metres.
@@ -141,6 +141,8 @@ pub enum HitTest {
     /// The ray passes through the tangent plane of a layer's texel.
     Crossing,
 }
+
+fathom_base::choices!(HitTest);
 
 /// How rays are walked.
 #[derive(Clone, Copy, Debug, PartialEq)]

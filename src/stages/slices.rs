@@ -1,7 +1,7 @@
 //! Long loops in several passes: an invocation makes at most [`MOST_LOOP_TURNS`] turns.
 
-use crate::gpu::MOST_LOOP_TURNS;
 use crate::shader_struct;
+use fathom_gpu::MOST_LOOP_TURNS;
 
 shader_struct! {
     /// `Slice` in `shaders/shared/slice.wgsl`: the turns of one pass.
@@ -34,8 +34,8 @@ mod tests {
     use wgpu::naga::{Block, Statement};
 
     use super::*;
-    use crate::embedded::{Folders, SHADERS};
-    use crate::gpu::{default_defs, link, shader_paths};
+    use fathom_base::embedded::{Folders, SHADERS};
+    use fathom_gpu::{default_defs, link, shader_paths};
 
     /// Every shader with loops, and what keeps the turns of an invocation below [`MOST_LOOP_TURNS`].
     const HELD: &[(&str, &str)] = &[

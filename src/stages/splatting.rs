@@ -5,8 +5,8 @@ use super::frame::Shared;
 use super::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
 use super::photon::Photons;
 use super::{Column, Output, Stage, StageInfo};
-use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
+use fathom_gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 /// Photons drawn by one instance of the index pattern: 16,384 vertices, so that 16-bit indices do, and few instances
 /// even for millions of photons.

@@ -3,8 +3,8 @@
 use glam::{UVec3, Vec3};
 
 use super::kit::{Buffer, Resources};
-use crate::scene::Grid;
 use crate::shader_struct;
+use fathom_scene::Grid;
 
 shader_struct! {
     /// `Grid` in `shaders/shared/voxels.wgsl`.

@@ -11,8 +11,9 @@ use fathom::compare::launch::{
     Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
 };
 use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
-use fathom::compare::rounds::{self, Before, RoleFault, Schedule, WorkerRole};
+use fathom::compare::rounds::{self, Before, RoleFault, WorkerRole};
 use fathom::compare::time;
+use fathom::gates::schedule::Schedule;
 use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Launch, Pair, Side};
 use serde_json::{Map, json};
 

@@ -582,7 +582,7 @@ fn counted(name: &str) -> Option<(StoredComparison, String)> {
 fn equal_builds_execute_equally_many_instructions() {
     let name = "pool godrays/trace";
     let Some((comparison, page)) = counted(name) else { return };
-    let ratio = fathom::compare::instructions::judge(&comparison)[&cell(name)].ratio;
+    let ratio = fathom::gates::counts::judge(&comparison)[&cell(name)].ratio;
     let threshold = comparison.header.settings.instruction_threshold;
     assert!((ratio - 1.0).abs() < threshold, "{ratio}");
     assert!(page.contains("no regression"));

@@ -1,7 +1,7 @@
 //! Reports of many cells: what they allocate grows with the cells and not with their square.
 
-use fathom::exporters::of_run as artifacts;
 use fathom::record::{Cell, Definition, Outcome, Record};
+use fathom::report::of_run as artifacts;
 use serde_json::{Map, json};
 
 use super::memory::allocated_by;

@@ -159,7 +159,7 @@ fn records() {
     fuzz_file("records.jsonl", seeds::records(), |path| {
         let read = told(record::read(path))?;
         let view = ReportView::new(&read.records, None);
-        for exporter in exporters::OF_RUNS {
+        for exporter in fathom::report::OF_RUNS {
             match exporter.run(&view, &FrameChoice::default()) {
                 Ok(_) | Err(ReportError::NoFrames) => {}
                 Err(error) => return Err(error.to_string()),

@@ -1,5 +1,5 @@
 use super::*;
-use crate::record::comparison::{Launch, Pair};
+use fathom_record::comparison::{Launch, Pair};
 
 fn fault(launch: u32, cell: &CellId, control: bool) -> Compared {
     let fault = Fault::new(Gate::Time, Some(Side::Head), Some(cell.clone()), "gone");

@@ -3,7 +3,7 @@ use std::convert::Infallible;
 use itertools::Itertools;
 
 use super::*;
-use crate::compare::protocol::RequestKind;
+use crate::protocol::RequestKind;
 
 /// Workers whose cells take 1 ms on the base and 2 ms on the head, and which fail as asked.
 #[derive(Default)]

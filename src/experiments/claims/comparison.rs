@@ -1,8 +1,8 @@
 //! The rule of evidence: figures against the bands that they must lie in.
 
 use super::{ALPHA, Verdict};
-use crate::experiments::measure::Reading;
-use crate::statistics::{self, Interval};
+use crate::measure::Reading;
+use fathom_base::statistics::{self, Interval};
 
 /// Figures that a reason names one by one.
 const MOST_NAMED: usize = 3;

@@ -5,10 +5,10 @@ use serde_json::{Map, Value};
 
 use super::comparison::Comparison;
 use super::{Tested, read_positive, too_few};
-use crate::experiments::expand::label_text;
-use crate::experiments::measure::{self, Measure, Reading};
-use crate::experiments::schema::Direction;
-use crate::record::Cell;
+use crate::expand::label_text;
+use crate::measure::{self, Measure, Reading};
+use crate::schema::Direction;
+use fathom_record::Cell;
 
 /// More than 1 by the least step: what rises is more than what it rises from.
 const ABOVE_ONE: [f64; 2] = [1.0 + f64::EPSILON, f64::INFINITY];

@@ -6,9 +6,9 @@ use std::collections::HashSet;
 
 use super::comparison::{Comparison, Figure};
 use super::{Tested, in_ms, too_few};
-use crate::experiments::measure::{Measure, Reading, Sample};
-use crate::record::Cell;
-use crate::statistics::{Interval, Slope, log_log_slope};
+use crate::measure::{Measure, Reading, Sample};
+use fathom_base::statistics::{Interval, Slope, log_log_slope};
+use fathom_record::Cell;
 
 /// Points that a slope is fitted to; of more, as many are taken. Each fit looks at every pair of them.
 const MOST_POINTS: usize = 64;

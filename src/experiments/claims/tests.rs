@@ -6,9 +6,9 @@ use serde_json::{Map, Value, json};
 
 use super::Verdict::{Contradicted, Inconclusive, NotRun, Supported};
 use super::*;
-use crate::record::{Clock, Fenced, FrameRecord, Measured, Outcome, Work};
-use crate::report::fixtures::{noisy, timed};
-use crate::statistics;
+use crate::fixtures::{noisy, timed};
+use fathom_base::statistics;
+use fathom_record::{Clock, Fenced, FrameRecord, Measured, Outcome, Work};
 
 /// A cell with one axis, one stage and one quantity; the frame takes as long as the stage.
 fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {

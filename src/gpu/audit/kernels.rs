@@ -1,10 +1,10 @@
 //! The kernels of the audit: a pass of each kind whose work is known.
 
-use crate::gpu::frame::{ColorTarget, StageScope, Targets};
-use crate::gpu::shader::compilation_options;
-use crate::gpu::{Gpu, GpuError};
-use crate::gpu::{Stage, StageInfo};
-use crate::record::PassKind;
+use crate::frame::{ColorTarget, StageScope, Targets};
+use crate::shader::compilation_options;
+use crate::{Gpu, GpuError};
+use crate::{Stage, StageInfo};
+use fathom_record::PassKind;
 
 /// Edge of the render kernel's target in pixels, and invocations of the compute kernel.
 const TARGET_EDGE: u32 = 256;

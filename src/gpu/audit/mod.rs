@@ -33,8 +33,8 @@ use self::verdict::{Audited, Series, factor, judge, median};
 use super::Stage;
 use super::frame::{ClockPlan, FrameSample, FrameTimer, HostClock, Probe, StageSample, SubmitCost};
 use super::{Gpu, GpuError};
-use crate::record::{AuditRow, Clock, PassKind, Surrounding};
-use crate::statistics;
+use fathom_base::statistics;
+use fathom_record::{AuditRow, Clock, PassKind, Surrounding};
 
 pub use self::turns::{MOST_LOOP_TURNS, loop_turns, turns_line};
 

@@ -1,9 +1,9 @@
 //! How many turns of its loops an adapter lets an invocation make.
 
-use crate::gpu::readback::read_buffer;
-use crate::gpu::shader::compilation_options;
-use crate::gpu::{Gpu, GpuError};
-use crate::record::LoopTurns;
+use crate::readback::read_buffer;
+use crate::shader::compilation_options;
+use crate::{Gpu, GpuError};
+use fathom_record::LoopTurns;
 
 /// Turns that all loops of an invocation make together at most, in any stage on any adapter: what needs more is cut into several
 /// passes or refused. llvmpipe ends the loops of an invocation after 65,535 turns, and tells nobody: `LP_MAX_TGSI_LOOP_ITERATIONS` in
@@ -97,7 +97,7 @@ fn state_after(turns: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::Options;
+    use crate::Options;
 
     #[test]
     fn the_turns_of_this_adapter_are_found() {

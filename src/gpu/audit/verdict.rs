@@ -1,8 +1,8 @@
 //! What the audit makes of its measurements.
 
 use super::LEVELS;
-use crate::record::{AuditRow, Clock, PassKind, Surrounding};
-use crate::statistics;
+use fathom_base::statistics;
+use fathom_record::{AuditRow, Clock, PassKind, Surrounding};
 
 /// Timestamp over host time at which a clock is sound: within this factor of 1 either way. The lies known
 /// of drivers read 0 or a half. What a submission with work costs beyond an empty one is left in the host's

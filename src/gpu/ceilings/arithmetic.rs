@@ -3,10 +3,10 @@
 use super::invocations::{Answer, Code, Invocations, floats, invocations, uniform, write_turns};
 use super::kernel::{Kernel, all_are};
 use super::raster;
-use crate::gpu::frame::{ColorTarget, StageScope, Targets};
-use crate::gpu::readback::read_texture;
-use crate::gpu::shader::compilation_options;
-use crate::gpu::{Gpu, GpuError, MOST_LOOP_TURNS};
+use crate::frame::{ColorTarget, StageScope, Targets};
+use crate::readback::read_texture;
+use crate::shader::compilation_options;
+use crate::{Gpu, GpuError, MOST_LOOP_TURNS};
 
 /// Shader of both.
 const PATH: &str = "ceilings/arithmetic";

@@ -2,8 +2,8 @@
 
 use super::invocations::{Answer, Code, Invocations, invocations, words};
 use super::kernel::all_are;
-use crate::gpu::{Gpu, GpuError};
-use crate::record::ceilings::Addresses;
+use crate::{Gpu, GpuError};
+use fathom_record::ceilings::Addresses;
 
 /// Adds of an invocation in a turn.
 const ADDS: u32 = 8;

@@ -7,10 +7,10 @@ use serde::Serialize;
 
 use super::kernel;
 use super::{ROUNDS, Stand};
-use crate::gpu::frame::ClockPlan;
-use crate::gpu::{Gpu, GpuError};
-use crate::record::ceilings::Limit;
-use crate::statistics::{Estimate, estimate, ratio_estimate};
+use crate::frame::ClockPlan;
+use crate::{Gpu, GpuError};
+use fathom_base::statistics::{Estimate, estimate, ratio_estimate};
+use fathom_record::ceilings::Limit;
 
 /// Pairs of samples: an interval of their ratio.
 const PAIRS: usize = 2 * ROUNDS;

@@ -1,10 +1,10 @@
 //! Kernels of a compute pass: each invocation does its turns and leaves a result.
 
 use super::kernel::{Kernel, buffer, clear};
-use crate::gpu::frame::StageScope;
-use crate::gpu::readback::read_buffer;
-use crate::gpu::shader::compilation_options;
-use crate::gpu::{Gpu, GpuError, MOST_LOOP_TURNS};
+use crate::frame::StageScope;
+use crate::readback::read_buffer;
+use crate::shader::compilation_options;
+use crate::{Gpu, GpuError, MOST_LOOP_TURNS};
 
 pub(super) const GROUP_SIZE: u32 = 64;
 /// Invocations: enough to hide latencies.

@@ -1,9 +1,9 @@
 //! What kernels share: the trait, resources, and which one belongs to a limit.
 
-use crate::gpu::frame::StageScope;
-use crate::gpu::{Gpu, GpuError, Stage, StageInfo};
-use crate::record::PassKind;
-use crate::record::ceilings::{Limit, TexelFormat};
+use crate::frame::StageScope;
+use crate::{Gpu, GpuError, Stage, StageInfo};
+use fathom_record::PassKind;
+use fathom_record::ceilings::{Limit, TexelFormat};
 
 use super::memory::{Clear, Copy};
 use super::pass::EmptyPasses;

@@ -2,9 +2,9 @@
 
 use super::invocations::{Answer, Code, GROUP_SIZE, Invocations, invocations, words};
 use super::kernel::{Kernel, buffer, clear};
-use crate::gpu::frame::StageScope;
-use crate::gpu::readback::read_buffer;
-use crate::gpu::{Gpu, GpuError};
+use crate::frame::StageScope;
+use crate::readback::read_buffer;
+use crate::{Gpu, GpuError};
 
 /// What buffers are filled with: a block of consecutive words over and over.
 const BLOCK_WORDS: u32 = 1 << 12;

@@ -21,9 +21,9 @@ pub use cpu_copy::{CopyCheck, compare_copies};
 use self::kernel::{Kernel, Timing};
 use super::frame::{ClockPlan, FrameTimer};
 use super::{Gpu, GpuError};
-use crate::record::PassKind;
-use crate::record::ceilings::{Addresses, Blending, Ceiling, Limit, SmallPrimitive, TexelFormat};
-use crate::statistics::{estimate, median};
+use fathom_base::statistics::{estimate, median};
+use fathom_record::PassKind;
+use fathom_record::ceilings::{Addresses, Blending, Ceiling, Limit, SmallPrimitive, TexelFormat};
 
 /// Length of a pass with N work: on a software adapter, and on a GPU. Long beside the jitter of a submission.
 const SOFTWARE_PASS_NS: f64 = 3e6;

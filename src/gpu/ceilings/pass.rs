@@ -1,11 +1,11 @@
 //! Passes that do next to nothing.
 
 use super::kernel::{Kernel, Timing, buffer, clear};
-use crate::gpu::frame::{ColorTarget, StageScope, Targets};
-use crate::gpu::readback::read_buffer;
-use crate::gpu::shader::compilation_options;
-use crate::gpu::{Gpu, GpuError};
-use crate::record::PassKind;
+use crate::frame::{ColorTarget, StageScope, Targets};
+use crate::readback::read_buffer;
+use crate::shader::compilation_options;
+use crate::{Gpu, GpuError};
+use fathom_record::PassKind;
 
 const WORD: u64 = wgpu::COPY_BUFFER_ALIGNMENT;
 

@@ -1,11 +1,11 @@
 //! Kernels that draw: fill and small primitives.
 
 use super::kernel::{Kernel, all_are, format, is_unorm};
-use crate::gpu::frame::{ColorTarget, DepthTarget, StageScope, Targets};
-use crate::gpu::readback::read_texture;
-use crate::gpu::shader::compilation_options;
-use crate::gpu::{Gpu, GpuError};
-use crate::record::ceilings::{Blending, SmallPrimitive, TexelFormat};
+use crate::frame::{ColorTarget, DepthTarget, StageScope, Targets};
+use crate::readback::read_texture;
+use crate::shader::compilation_options;
+use crate::{Gpu, GpuError};
+use fathom_record::ceilings::{Blending, SmallPrimitive, TexelFormat};
 
 /// Edge of the target of fill in pixels: a pass takes much longer than its beginning and end.
 const SOFTWARE_EDGE: u32 = 512;

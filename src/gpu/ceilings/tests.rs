@@ -1,6 +1,6 @@
 use super::kernel::{Turns, check};
 use super::*;
-use crate::gpu::Options;
+use crate::Options;
 
 /// Runs fewer turns than the CPU is told of.
 fn skips(gpu: &Gpu, kernel: &dyn Kernel, run: u32, told: u32) -> bool {

@@ -2,8 +2,8 @@
 
 use super::invocations::{Answer, Code, Invocations, floats, invocations};
 use super::kernel::{all_are, format, is_unorm};
-use crate::gpu::{Gpu, GpuError};
-use crate::record::ceilings::TexelFormat;
+use crate::{Gpu, GpuError};
+use fathom_record::ceilings::TexelFormat;
 
 /// Edge of the textures in texels: small enough for the first caches.
 const EDGE: u32 = 64;

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::host_clock::HostClock;
-use crate::record::{Clock, PassKind};
+use fathom_record::{Clock, PassKind};
 
 /// The clock for each kind of pass, as the audit found it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -53,7 +53,7 @@ pub(super) fn process_ns() -> Option<f64> {
 mod tests {
     use super::*;
 
-    const CHILD: &str = "gpu::frame::host_clock::tests::child_that_waits";
+    const CHILD: &str = "frame::host_clock::tests::child_that_waits";
 
     #[test]
     #[ignore = "run by `waiting_takes_wall_time_and_no_cpu_time`, in a process where nothing else runs"]

@@ -13,9 +13,9 @@ use std::collections::{BTreeMap, VecDeque};
 
 use super::host_clock::HostClock;
 use super::probe::Probe;
-use crate::gpu::{Gpu, GpuError};
-use crate::record::PassKind;
-use crate::statistics::{MAD_TO_SIGMA, median};
+use crate::{Gpu, GpuError};
+use fathom_base::statistics::{MAD_TO_SIGMA, median};
+use fathom_record::PassKind;
 
 /// Number of latest costs. Their median is subtracted, their scatter gives the resolution. They come from some six frames, so
 /// that a machine that becomes busy is noticed soon. Nine were too few: on a busy machine, bursts in which the process waits for a core
@@ -38,13 +38,13 @@ pub(crate) type Submissions = BTreeMap<PassKind, u32>;
 
 /// The latest costs of a submission, by kind of pass.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct CostMeter {
+pub struct CostMeter {
     latest: BTreeMap<PassKind, VecDeque<f64>>,
 }
 
 impl CostMeter {
     /// Adds the host time of a smallest pass, ns.
-    pub(crate) fn push(&mut self, kind: PassKind, ns: f64) {
+    pub fn push(&mut self, kind: PassKind, ns: f64) {
         let latest = self.latest.entry(kind).or_default();
         if latest.len() == WINDOW {
             latest.pop_front();
@@ -57,7 +57,7 @@ impl CostMeter {
     }
 
     /// What a submission of this kind costs now, ns; none where it was never measured.
-    pub(crate) fn cost_ns(&self, kind: PassKind) -> Option<f64> {
+    pub fn cost_ns(&self, kind: PassKind) -> Option<f64> {
         let latest = self.latest.get(&kind)?;
         Some(median(&Vec::from_iter(latest.iter().copied())))
     }
@@ -74,7 +74,7 @@ impl CostMeter {
 
     /// The duration below which a stage of so many submissions is indistinguishable from one that takes no time, ns. Each submission
     /// scatters independently; the error of the subtracted cost is common to all of a kind.
-    pub(crate) fn resolution_ns(&self, submissions: &Submissions) -> f64 {
+    pub fn resolution_ns(&self, submissions: &Submissions) -> f64 {
         let variance = |(kind, count): (&PassKind, &u32)| {
             let count = f64::from(*count);
             self.sigma_ns(*kind).powi(2) * (count + count.powi(2) * MEDIAN_VARIANCE)

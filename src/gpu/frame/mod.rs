@@ -21,8 +21,7 @@ mod timer;
 
 pub use clock::{ClockPlan, SubmitCost};
 pub use host_clock::HostClock;
-#[cfg(test)]
-pub(crate) use meter::CostMeter;
+pub use meter::CostMeter;
 pub(super) use probe::Probe;
 pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Recorder};

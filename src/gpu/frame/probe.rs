@@ -1,9 +1,9 @@
 //! The smallest pass of each kind. The host time of a submission that holds nothing else is the cost of a submission.
 
 use super::host_clock::HostClock;
-use crate::gpu::shader::compilation_options;
-use crate::gpu::{Gpu, GpuError};
-use crate::record::PassKind;
+use crate::shader::compilation_options;
+use crate::{Gpu, GpuError};
+use fathom_record::PassKind;
 
 /// Invocations of the smallest compute pass: one workgroup.
 const GROUP_SIZE: u32 = 64;
@@ -13,7 +13,7 @@ const ITERATIONS: u32 = 1;
 const UNIFORM_BYTES: u64 = 16;
 
 /// Pipelines and resources of the smallest passes.
-pub(in crate::gpu) struct Probe {
+pub(crate) struct Probe {
     compute: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
     target: wgpu::TextureView,
@@ -21,7 +21,7 @@ pub(in crate::gpu) struct Probe {
 }
 
 impl Probe {
-    pub(in crate::gpu) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         use wgpu::BufferUsages as Usage;
         let shader = gpu.shader("audit/kernels", &kernel_definitions())?;
         gpu.scoped(|| {
@@ -41,7 +41,7 @@ impl Probe {
     }
 
     /// Time in ns, by this clock, from the submission to the fence of the smallest pass of this kind.
-    pub(in crate::gpu) fn time(
+    pub(crate) fn time(
         &self,
         gpu: &Gpu,
         kind: PassKind,

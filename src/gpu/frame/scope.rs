@@ -3,8 +3,8 @@
 use super::clock::ClockPlan;
 use super::host_clock::{HostClock, process_ns};
 use super::meter::Metering;
-use crate::gpu::{Gpu, GpuError, Stage};
-use crate::record::{Clock, PassKind};
+use crate::{Gpu, GpuError, Stage};
+use fathom_record::{Clock, PassKind};
 use std::ops::Range;
 
 /// WebGPU's largest query set.
@@ -52,7 +52,7 @@ pub struct StageScope<'a> {
 
 /// What is done to a frame's passes.
 #[derive(Clone, Copy)]
-pub(in crate::gpu) enum Mode<'a> {
+pub(crate) enum Mode<'a> {
     /// Each is timed by the plan's clock for its kind.
     Timed { plan: &'a ClockPlan, sets: &'a [wgpu::QuerySet], max_passes: u32 },
     /// All in one command buffer, nothing is timed.
@@ -62,11 +62,11 @@ pub(in crate::gpu) enum Mode<'a> {
 }
 
 /// One pass of an encoded frame.
-pub(in crate::gpu) struct Pass {
-    pub(in crate::gpu) stage: usize,
+pub(crate) struct Pass {
+    pub(crate) stage: usize,
     pub(super) kind: PassKind,
     /// The number of its pair of timestamps, or of its statistics.
-    pub(in crate::gpu) query: Option<u32>,
+    pub(crate) query: Option<u32>,
 }
 
 /// One command buffer of an encoded frame, and which of the frame's passes it holds.
@@ -84,15 +84,15 @@ pub(super) struct HostWork {
 
 /// A frame as it is being encoded. Kept from frame to frame for its allocations.
 #[derive(Default)]
-pub(in crate::gpu) struct Recorder {
+pub(crate) struct Recorder {
     clock: HostClock,
     encoder: Option<wgpu::CommandEncoder>,
     segments: Vec<Segment>,
-    pub(in crate::gpu) passes: Vec<Pass>,
+    pub(crate) passes: Vec<Pass>,
     pub(super) host: Vec<HostWork>,
     /// Passes before the open encoder's first.
     closed: usize,
-    pub(in crate::gpu) queries: u32,
+    pub(crate) queries: u32,
     /// The frame needed more queries than there are.
     overflow: bool,
 }
@@ -104,7 +104,7 @@ impl Recorder {
     }
 
     /// Encodes a whole frame.
-    pub(in crate::gpu) fn record(
+    pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         mode: Mode<'_>,
@@ -158,7 +158,7 @@ impl Recorder {
     }
 
     /// Submits all segments at once and waits for them.
-    pub(in crate::gpu) fn run(&mut self, gpu: &Gpu) -> Result<HostTime, GpuError> {
+    pub(crate) fn run(&mut self, gpu: &Gpu) -> Result<HostTime, GpuError> {
         self.flush_host_writes(gpu)?;
         let before_ns = process_ns();
         let start_ns = HostClock::Wall.now_ns();

@@ -7,9 +7,9 @@ use super::clock::ClockPlan;
 use super::host_clock::HostClock;
 use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
-use crate::gpu::readback::map;
-use crate::gpu::{Gpu, GpuError, Stage};
-use crate::record::{Clock, FaultKind, PassKind};
+use crate::readback::map;
+use crate::{Gpu, GpuError, Stage};
+use fathom_record::{Clock, FaultKind, PassKind};
 
 const TICK_BYTES: u64 = size_of::<u64>() as u64;
 /// A timestamp duration may exceed its segment's wall time by this factor: two clocks differ by about as much.

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use super::sysfs::{sensor, text};
-use crate::record::{MachineState, ThrottleReason};
+use fathom_record::{MachineState, ThrottleReason};
 
 /// The state of the card in this folder.
 pub fn state(card: &Path) -> MachineState {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use super::sysfs::number;
-use crate::record::{MachineState, ThrottleReason};
+use fathom_record::{MachineState, ThrottleReason};
 
 /// Where Linux lists cores.
 pub const CPUS: &str = "/sys/devices/system/cpu";

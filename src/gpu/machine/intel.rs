@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::sysfs::{number, sensor};
-use crate::record::{MachineState, ThrottleReason};
+use fathom_record::{MachineState, ThrottleReason};
 
 /// Causes as both drivers name them. PL4 stands for the peak of power and for the current, VR for the voltage regulator,
 /// RATL for the running average of the temperature.

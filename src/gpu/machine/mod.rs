@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use self::cpu::CpuReader;
 use self::nvml::NvmlReader;
-use crate::record::{Adapter, MachineState};
+use fathom_record::{Adapter, MachineState};
 
 /// Vendors' numbers of the PCI-SIG.
 const NVIDIA: u32 = 0x10de;

@@ -4,7 +4,7 @@ use nvml_wrapper::bitmasks::device::ThrottleReasons;
 use nvml_wrapper::enum_wrappers::device::{Clock, TemperatureSensor};
 use nvml_wrapper::{Device, Nvml};
 
-use crate::record::{Adapter, MachineState, ThrottleReason};
+use fathom_record::{Adapter, MachineState, ThrottleReason};
 
 /// The library and the device that it is asked of.
 pub struct NvmlReader {

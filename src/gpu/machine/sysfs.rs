@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::record::Adapter;
+use fathom_record::Adapter;
 
 /// Where Linux lists graphics devices.
 pub const DRM: &str = "/sys/class/drm";

@@ -6,11 +6,11 @@ use indexmap::{IndexMap, IndexSet};
 use itertools::Itertools;
 
 use super::super::journal;
-use super::super::output::OutputFolder;
 use super::super::plan::{self, Request};
 use super::{MergeError, Merged, OfAdapter, Source};
-use crate::experiments::Experiment;
-use crate::record::{
+use fathom_experiments::Experiment;
+use fathom_record::output::OutputFolder;
+use fathom_record::{
     Cell, Definition, End, Note, NoteKind, Outcome, Part, Profile, Record, Run, Selection,
 };
 

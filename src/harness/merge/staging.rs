@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 
-use super::super::output::{OutputFolder, PICTURES, picture_path};
 use super::{MergeError, Merged, OfAdapter};
-use crate::folder::{self, Folder};
-use crate::record::{Cell, Picture, Record, Writer};
+use fathom_base::folder::{self, Folder};
+use fathom_record::output::{OutputFolder, PICTURES, picture_path};
+use fathom_record::{Cell, Picture, Record, Writer};
 
 /// Lines that are written at once.
 const LINES_AT_ONCE: usize = 256;

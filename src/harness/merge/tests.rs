@@ -1,9 +1,9 @@
 use super::*;
-use crate::harness::catalog::Catalog;
-use crate::harness::output::{RECORDS, picture_path};
-use crate::harness::plan::{self, Request};
-use crate::harness::shard;
-use crate::record::{
+use crate::catalog::Catalog;
+use crate::plan::{self, Request};
+use crate::shard;
+use fathom_record::output::{RECORDS, picture_path};
+use fathom_record::{
     Definition, End, Measured, Outcome, Picture, PictureKind, Profile, SCHEMA, Writer,
 };
 
@@ -50,11 +50,11 @@ impl Shards {
                 shard: Some(shard),
                 ..Run::default()
             };
-            let definition = |experiment: &crate::experiments::Experiment| {
+            let definition = |experiment: &fathom_experiments::Experiment| {
                 let (id, toml) = (experiment.id.clone(), experiment.text.clone());
                 Record::Experiment(Definition { id, toml })
             };
-            let cell = |plan| crate::report::fixtures::cell(plan, measured(Vec::new()));
+            let cell = |plan| fathom_experiments::fixtures::cell(plan, measured(Vec::new()));
             let mut records = vec![Record::Run(Box::new(header))];
             records.extend(experiments.iter().map(definition));
             records.extend(expanded.iter().flatten().map(cell));
@@ -83,7 +83,7 @@ impl Shards {
         }
     }
 
-    fn cell(&mut self, part: usize) -> &mut crate::record::Cell {
+    fn cell(&mut self, part: usize) -> &mut fathom_record::Cell {
         let cell = self.parts[part].iter_mut().find_map(|record| match record {
             Record::Cell(cell) => Some(&mut **cell),
             _ => None,
@@ -115,7 +115,7 @@ impl Shards {
     }
 }
 
-fn cells(records: &[Record]) -> Vec<&crate::record::Cell> {
+fn cells(records: &[Record]) -> Vec<&fathom_record::Cell> {
     let cells = records.iter().filter_map(|record| match record {
         Record::Cell(cell) => Some(&**cell),
         _ => None,
@@ -156,7 +156,7 @@ fn shards_with_one_header_are_one_sitting() {
 #[test]
 fn what_headers_say_stays_with_their_cells() {
     let mut shards = Shards::new();
-    shards.header(1).submit_cost_ns = [(crate::record::PassKind::Copy, 7.0)].into();
+    shards.header(1).submit_cost_ns = [(fathom_record::PassKind::Copy, 7.0)].into();
     let mine = cells(&shards.parts[1]).len();
     let (_, records) = shards.merged(&shards.folders());
     let second = records.iter().rposition(|record| matches!(record, Record::Run(_))).unwrap();
@@ -189,12 +189,12 @@ fn a_measured_cell_counts_before_one_that_failed_later() {
     let mut shards = Shards::new();
     let good = shards.cell(0).clone();
     let failed = Outcome::Failed { reason: "lost".to_owned() };
-    let bad = crate::record::Cell { outcome: failed, ..good.clone() };
+    let bad = fathom_record::Cell { outcome: failed, ..good.clone() };
     shards.parts[0].push(Record::Cell(Box::new(bad)));
     let (merged, records) = shards.merged(&shards.folders());
     assert_eq!(merged.counts.failed, 0);
     let of_name =
-        |cell: &&&crate::record::Cell| cell.experiment == good.experiment && cell.cell == good.cell;
+        |cell: &&&fathom_record::Cell| cell.experiment == good.experiment && cell.cell == good.cell;
     let all = cells(&records);
     let found: Vec<_> = all.iter().filter(of_name).collect();
     assert_eq!(found.len(), 1);

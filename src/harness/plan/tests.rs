@@ -1,10 +1,10 @@
 use serde_json::json;
 
 use super::*;
-use crate::harness::catalog::Catalog;
-use crate::harness::views;
-use crate::reference::rays::Tracer;
-use crate::scene::Camera;
+use crate::catalog::Catalog;
+use crate::views;
+use fathom_reference::rays::Tracer;
+use fathom_scene::Camera;
 
 const SWEEP: &str = r#"
 id = "sweep"
@@ -41,7 +41,7 @@ fn request(sets: &[(&str, Value)]) -> Request {
 }
 
 fn planned(request: &Request) -> Result<Vec<PlannedExperiment>, PlanError> {
-    let profile = crate::record::Profile::Quick;
+    let profile = fathom_record::Profile::Quick;
     plan(experiments(), request, profile, &wgpu::Limits::default().into(), &Catalog::builtin())
 }
 
@@ -56,7 +56,7 @@ fn the_last_of_default_experiment_profile_set_and_axis_counts() {
     assert_eq!(params["view"]["height"], 40, "--set's");
     assert_eq!(params["water"]["amplitude_m"], 0.0, "a whole number passes for a real one");
     assert_eq!(params["caustics"]["buffer"], json!([64, 64]), "the axis's");
-    let file = crate::scene::SceneFile::load("plane").unwrap();
+    let file = fathom_scene::SceneFile::load("plane").unwrap();
     assert_eq!(params["floor_depth_m"], file.floor_depth_m, "the scene's");
 }
 
@@ -136,7 +136,7 @@ fn every_view_is_seen_from_within_its_scene() {
     let with_views: Vec<Experiment> = all.filter(|e| e.views.is_some()).collect();
     assert!(!with_views.is_empty());
     let limits = wgpu::Limits::default().into();
-    for profile in [crate::record::Profile::Quick, crate::record::Profile::Paper] {
+    for profile in [fathom_record::Profile::Quick, fathom_record::Profile::Paper] {
         let request = Request::default();
         let planned = plan(with_views.clone(), &request, profile, &limits, &catalog).unwrap();
         for (experiment, cell) in
@@ -170,7 +170,7 @@ fn met_on_path(tracer: &Tracer, camera: &Camera, turn_deg: f64) -> Option<f64> {
 
 #[test]
 fn a_camera_that_leaves_its_room_is_found() {
-    let scene = crate::scene::Scene::load("robot_room").unwrap();
+    let scene = fathom_scene::Scene::load("robot_room").unwrap();
     let tracer = Tracer::new(&scene.objects).unwrap();
     // As the scene has it, the camera stands in a corner.
     assert!(met_on_path(&tracer, &scene.camera, 20.0).is_some());

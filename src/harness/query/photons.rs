@@ -9,16 +9,16 @@ use rayon::prelude::*;
 
 use super::table::{self, PointFault, SHORT};
 use super::{QueryError, check, read_with, written};
-use crate::gpu::Gpu;
-use crate::harness::subject::Subject;
-use crate::pipelines::underwater::{self, Intensity, Params, PhotonQuery, Underwater, photons_at};
-use crate::reference::photons::{Landing, entering, land_ray};
-use crate::reference::rays::Tracer;
-use crate::scene::{LightFrame, LightKind};
-use crate::stages::frame::View;
-use crate::stages::kit::Resources;
-use crate::stages::photon::{MISSED, OUTSIDE};
-use crate::stages::photons::query::{self, Answer};
+use crate::subject::Subject;
+use fathom_gpu::Gpu;
+use fathom_pipelines::underwater::{self, Intensity, Params, PhotonQuery, Underwater, photons_at};
+use fathom_reference::photons::{Landing, entering, land_ray};
+use fathom_reference::rays::Tracer;
+use fathom_scene::{LightFrame, LightKind};
+use fathom_stages::frame::View;
+use fathom_stages::kit::Resources;
+use fathom_stages::photon::{MISSED, OUTSIDE};
+use fathom_stages::photons::query::{self, Answer};
 
 /// Columns that a file of starts must have, and those that it may have.
 const PLACE: [&str; 3] = ["x", "y", "z"];

@@ -4,7 +4,7 @@ use std::io::Read;
 
 use thiserror::Error;
 
-use crate::text::line as on_one_line;
+use fathom_base::text::line as on_one_line;
 
 /// Largest coordinate, metres, and largest component of a direction.
 const FAR: f64 = 1e6;

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 
 use super::{MAX_REJECTED_SHARE, MIN_JUDGED_FRAMES, Stopped};
-use crate::record::{Addition, Clock, FramePair, MachineState, Rejection, StageTime};
-use crate::statistics;
+use fathom_base::statistics;
+use fathom_record::{Addition, Clock, FramePair, MachineState, Rejection, StageTime};
 
 /// One stage's durations, in the order of the frames; each entry is a [`StageTime`].
 #[derive(Clone, Debug, PartialEq)]
@@ -35,7 +35,7 @@ impl StageSamples {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
     pub stages: Vec<StageSamples>,
-    /// Of each pair; see [`FrameRecord::rounds`](crate::record::FrameRecord::rounds).
+    /// Of each pair; see [`FrameRecord::rounds`](fathom_record::FrameRecord::rounds).
     pub rounds: Vec<u32>,
     pub sampled_at_s: Vec<f64>,
     pub machine: Vec<MachineState>,

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use super::*;
-use crate::gpu::StageSample;
-use crate::record::Clock;
-use crate::statistics;
+use fathom_base::statistics;
+use fathom_gpu::StageSample;
+use fathom_record::Clock;
 
 /// Nanoseconds of a frame, from the cell's frame count (warm-up included) and the clock in seconds.
 type FrameTime = fn(frame: usize, now_s: f64) -> f64;

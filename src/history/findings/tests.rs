@@ -2,8 +2,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::*;
-use crate::history::run::FigureKey;
-use crate::history::stored::{Point, SeriesKey};
+use crate::run::FigureKey;
+use crate::stored::{Point, SeriesKey};
 
 fn key(cell: usize) -> SeriesKey {
     let text = std::sync::Arc::<str>::from;

@@ -2,14 +2,14 @@
 
 use glam::Vec2;
 
-use crate::parameter::ParamError;
-use crate::pipelines::Parameters;
-use crate::pipelines::settings::{
+use crate::Parameters;
+use crate::settings::{
     Animation, Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, View, scaled, staged,
 };
-use crate::scene::{Camera, Light, SceneFile};
-use crate::settings;
-use crate::stages::hsao::march::HorizonUniforms;
+use fathom_base::parameter::ParamError;
+use fathom_base::settings;
+use fathom_scene::{Camera, Light, SceneFile};
+use fathom_stages::hsao::march::HorizonUniforms;
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -112,10 +112,11 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
-    use crate::pipelines::PipelineKind;
-    use crate::pipelines::hsao::Hsao;
-    use crate::scene::Scene;
-    use crate::{parameter, pipelines};
+    use crate as pipelines;
+    use crate::PipelineKind;
+    use crate::hsao::Hsao;
+    use fathom_base::parameter;
+    use fathom_scene::Scene;
 
     fn with(path: &str, value: Value) -> Result<Params, ParamError> {
         let mut tree = parameter::tree(&Params::from(&SceneFile::load("tank").unwrap()));

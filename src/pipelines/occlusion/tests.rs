@@ -1,46 +1,6 @@
+use super::fixtures::{camera, corner, gbuffer};
 use super::*;
-use crate::scene::{Material, Mesh, Object};
-
-/// A floor y = 0 and a wall x = 0 above it, 8 m wide.
-pub fn corner() -> Vec<Object> {
-    let quad = |corners: [[f32; 3]; 4], normal: [f32; 3]| Object {
-        name: "quad".into(),
-        mesh: Mesh {
-            positions: corners.to_vec(),
-            normals: vec![normal; 4],
-            indices: vec![0, 1, 2, 0, 2, 3],
-        },
-        material: Material::default(),
-    };
-    let floor = [[0.0, 0.0, -4.0], [0.0, 0.0, 4.0], [8.0, 0.0, 4.0], [8.0, 0.0, -4.0]];
-    let wall = [[0.0, 0.0, -4.0], [0.0, 8.0, -4.0], [0.0, 8.0, 4.0], [0.0, 0.0, 4.0]];
-    vec![quad(floor, [0.0, 1.0, 0.0]), quad(wall, [1.0, 0.0, 0.0])]
-}
-
-pub fn camera(position_m: [f64; 3]) -> Camera {
-    Camera {
-        position_m,
-        target_m: [0.5, 0.5, 0.0],
-        up: [0.0, 1.0, 0.0],
-        fov_y_deg: 50.0,
-        z_near_m: 0.1,
-        z_far_m: 50.0,
-    }
-}
-
-/// Depths and normals as a G-buffer has them.
-pub fn gbuffer(tracer: &Tracer, camera: &Camera, [width, height]: [u32; 2]) -> [Pixels; 2] {
-    let rays = PixelRays::new(camera, width, height);
-    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-    let (mut depth, mut normal) = (Vec::new(), Vec::new());
-    for (x, y) in pixels {
-        let hit = rays.cast(tracer, x, y);
-        depth.push(hit.as_ref().map_or(1.0, |(_, depth)| *depth as f32));
-        let n = hit.map_or(DVec3::ZERO, |(hit, _)| hit.shading_normal);
-        normal.extend(n.extend(1.0).as_vec4().to_array());
-    }
-    [(1, depth), (4, normal)].map(|(channels, data)| Pixels { width, height, channels, data })
-}
+use fathom_scene::Mesh;
 
 fn question(scale: u32) -> Question {
     Question {

@@ -6,19 +6,19 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{PhotonTracing, under_water};
-use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
-use crate::pipelines::caustics_image::FoundCaustics;
-use crate::pipelines::{JudgeError, Judged};
-use crate::record::ErrorFigure;
-use crate::reference::image::Image;
-use crate::reference::photons::land;
-use crate::reference::quantities::{StoredPhoton, quantile, stored_photons};
-use crate::reference::rays::Tracer;
-use crate::reference::specular::{End, Surfaces};
-use crate::scene::{Object, Scene};
-use crate::stages::geometry::Part;
-use crate::stages::photon::{MISSED, ON_ITS_WAY, OUTSIDE};
-use crate::stages::sprites;
+use crate::caustics_image::FoundCaustics;
+use crate::{JudgeError, Judged};
+use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
+use fathom_record::ErrorFigure;
+use fathom_reference::image::Image;
+use fathom_reference::photons::land;
+use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
+use fathom_reference::rays::Tracer;
+use fathom_reference::specular::{End, Surfaces};
+use fathom_scene::{Object, Scene};
+use fathom_stages::geometry::Part;
+use fathom_stages::photon::{MISSED, ON_ITS_WAY, OUTSIDE};
+use fathom_stages::sprites;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
 const MOST_PHOTONS: usize = 10_000;

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use crate::parameter::ParamError;
-use crate::pipelines::Parameters;
-use crate::pipelines::screen_tracing::{Composition, LayeredDepth, RaySettings};
-use crate::pipelines::settings::{Shadow, Transfer, View};
-use crate::scene::{Camera, Light, SceneFile, Water};
-use crate::settings;
+use crate::Parameters;
+use crate::screen_tracing::{Composition, LayeredDepth, RaySettings};
+use crate::settings::{Shadow, Transfer, View};
+use fathom_base::parameter::ParamError;
+use fathom_base::settings;
+use fathom_scene::{Camera, Light, SceneFile, Water};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -119,7 +119,8 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
-    use crate::{parameter, pipelines};
+    use crate as pipelines;
+    use fathom_base::parameter;
 
     fn with(settings: &[(&str, Value)]) -> Result<Params, ParamError> {
         let mut tree = parameter::tree(&Params::from(&SceneFile::load("tank").unwrap()));

@@ -7,17 +7,17 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Planar;
-use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
-use crate::pipelines::{JudgeError, Judged};
-use crate::record::ErrorFigure;
-use crate::reference::photons::{Landing, land};
-use crate::reference::pool::{Counted, Face, face_by_face, middle_photon_w, share_left};
-use crate::reference::quantities::quantile;
-use crate::reference::rays::Tracer;
-use crate::scene::Scene;
-use crate::stages::planar::points;
-use crate::stages::screen_ray::{NEVER, Transfer};
-use crate::stages::transfer;
+use crate::{JudgeError, Judged};
+use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
+use fathom_record::ErrorFigure;
+use fathom_reference::photons::{Landing, land};
+use fathom_reference::pool::{Counted, Face, face_by_face, middle_photon_w, share_left};
+use fathom_reference::quantities::quantile;
+use fathom_reference::rays::Tracer;
+use fathom_scene::Scene;
+use fathom_stages::planar::points;
+use fathom_stages::screen_ray::{NEVER, Transfer};
+use fathom_stages::transfer;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
 const MOST_PHOTONS: usize = 10_000;

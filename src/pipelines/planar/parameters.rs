@@ -2,13 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::parameter::ParamError;
-use crate::pipelines::Parameters;
-use crate::pipelines::settings::{Shadow, Transfer, View, WaterGrid};
-use crate::scene::{Camera, Light, SceneFile, Water};
-use crate::stages::planar::compose::Shown;
-use crate::stages::pool::Pool;
-use crate::{choices, settings};
+use crate::Parameters;
+use crate::settings::{Shadow, Transfer, View, WaterGrid};
+use fathom_base::choices;
+use fathom_base::parameter::ParamError;
+use fathom_base::settings;
+use fathom_scene::{Camera, Light, SceneFile, Water};
+use fathom_stages::planar::compose::Shown;
+use fathom_stages::pool::Pool;
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use crate::reference::pool::{Basin, Face};
-use crate::scene::{Bounds, Object, Scene};
+use fathom_reference::pool::{Basin, Face};
+use fathom_scene::{Bounds, Object, Scene};
 
 /// A triangle this near to a plane lies on it: far above the rounding of 32-bit corners, and too little to be seen.
 const SLACK_M: f64 = 1e-3;

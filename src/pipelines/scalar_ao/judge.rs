@@ -3,14 +3,14 @@
 use rayon::prelude::*;
 
 use super::{Gather, Mode, ScalarAo};
-use crate::gpu::read_texture;
-use crate::pipelines::settings::Attenuation;
-use crate::pipelines::{Judge, JudgeError, Judged};
-use crate::record::ErrorFigure;
-use crate::reference::isosurface::FieldSurface;
-use crate::reference::occlusion as reference;
-use crate::reference::rays::PixelRays;
-use crate::stages::scalar::isosurface::INFO;
+use crate::settings::Attenuation;
+use crate::{Judge, JudgeError, Judged};
+use fathom_gpu::read_texture;
+use fathom_record::ErrorFigure;
+use fathom_reference::isosurface::FieldSurface;
+use fathom_reference::occlusion as reference;
+use fathom_reference::rays::PixelRays;
+use fathom_stages::scalar::isosurface::INFO;
 
 /// Pixels that figures rest on at most, and rays at each of them.
 const MOST_POINTS: f64 = 800.0;

@@ -3,14 +3,15 @@
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::parameter::{ParamError, within};
-use crate::pipelines::Parameters;
-use crate::pipelines::settings::{Attenuation, View, staged};
-use crate::scene::{Camera, Light, SceneFile, Volume, VolumeFile};
-use crate::stages::ray_cast::CastUniforms;
-use crate::stages::scalar::isosurface::Rays;
-use crate::stages::scalar_field;
-use crate::{choices, settings};
+use crate::Parameters;
+use crate::settings::{Attenuation, View, staged};
+use fathom_base::choices;
+use fathom_base::parameter::{ParamError, within};
+use fathom_base::settings;
+use fathom_scene::{Camera, Light, SceneFile, Volume, VolumeFile};
+use fathom_stages::ray_cast::CastUniforms;
+use fathom_stages::scalar::isosurface::Rays;
+use fathom_stages::scalar_field;
 
 /// View steps along a field's diagonal at most: a frame beyond it takes seconds on any adapter.
 const MAX_VIEW_STEPS: f64 = 8192.0;

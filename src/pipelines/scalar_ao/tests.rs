@@ -4,10 +4,11 @@ use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::{Params, ScalarAo};
-use crate::gpu::{Demand, GpuError};
-use crate::parameter::{self, ParamError, Setting};
-use crate::pipelines::{self, Parameters, PipelineKind};
-use crate::scene::{Scene, SceneFile, Volume};
+use crate as pipelines;
+use crate::{Parameters, PipelineKind};
+use fathom_base::parameter::{self, ParamError, Setting};
+use fathom_gpu::{Demand, GpuError};
+use fathom_scene::{Scene, SceneFile, Volume};
 
 const VOXEL_M: f64 = 0.1;
 

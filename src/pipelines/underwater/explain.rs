@@ -5,8 +5,8 @@ use serde_json::{Value, json};
 
 use super::parameters::CausticsUnit;
 use super::{CausticMethod, Intensity, PhotonGrid, Underwater};
-use crate::scene::LightFrame;
-use crate::stages::caustics::splat::SplatCoverage;
+use fathom_scene::LightFrame;
+use fathom_stages::caustics::splat::SplatCoverage;
 
 impl Underwater {
     /// Camera and light for every stage; for those of caustics and godrays also what their photons carry and how they are

@@ -2,12 +2,12 @@
 
 use super::Underwater;
 use super::parameters::CausticsUnit;
-use crate::gpu::read_texture;
-use crate::pipelines::caustics_image::FoundCaustics;
-use crate::pipelines::settings::Animation;
-use crate::pipelines::{Judge, JudgeError};
-use crate::reference::image::Image;
-use crate::reference::rays::{PixelRays, Tracer};
+use crate::caustics_image::FoundCaustics;
+use crate::settings::Animation;
+use crate::{Judge, JudgeError};
+use fathom_gpu::read_texture;
+use fathom_reference::image::Image;
+use fathom_reference::rays::{PixelRays, Tracer};
 
 /// Least cosine between line of sight and normal for which flux is turned into irradiance, as in `shaders/compose.wgsl`.
 const LEAST_FACING: f64 = 0.1;

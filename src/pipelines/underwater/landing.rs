@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use super::{PhotonGrid, Underwater};
-use crate::gpu::{Gpu, read_buffer};
-use crate::pipelines::{JudgeError, Judged};
-use crate::record::ErrorFigure;
-use crate::reference::photons::{PhotonGrid as ExactGrid, land_all};
-use crate::reference::quantities::{StoredPhoton, photon_errors, stored_photons};
-use crate::reference::rays::Tracer;
-use crate::scene::Scene;
-use crate::stages::{caustics, godrays};
+use crate::{JudgeError, Judged};
+use fathom_gpu::{Gpu, read_buffer};
+use fathom_record::ErrorFigure;
+use fathom_reference::photons::{PhotonGrid as ExactGrid, land_all};
+use fathom_reference::quantities::{StoredPhoton, photon_errors, stored_photons};
+use fathom_reference::rays::Tracer;
+use fathom_scene::Scene;
+use fathom_stages::{caustics, godrays};
 
 /// At most this many photons of a grid are compared with the reference: enough for a 99th percentile.
 const MOST_PHOTONS: usize = 10_000;

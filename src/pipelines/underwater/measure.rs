@@ -7,16 +7,16 @@ use glam::{DVec2, DVec4};
 
 use super::grid::largest_contraction;
 use super::{CausticMethod, Intensity, Params, Underwater, view};
-use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
-use crate::pipelines::{AnyPipeline, Built, Pipeline};
-use crate::reference::godray::covered_px;
-use crate::scene::Scene;
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
-use crate::stages::photon::{MISSED, OUTSIDE, Photon, PhotonEstimator, Photons};
-use crate::stages::photons::query::{Answer, Query, Start};
-use crate::stages::shadow;
+use crate::{AnyPipeline, Built, Pipeline};
+use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
+use fathom_reference::godray::covered_px;
+use fathom_scene::Scene;
+use fathom_stages::frame::Shared;
+use fathom_stages::geometry::Geometry;
+use fathom_stages::kit::Resources;
+use fathom_stages::photon::{MISSED, OUTSIDE, Photon, PhotonEstimator, Photons};
+use fathom_stages::photons::query::{Answer, Query, Start};
+use fathom_stages::shadow;
 
 impl Underwater {
     /// Pixels that the lines of godrays cover in their buffer, each line's counted, hidden or not.

@@ -3,15 +3,16 @@
 use serde::{Deserialize, Serialize};
 
 use super::grid::PhotonGrid;
-use crate::gpu::StageInfo;
-use crate::parameter::{ParamError, within};
-use crate::pipelines::Parameters;
-use crate::pipelines::settings::{View, scaled};
-use crate::scene::{Camera, Light, SceneFile, Water};
-use crate::stages::caustics::splat::SplatCoverage;
-use crate::stages::photon::PhotonEstimator;
-use crate::stages::{caustics, godrays};
-use crate::{choices, settings};
+use crate::Parameters;
+use crate::settings::{View, scaled};
+use fathom_base::choices;
+use fathom_base::parameter::{ParamError, within};
+use fathom_base::settings;
+use fathom_gpu::StageInfo;
+use fathom_scene::{Camera, Light, SceneFile, Water};
+use fathom_stages::caustics::splat::SplatCoverage;
+use fathom_stages::photon::PhotonEstimator;
+use fathom_stages::{caustics, godrays};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -89,7 +90,7 @@ pub enum CausticMethod {
     Mesh,
 }
 
-choices!(CausticMethod, Intensity, PhotonEstimator, SplatCoverage, Splatting, SubdivisionMode);
+choices!(CausticMethod, Intensity, Splatting, SubdivisionMode);
 
 settings! {
     /// Caustics: a photon grid, drawn as splats. UW §3.3.

@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use super::{Params, VolumeAo, voxelize};
-use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
-use crate::pipelines::Pipeline;
-use crate::pipelines::settings::Update;
-use crate::scene::Scene;
-use crate::stages::ao::march;
-use crate::stages::ao::query::{Query, SurfacePoint};
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
+use crate::Pipeline;
+use crate::settings::Update;
+use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
+use fathom_scene::Scene;
+use fathom_stages::ao::march;
+use fathom_stages::ao::query::{Query, SurfacePoint};
+use fathom_stages::geometry::Geometry;
+use fathom_stages::kit::Resources;
 
 impl VolumeAo {
     /// Samples are counted by a shader that does nothing else, over the last frame's G-buffer and volumes.

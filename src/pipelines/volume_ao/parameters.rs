@@ -1,16 +1,14 @@
 //! Parameters of the pipeline `volume_ao`, their defaults with sources, and their ranges.
 
-use crate::parameter::ParamError;
-use crate::pipelines::Parameters;
-use crate::pipelines::occlusion::Model;
-use crate::pipelines::settings::{
+use crate::Parameters;
+use crate::occlusion::Model;
+use crate::settings::{
     self, Animation, Attenuation, Compose, Filter, Method, R_MAX_SHARE, Shadow, View, Voxel,
 };
-use crate::scene::{Camera, Grid, Light, Scene, SceneFile};
-use crate::stages::marching::{Estimator, Guard, Hit, Marching, Occluder, Sampling, Step, Storage};
-use crate::{choices, settings};
-
-choices!(Estimator, Guard, Hit, Occluder, Sampling, Step, Storage);
+use fathom_base::parameter::ParamError;
+use fathom_base::settings;
+use fathom_scene::{Camera, Grid, Light, Scene, SceneFile};
+use fathom_stages::marching::{Estimator, Guard, Hit, Marching, Occluder, Sampling, Step, Storage};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -205,8 +203,9 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
-    use crate::parameter::{Beside, Setting};
-    use crate::{parameter, pipelines};
+    use crate as pipelines;
+    use fathom_base::parameter;
+    use fathom_base::parameter::{Beside, Setting};
 
     fn with(changes: &[(&str, Value)]) -> Result<Params, String> {
         let mut tree = parameter::tree(&Params::from(&SceneFile::load("plane").unwrap()));

@@ -4,24 +4,24 @@ use clap::ValueEnum;
 use jsonschema::Validator;
 use serde_json::{Value, json};
 
-use super::*;
-use crate::record::comparison::{
+use fathom_experiments::fixtures;
+use fathom_record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, Launch,
     NamedDriver, Side, SideEnvironment, Skip,
 };
-use crate::record::{
+use fathom_record::schema::*;
+use fathom_record::{
     Addition, Clock, ErrorFigure, ErrorSpan, FaultKind, Fenced, FramePair, MachineState, Note,
-    NoteKind, Outcome, PassKind, Picture, PictureKind, PictureScale, Profile, RejectedFrames,
-    SAMPLES_SCHEMA, StageTime,
+    NoteKind, Outcome, PassKind, Picture, PictureKind, PictureScale, Profile, Record,
+    RejectedFrames, SAMPLES_SCHEMA, SampleLine, StageTime,
 };
-use crate::report::fixtures;
 
 fn validator(kind: LineKind) -> Validator {
     jsonschema::draft202012::new(&kind.schema()).unwrap()
 }
 
 fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
 fn committed(kind: LineKind) -> PathBuf {
@@ -261,7 +261,7 @@ fn damaged(line: &Value) -> Vec<(String, Value)> {
 /// a list for an object.
 #[test]
 fn the_schema_refuses_what_the_reader_refuses() {
-    use crate::record::Line;
+    use fathom_record::Line;
     fn agree<T: Line>(kind: LineKind, lines: &[Value]) -> [usize; 2] {
         let validator = validator(kind);
         let mut counts = [0; 2];

@@ -1,6 +1,7 @@
 use super::*;
-use crate::record::{Measured, Record};
-use crate::report::{FrameChoice, ReportView, fixtures};
+use crate::{FrameChoice, ReportView};
+use fathom_experiments::fixtures;
+use fathom_record::{Measured, Record};
 
 /// What the format documents, and what is wrong where a trace does not keep to it.
 fn check(trace: &Value) -> Result<(), String> {

@@ -4,9 +4,9 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::{Page, PageRun, PageSection};
-use crate::record::ceilings::{Basis, Ceiling, CeilingShare};
-use crate::report::ceilings::{Bound, bounds};
-use crate::report::format::{percent, si, three};
+use crate::ceilings::{Bound, bounds};
+use crate::format::{percent, si, three};
+use fathom_record::ceilings::{Basis, Ceiling, CeilingShare};
 
 pub const SECTION: PageSection =
     PageSection { id: "ceilings", title: "How near to the limits", write };
@@ -125,9 +125,10 @@ fn limits(run: &PageRun<'_>) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Record;
-    use crate::report::ceilings::tests::run as limited;
-    use crate::report::{ReportView, fixtures};
+    use crate::ReportView;
+    use crate::ceilings::tests::run as limited;
+    use fathom_experiments::fixtures;
+    use fathom_record::Record;
 
     fn section(records: &[Record]) -> Option<String> {
         let view = ReportView::new(records, None);

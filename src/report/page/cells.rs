@@ -5,11 +5,12 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use super::{Page, PageRun, PageSection};
-use crate::experiments::label_text;
-use crate::record::{Cell, Estimate, Measured, Outcome, Run, StageRecord, Throttling};
-use crate::report::Entry;
-use crate::report::format::{NS_PER_MS, percent, three};
-use crate::{text, words};
+use crate::Entry;
+use crate::format::{NS_PER_MS, percent, three};
+use fathom_base::text;
+use fathom_experiments::label_text;
+use fathom_experiments::words;
+use fathom_record::{Cell, Estimate, Measured, Outcome, Run, StageRecord, Throttling};
 
 pub const SECTION: PageSection = PageSection { id: "cells", title: "Cells", write };
 
@@ -192,8 +193,8 @@ mod tests {
 
     #[test]
     fn a_throttled_cell_is_marked() {
-        use crate::record::{MachineState, Record, ThrottleReason};
-        let mut records = crate::report::fixtures::run();
+        use fathom_record::{MachineState, Record, ThrottleReason};
+        let mut records = fathom_experiments::fixtures::run();
         let measured = records.iter_mut().find_map(|record| match record {
             Record::Cell(cell) => cell.measured_mut(),
             _ => None,

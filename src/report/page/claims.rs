@@ -5,11 +5,11 @@ use maud::{Markup, html};
 
 use super::svg::{Axis, tenth};
 use super::{Page, PageSection};
-use crate::experiments::schema::Claim;
-use crate::experiments::{RuledFigure, Ruling, Verdict};
-use crate::record::Interval;
-use crate::report::format::{three, trim_zeros};
-use crate::report::plots::scale::ScaleKind;
+use crate::format::{three, trim_zeros};
+use crate::plots::scale::ScaleKind;
+use fathom_experiments::schema::Claim;
+use fathom_experiments::{RuledFigure, Ruling, Verdict};
+use fathom_record::Interval;
 
 pub const SECTION: PageSection = PageSection { id: "claims", title: "Claims", write };
 

@@ -4,8 +4,8 @@ use maud::{Markup, html};
 
 use super::svg::{Axis, tenth};
 use super::{Page, PageSection};
-use crate::report::format::trim_zeros;
-use crate::report::plots::scale::ScaleKind;
+use crate::format::trim_zeros;
+use crate::plots::scale::ScaleKind;
 
 pub const SECTION: PageSection = PageSection { id: "compared", title: "Comparison", write };
 

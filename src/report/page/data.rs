@@ -9,9 +9,9 @@ use flate2::{Compression, GzBuilder};
 use serde::{Serialize, Serializer};
 
 use super::{Page, PageRun};
-use crate::record::{Cell, Measured};
-use crate::report::format::NS_PER_MS;
-use crate::report::{ReportView, Section, plots};
+use crate::format::NS_PER_MS;
+use crate::{ReportView, Section, plots};
+use fathom_record::{Cell, Measured};
 
 /// Significant digits of a sample: a hundredth of a per cent, less than any clock resolves.
 const DIGITS: i32 = 4;
@@ -168,7 +168,7 @@ mod tests {
     use std::io::Read as _;
 
     use super::*;
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
 
     #[test]
     fn samples_keep_four_digits() {

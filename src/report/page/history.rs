@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::svg::{self, Axis};
 use super::{Page, PageSection, Tone};
-use crate::record::Estimate;
+use fathom_record::Estimate;
 
 pub const SECTION: PageSection = PageSection { id: "history", title: "History", write };
 

@@ -33,8 +33,8 @@ use sha2::{Digest, Sha256};
 
 use super::colors::StageColors;
 use super::{Artifact, Exporter, LeftOut, OfRun, ReportError, ReportView, RunExporter, Written};
-use crate::record::Run;
-use crate::text;
+use fathom_base::text;
+use fathom_record::Run;
 
 /// Name of the page within a report's folder.
 pub const FILE: &str = "index.html";

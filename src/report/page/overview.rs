@@ -4,10 +4,10 @@ use maud::{Markup, html};
 
 use super::claims::chip;
 use super::{Page, PageRun, PageSection};
-use crate::experiments::Verdict;
-use crate::record::Run;
-use crate::report::format::{NS_PER_MS, percent, three};
-use crate::report::{facts, trust};
+use crate::format::{NS_PER_MS, percent, three};
+use crate::{facts, trust};
+use fathom_experiments::Verdict;
+use fathom_record::Run;
 
 pub const SECTION: PageSection = PageSection { id: "overview", title: "At a glance", write };
 

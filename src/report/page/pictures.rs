@@ -9,11 +9,11 @@ use serde_json::Value;
 
 use self::embed::{Embedded, Embedder};
 use super::{LeftOut, Page, PageRun, PageSection};
-use crate::experiments::{Experiment, label_text};
-use crate::record::{Cell, ErrorSpan, Picture, PictureKind, PictureScale};
-use crate::report::Section;
-use crate::report::format::three;
-use crate::words;
+use crate::Section;
+use crate::format::three;
+use fathom_experiments::words;
+use fathom_experiments::{Experiment, label_text};
+use fathom_record::{Cell, ErrorSpan, Picture, PictureKind, PictureScale};
 
 pub const SECTION: PageSection = PageSection { id: "pictures", title: "Pictures", write };
 

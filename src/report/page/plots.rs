@@ -5,10 +5,10 @@ use maud::{Markup, html};
 
 use super::claims::chip;
 use super::{Page, PageRun, PageSection};
-use crate::experiments::Experiment;
-use crate::record::NoteKind;
-use crate::report::{Section, plots};
-use crate::text;
+use crate::{Section, plots};
+use fathom_base::text;
+use fathom_experiments::Experiment;
+use fathom_record::NoteKind;
 
 pub const SECTION: PageSection = PageSection { id: "plots", title: "Experiments", write };
 
@@ -176,8 +176,9 @@ fn stand_ins<'n>(section: &'n Section<'_>) -> IndexSet<&'n str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{Note, Record};
-    use crate::report::{ReportView, fixtures};
+    use crate::ReportView;
+    use fathom_experiments::fixtures;
+    use fathom_record::{Note, Record};
 
     fn written(records: &[Record], labels: &[&str]) -> String {
         let view = ReportView::new(records, None);

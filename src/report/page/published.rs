@@ -8,13 +8,13 @@ use serde_json::Value;
 
 use super::svg::{Axis, chart, tenth, x_axis, y_axis};
 use super::{Page, PageRun, PageSection};
-use crate::experiments::schema::{Comparison, Published};
-use crate::experiments::{RuledFigure, fits, flatten, fps, label_text};
-use crate::record::Estimate;
-use crate::report::Section;
-use crate::report::format::three;
-use crate::report::plots::scale::ScaleKind;
-use crate::words;
+use crate::Section;
+use crate::format::three;
+use crate::plots::scale::ScaleKind;
+use fathom_experiments::schema::{Comparison, Published};
+use fathom_experiments::words;
+use fathom_experiments::{RuledFigure, fits, flatten, fps, label_text};
+use fathom_record::Estimate;
 
 pub const SECTION: PageSection = PageSection { id: "published", title: "Published figures", write };
 
@@ -324,8 +324,9 @@ fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{Profile, Record};
-    use crate::report::{ReportView, fixtures};
+    use crate::ReportView;
+    use fathom_experiments::fixtures;
+    use fathom_record::{Profile, Record};
 
     /// A run at the published sizes.
     fn records(software: bool) -> Vec<Record> {

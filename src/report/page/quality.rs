@@ -9,11 +9,11 @@ use serde_json::Value;
 
 use super::svg::{self, Axis, Paint, Shape};
 use super::{Page, PageRun, PageSection, setting};
-use crate::experiments::{flatten, label_text};
-use crate::record::{Cell, ErrorFigure, Estimate, Measured};
-use crate::report::format::{NS_PER_MS, three};
-use crate::report::plots::scale::ScaleKind;
-use crate::words::{self, Unit};
+use crate::format::{NS_PER_MS, three};
+use crate::plots::scale::ScaleKind;
+use fathom_experiments::words::{self, Unit};
+use fathom_experiments::{flatten, label_text};
+use fathom_record::{Cell, ErrorFigure, Estimate, Measured};
 
 pub const SECTION: PageSection =
     PageSection { id: "quality", title: "Quality against time", write };
@@ -474,8 +474,9 @@ fn kind(values: &[f64]) -> ScaleKind {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Record;
-    use crate::report::{ReportView, fixtures};
+    use crate::ReportView;
+    use fathom_experiments::fixtures;
+    use fathom_record::Record;
 
     /// Invented errors and times of the cells of an experiment: error and ms by the number of the cell.
     fn records(experiment: &str, figures: fn(usize) -> (f64, f64)) -> Vec<Record> {

@@ -9,13 +9,14 @@ use serde_json::{Map, Value};
 
 use super::svg::{self, Axis, Paint, Shape};
 use super::{Page, PageRun, PageSection, setting};
-use crate::experiments::schema::{Claim, Experiment, FIXED_SHARE, Plot, PlotKind, Test};
-use crate::experiments::{self, Measure, Scaling, groups, scaling};
-use crate::record::{Cell, Estimate};
-use crate::report::facts;
-use crate::report::format::three;
-use crate::report::plots::scale::ScaleKind;
-use crate::words::Unit;
+use crate::facts;
+use crate::format::three;
+use crate::plots::scale::ScaleKind;
+use fathom_experiments as experiments;
+use fathom_experiments::schema::{Claim, Experiment, FIXED_SHARE, Plot, PlotKind, Test};
+use fathom_experiments::words::Unit;
+use fathom_experiments::{Measure, Scaling, groups, scaling};
+use fathom_record::{Cell, Estimate};
 
 pub const SECTION: PageSection = PageSection { id: "scaling", title: "How it scales", write };
 
@@ -445,7 +446,7 @@ impl<'d> Drawing<'d> {
             "{}{}\n{}: {} {unit}{}\n{}, n = {}",
             run.unwrap_or_default(),
             series.name,
-            crate::report::format::si(point.x),
+            crate::format::si(point.x),
             three(point.y.median),
             interval.unwrap_or_default(),
             point.cell.cell,
@@ -496,7 +497,8 @@ fn drawn<'s>(series: &'s Series<'s>) -> impl Iterator<Item = &'s Point<'s>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::{ReportView, fixtures};
+    use crate::ReportView;
+    use fathom_experiments::fixtures;
 
     fn shown(views: &[&ReportView<'_>]) -> String {
         let labels = ["one", "two"].into_iter().zip(views);

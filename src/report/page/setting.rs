@@ -3,8 +3,8 @@
 use itertools::Itertools;
 use serde_json::Value;
 
-use crate::experiments::label_text;
-use crate::words;
+use fathom_experiments::label_text;
+use fathom_experiments::words;
 
 /// `samples per ray 16, method: mesh`
 pub fn in_words<'a>(axes: impl IntoIterator<Item = (&'a String, &'a Value)>) -> String {

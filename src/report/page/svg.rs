@@ -5,8 +5,8 @@
 
 use maud::{Markup, html};
 
-use crate::report::colors::Color;
-use crate::report::plots::scale::{Scale, ScaleKind};
+use crate::colors::Color;
+use crate::plots::scale::{Scale, ScaleKind};
 
 /// Least size of type on the page.
 pub const TYPE_PX: f64 = 12.0;

@@ -8,10 +8,10 @@ use maud::{Markup, html};
 
 use super::svg::tenth;
 use super::{Page, PageRun, PageSection};
-use crate::record::{Clock, StageRecord};
-use crate::report::facts::{self, Representative, StageShare};
-use crate::report::format::{self, NS_PER_MS, three};
-use crate::statistics;
+use crate::facts::{self, Representative, StageShare};
+use crate::format::{self, NS_PER_MS, three};
+use fathom_base::statistics;
+use fathom_record::{Clock, StageRecord};
 
 pub const SECTION: PageSection = PageSection { id: "time", title: "Where the time goes", write };
 
@@ -257,8 +257,9 @@ fn of_clock(clock: Clock, stages: &[&StageRecord]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Record;
-    use crate::report::{ReportView, fixtures};
+    use crate::ReportView;
+    use fathom_experiments::fixtures;
+    use fathom_record::Record;
 
     fn shown(views: &[&ReportView<'_>]) -> String {
         let labels = ["one", "two"].into_iter().zip(views);
@@ -304,7 +305,7 @@ mod tests {
         for measured in cells {
             let stage = measured.stages.iter_mut().find(|s| s.stage == "caustics/trace").unwrap();
             let [wall, cost] = [vec![2e6; 15], vec![1e6; 15]];
-            stage.fenced = Some(crate::record::Fenced {
+            stage.fenced = Some(fathom_record::Fenced {
                 wall_samples_ns: wall,
                 submit_cost_samples_ns: cost,
                 resolution_ns: 1e12,

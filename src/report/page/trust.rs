@@ -5,13 +5,13 @@ use maud::{Markup, html};
 
 use super::svg::{Axis, chart, tenth, x_axis, y_axis};
 use super::{Page, PageRun, PageSection};
-use crate::record::{AuditRow, Cell, Clock, Estimate, FrameRecord, PassKind, Rejection, Run};
-use crate::report::ReportView;
-use crate::report::facts::{self, Precision};
-use crate::report::format::{NS_PER_MS, mebibytes, percent, three};
-use crate::report::plots::scale::ScaleKind;
-use crate::report::trust::{self, TimedSample};
-use crate::statistics;
+use crate::ReportView;
+use crate::facts::{self, Precision};
+use crate::format::{NS_PER_MS, mebibytes, percent, three};
+use crate::plots::scale::ScaleKind;
+use crate::trust::{self, TimedSample};
+use fathom_base::statistics;
+use fathom_record::{AuditRow, Cell, Clock, Estimate, FrameRecord, PassKind, Rejection, Run};
 
 pub const SECTION: PageSection = PageSection { id: "trust", title: "Trust", write };
 
@@ -400,8 +400,8 @@ fn set_up(view: &ReportView<'_>) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{FaultKind, Profile, Record, RejectedFrames};
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
+    use fathom_record::{FaultKind, Profile, Record, RejectedFrames};
 
     fn written(records: &[Record]) -> String {
         let view = ReportView::new(records, None);

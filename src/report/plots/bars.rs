@@ -5,11 +5,11 @@ use plotters::prelude::*;
 
 use super::chart::{BarChart, Canvas, Legend, Mark};
 use super::{Area, Drawn, Panel, PlotInput, names, style};
-use crate::experiments::schema::{Plot, Published};
-use crate::experiments::{Measure, label_text};
-use crate::record::{Cell, Estimate};
-use crate::report::colors::StageColors;
-use crate::report::format::three;
+use crate::colors::StageColors;
+use crate::format::three;
+use fathom_experiments::schema::{Plot, Published};
+use fathom_experiments::{Measure, label_text};
+use fathom_record::{Cell, Estimate};
 
 const BAR_PX: u32 = 20;
 /// Between the bars of one value and those of the next.

@@ -9,11 +9,11 @@ use plotters::prelude::*;
 use super::chart::Mark;
 use super::scale::{Scale, ScaleKind};
 use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
-use crate::experiments::schema::{FIXED_SHARE, Plot, PlotKind, Published};
-use crate::experiments::{Measure, Scaling, groups, label_text, scaling};
-use crate::record::{Cell, Estimate};
-use crate::report::colors::StageColors;
-use crate::report::facts::exponent;
+use crate::colors::StageColors;
+use crate::facts::exponent;
+use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind, Published};
+use fathom_experiments::{Measure, Scaling, groups, label_text, scaling};
+use fathom_record::{Cell, Estimate};
 
 /// Series that one chart can hold.
 const MOST_TOGETHER: usize = 5;

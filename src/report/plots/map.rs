@@ -7,11 +7,11 @@ use plotters::prelude::*;
 use serde_json::Value;
 
 use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
-use crate::experiments::label_text;
-use crate::experiments::schema::{Experiment, Plot};
-use crate::record::Cell;
-use crate::report::colors::StageColors;
-use crate::report::format::three;
+use crate::colors::StageColors;
+use crate::format::three;
+use fathom_experiments::label_text;
+use fathom_experiments::schema::{Experiment, Plot};
+use fathom_record::Cell;
 
 const FIELD_PX: (i32, i32) = (66, 30);
 /// A line on what is shown, then each map's title with its columns' labels above the fields.

@@ -21,10 +21,11 @@ use plotters::prelude::*;
 use self::{bars::Bars, lines::Lines, map::Map, ratios::Ratios, stacked::Stacked};
 use super::colors::StageColors;
 use super::{Artifact, Exporter, OfRun, ReportError, ReportView, RunExporter, Section, Written};
-use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
-use crate::experiments::{self, Measure, Ruling, Verdict};
-use crate::record::Cell;
-use crate::text;
+use fathom_base::text;
+use fathom_experiments as experiments;
+use fathom_experiments::schema::{Experiment, Plot, PlotKind, Published};
+use fathom_experiments::{Measure, Ruling, Verdict};
+use fathom_record::Cell;
 
 pub use roofline::EXPORTER as ROOFLINES;
 
@@ -293,13 +294,13 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::record::{Definition, Outcome, Profile, Record};
-    use crate::report::fixtures;
+    use fathom_experiments::fixtures;
+    use fathom_record::{Definition, Outcome, Profile, Record};
 
     #[test]
     fn every_builtin_figure_has_data_in_a_full_run() {
         let svgs = svgs(&fixtures::run());
-        for id in crate::experiments::Experiment::builtin_ids() {
+        for id in fathom_experiments::Experiment::builtin_ids() {
             assert!(svgs.contains_key(&format!("{id}.svg")), "{id}");
         }
     }

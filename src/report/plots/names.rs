@@ -3,10 +3,10 @@
 use serde_json::Value;
 
 use super::PlotInput;
-use crate::experiments::schema::{Experiment, Plot};
-use crate::experiments::{Measure, label_text};
-use crate::record::Cell;
-use crate::words;
+use fathom_experiments::schema::{Experiment, Plot};
+use fathom_experiments::words;
+use fathom_experiments::{Measure, label_text};
+use fathom_record::Cell;
 
 /// The axis' own title, else its words.
 pub fn axis(name: &str, experiment: &Experiment) -> String {

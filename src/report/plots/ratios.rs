@@ -6,11 +6,11 @@ use plotters::prelude::*;
 use super::chart::{BarChart, Canvas, Legend, Mark};
 use super::scale::{Scale, ScaleKind};
 use super::{Area, Drawn, Panel, PlotInput, names, style};
-use crate::experiments::schema::{Plot, Test};
-use crate::experiments::{Measure, Reading, fits, groups, label_text, same};
-use crate::record::{Cell, Interval};
-use crate::report::colors::StageColors;
-use crate::report::format::three;
+use crate::colors::StageColors;
+use crate::format::three;
+use fathom_experiments::schema::{Plot, Test};
+use fathom_experiments::{Measure, Reading, fits, groups, label_text, same};
+use fathom_record::{Cell, Interval};
 
 const ROW_PX: u32 = 34;
 /// Room for a ratio with its interval and number of samples.

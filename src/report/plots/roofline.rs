@@ -6,13 +6,11 @@ use plotters::prelude::*;
 use super::chart::mesh;
 use super::scale::{Scale, ScaleKind};
 use super::{Area, Drawn, Fault, WIDTH_PX, style};
-use crate::record::ceilings::{Bounded, Ceiling};
-use crate::report::ceilings::{RoofPoint, Roofline, rooflines};
-use crate::report::colors::StageColors;
-use crate::report::{
-    Artifact, Exporter, OfRun, ReportError, ReportView, RunExporter, Written, format,
-};
-use crate::text;
+use crate::ceilings::{RoofPoint, Roofline, rooflines};
+use crate::colors::StageColors;
+use crate::{Artifact, Exporter, OfRun, ReportError, ReportView, RunExporter, Written, format};
+use fathom_base::text;
+use fathom_record::ceilings::{Bounded, Ceiling};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "rooflines",
@@ -283,7 +281,7 @@ mod tests {
 
     #[test]
     fn a_figure_names_every_stage_and_roof() {
-        let records = crate::report::ceilings::tests::run();
+        let records = crate::ceilings::tests::run();
         let view = ReportView::new(&records, None);
         let files = export(&view).unwrap();
         let file = files.iter().find(|file| file.name == "roofline-underwater.svg").unwrap();

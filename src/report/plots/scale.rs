@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
-use crate::report::format;
+use crate::format;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScaleKind {

@@ -4,10 +4,10 @@ use plotters::prelude::*;
 
 use super::chart::{BarChart, Canvas, DIAMOND, Legend, Mark};
 use super::{Area, Drawn, Panel, PlotInput, names, style};
-use crate::experiments::schema::Published;
-use crate::record::{Cell, Estimate, Measured};
-use crate::report::colors::StageColors;
-use crate::report::format::{NS_PER_MS, three};
+use crate::colors::StageColors;
+use crate::format::{NS_PER_MS, three};
+use fathom_experiments::schema::Published;
+use fathom_record::{Cell, Estimate, Measured};
 
 const BAR_PX: u32 = 34;
 /// A stage that has less of every cell's frame is drawn among the others.
@@ -145,7 +145,7 @@ impl Bar {
             parts[place.unwrap_or(stages.len())] += stage.time.median / NS_PER_MS;
         }
         let frame = &measured.frame;
-        let gaps = crate::statistics::median(&frame.gap_samples_ns) / NS_PER_MS;
+        let gaps = fathom_base::statistics::median(&frame.gap_samples_ns) / NS_PER_MS;
         Bar {
             label: names::cell(cell, None, input.experiment),
             parts,

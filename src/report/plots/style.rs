@@ -4,8 +4,8 @@ use itertools::Itertools;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use crate::experiments::Verdict;
-use crate::report::colors::Color as StageColor;
+use crate::colors::Color as StageColor;
+use fathom_experiments::Verdict;
 
 /// Colours that are told apart with any colour vision (Okabe & Ito, *Color Universal Design* (2008)); yellow last, as
 /// it is faint on white.

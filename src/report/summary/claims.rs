@@ -6,8 +6,8 @@ use super::super::facts::{self, RuledClaim};
 use super::super::format::Table;
 use super::super::{ReportView, Section, plots};
 use super::{cut, link};
-use crate::experiments::Verdict;
-use crate::text;
+use fathom_base::text;
+use fathom_experiments::Verdict;
 
 /// Rows for the claims of each verdict.
 const MOST_CONTRADICTED: usize = 21;

@@ -4,7 +4,7 @@ use super::super::ReportView;
 use super::super::facts::{self, Representative, StageShare};
 use super::super::format::{self, Table, percent};
 use super::cut;
-use crate::text;
+use fathom_base::text;
 
 /// Rows of all frames.
 const MOST_ROWS: usize = 46;

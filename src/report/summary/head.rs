@@ -9,9 +9,9 @@ use super::super::facts::{self, SlowStage, Tally};
 use super::super::format::{self, Table, percent};
 use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
-use crate::experiments::{CHANCE, Verdict};
-use crate::record::{Cell, Estimate, Outcome, Run};
-use crate::text;
+use fathom_base::text;
+use fathom_experiments::{CHANCE, Verdict};
+use fathom_record::{Cell, Estimate, Outcome, Run};
 
 /// Stages that the first screen names.
 pub const SLOWEST: usize = 5;
@@ -165,7 +165,7 @@ fn place(cell: &Cell) -> String {
 fn cost(ratio: &Estimate) -> String {
     let of = |ratio: f64| ratio - 1.0;
     let interval =
-        ratio.interval.map(|i| crate::record::Interval { low: of(i.low), high: of(i.high) });
+        ratio.interval.map(|i| fathom_record::Interval { low: of(i.low), high: of(i.high) });
     facts::share(&Estimate { median: of(ratio.median), interval, n: ratio.n })
 }
 

@@ -5,7 +5,7 @@ use super::super::facts::{self, Exponent};
 use super::super::format::{Table, si};
 use super::claims::plot;
 use super::cut;
-use crate::text;
+use fathom_base::text;
 
 const MOST_ROWS: usize = 26;
 

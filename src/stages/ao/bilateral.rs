@@ -1,6 +1,6 @@
-//! `ao/bilateral`: [`Bilateral`](crate::stages::bilateral::Bilateral) of the occlusion by volumes. VAO §6.
+//! `ao/bilateral`: [`Bilateral`](crate::bilateral::Bilateral) of the occlusion by volumes. VAO §6.
 
-use crate::stages::StageInfo;
+use crate::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ao/bilateral",

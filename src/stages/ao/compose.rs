@@ -2,13 +2,13 @@
 
 use glam::Vec2;
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::gbuffer::GbufferTextures;
+use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ao/compose",

@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
-use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
-use crate::scene::Scene;
+use crate::frame::{Shared, View};
+use crate::geometry::Geometry;
+use crate::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
 use crate::shader_struct;
-use crate::stages::frame::{Shared, View};
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
+use fathom_scene::Scene;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ao/glass",

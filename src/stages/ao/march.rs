@@ -2,18 +2,18 @@
 
 use glam::{DMat4, Vec2};
 
-use crate::gpu::{Gpu, GpuError, StageScope};
-use crate::record::Work;
-use crate::scene::Bounds;
+use crate::bilateral::{VISIBILITY_FORMAT, visibility_output};
+use crate::counters::Counters;
+use crate::frame::Shared;
+use crate::gbuffer::GbufferTextures;
+use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use crate::marching::Marching;
 use crate::shader_struct;
-use crate::stages::bilateral::{VISIBILITY_FORMAT, visibility_output};
-use crate::stages::counters::Counters;
-use crate::stages::frame::Shared;
-use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::stages::marching::Marching;
-use crate::stages::voxels::Voxels;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::voxels::Voxels;
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{Gpu, GpuError, StageScope};
+use fathom_record::Work;
+use fathom_scene::Bounds;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ao/march",
@@ -198,7 +198,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::scene::Camera;
+    use fathom_scene::Camera;
 
     #[test]
     fn rectangles_hold_what_a_box_covers() {

@@ -3,13 +3,13 @@
 use encase::ShaderType;
 use glam::Vec3;
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
+use crate::marching::Marching;
 use crate::shader_struct;
-use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use crate::stages::marching::Marching;
-use crate::stages::voxels::Voxels;
-use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
+use crate::voxels::Voxels;
+use crate::{Column, Output, OutputData, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ao/query",

@@ -1,6 +1,6 @@
-//! `caustics/filter`: [`LowPass`](crate::stages::low_pass::LowPass). UW §3.5.
+//! `caustics/filter`: [`LowPass`](crate::low_pass::LowPass). UW §3.5.
 
-use crate::stages::StageInfo;
+use crate::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/filter",

@@ -13,14 +13,14 @@
 
 use glam::Vec2;
 
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
+use crate::photon::Photons;
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
-use crate::stages::photon::Photons;
-use crate::stages::splatting::{self, Accumulated};
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::splatting::{self, Accumulated};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/mesh",

@@ -20,14 +20,14 @@
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
+use crate::photon::Photons;
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
-use crate::stages::photon::Photons;
-use crate::stages::splatting::{self, Accumulated, Additive, Drawing};
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::splatting::{self, Accumulated, Additive, Drawing};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/splat",
@@ -58,6 +58,8 @@ pub enum SplatCoverage {
     /// The part of the square behind which the photon's own surface is seen.
     Surface,
 }
+
+fathom_base::choices!(SplatCoverage);
 
 impl SplatCoverage {
     fn def(self) -> (&'static str, i32) {

@@ -1,6 +1,6 @@
-//! `caustics/trace`: [`Tracing`](crate::stages::photon::Tracing) of the light's photon grid through the water to the scene. UW §3.3.
+//! `caustics/trace`: [`Tracing`](crate::photon::Tracing) of the light's photon grid through the water to the scene. UW §3.3.
 
-use crate::stages::StageInfo;
+use crate::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/trace",

@@ -2,13 +2,13 @@
 
 use glam::Vec2;
 
-use crate::gpu::GpuError;
+use crate::frame::Shared;
+use crate::kit::Resources;
+use crate::photon::Photons;
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::Resources;
-use crate::stages::photon::Photons;
-use crate::stages::splatting::{Additive, Drawing};
-use crate::stages::{Column, StageInfo};
+use crate::splatting::{Additive, Drawing};
+use crate::{Column, StageInfo};
+use fathom_gpu::GpuError;
 
 pub const INFO: StageInfo = StageInfo {
     name: "godrays/lines",

@@ -1,6 +1,6 @@
-//! `godrays/trace`: [`Tracing`](crate::stages::photon::Tracing) of the light's photon grid through the water to the scene. UW §3.4.
+//! `godrays/trace`: [`Tracing`](crate::photon::Tracing) of the light's photon grid through the water to the scene. UW §3.4.
 
-use crate::stages::StageInfo;
+use crate::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "godrays/trace",

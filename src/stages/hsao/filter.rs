@@ -1,6 +1,6 @@
-//! `hsao/filter`: [`Bilateral`](crate::stages::bilateral::Bilateral) of screen-space occlusion. VAO §6.
+//! `hsao/filter`: [`Bilateral`](crate::bilateral::Bilateral) of screen-space occlusion. VAO §6.
 
-use crate::stages::StageInfo;
+use crate::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "hsao/filter",

@@ -3,15 +3,15 @@
 
 use glam::Vec2;
 
-use crate::gpu::{Gpu, GpuError, StageScope};
-use crate::record::Work;
+use crate::bilateral::{VISIBILITY_FORMAT, visibility_output};
+use crate::counters::Counters;
+use crate::frame::Shared;
+use crate::gbuffer::GbufferTextures;
+use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use crate::shader_struct;
-use crate::stages::bilateral::{VISIBILITY_FORMAT, visibility_output};
-use crate::stages::counters::Counters;
-use crate::stages::frame::Shared;
-use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{Gpu, GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "hsao/march",

@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use super::{Buffer, layer_view, view};
-use crate::gpu::{Gpu, GroupKey, StructLayout};
+use fathom_gpu::{Gpu, GroupKey, StructLayout};
 
 /// One entry of a bind group; its binding number is its place in the list.
 pub enum Bind<'a> {

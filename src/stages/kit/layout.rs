@@ -3,7 +3,7 @@
 use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 
-use crate::gpu::{GpuError, Shader, StructLayout};
+use fathom_gpu::{GpuError, Shader, StructLayout};
 
 /// A host struct that shaders read or write; [`shader_struct!`](crate::shader_struct) makes it.
 pub trait ShaderStruct: ShaderType + WriteInto {
@@ -50,17 +50,17 @@ macro_rules! shader_struct {
             $($(#[$field_about])* pub $field: $type),*
         }
 
-        impl $crate::stages::kit::ShaderStruct for $name {
-            fn layout() -> $crate::gpu::StructLayout {
-                use $crate::stages::kit::FieldType;
+        impl $crate::kit::ShaderStruct for $name {
+            fn layout() -> $crate::kit::StructLayout {
+                use $crate::kit::FieldType;
                 let types = [$((stringify!($field), <$type as FieldType>::WGSL)),*];
                 let metadata = <Self as ::encase::ShaderType>::METADATA;
                 let offsets = metadata.extra.offsets.map(|offset| offset as u32);
-                $crate::gpu::StructLayout::new(&types, &offsets, metadata.min_size().get() as u32)
+                $crate::kit::StructLayout::new(&types, &offsets, metadata.min_size().get() as u32)
             }
         }
 
-        impl $crate::stages::kit::FieldType for $name {
+        impl $crate::kit::FieldType for $name {
             const WGSL: &'static str = "struct";
         }
     };

@@ -5,9 +5,10 @@ mod layout;
 mod pass;
 mod resources;
 
-use crate::gpu::Gpu;
+use fathom_gpu::Gpu;
 
 pub use bind::{Bind, Group};
+pub use fathom_gpu::StructLayout;
 pub use layout::{FieldType, ShaderStruct, host_bytes};
 pub use pass::{
     Code, Dispatch, Kernel, Raster, RenderSpec, ScenePass, ScreenPass, bare, bind_groups,

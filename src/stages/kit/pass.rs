@@ -2,11 +2,11 @@
 
 use super::layout::check;
 use super::{Group, Resources, view};
-use crate::gpu::{
+use crate::geometry::{Geometry, Part};
+use fathom_gpu::{
     CodeKey, ColorTarget, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader,
     StageScope, StructLayout, Targets, compilation_options,
 };
-use crate::stages::geometry::{Geometry, Part};
 
 /// A shader by its path and the values that it is compiled with.
 #[derive(Clone, Copy)]
@@ -409,9 +409,9 @@ impl ScenePass {
     }
 
     /// Every opaque triangle, and `texel_bytes` for each pixel of the targets.
-    pub fn work(&self, texel_bytes: u64) -> crate::record::Work {
+    pub fn work(&self, texel_bytes: u64) -> fathom_record::Work {
         let triangles = self.geometry.triangles_of(Part::Opaque);
-        crate::record::Work {
+        fathom_record::Work {
             triangles,
             // Where nothing is drawn, nothing is read.
             bytes_read: if triangles > 0 { self.geometry.bytes() } else { 0 },
@@ -421,8 +421,8 @@ impl ScenePass {
     }
 
     /// The same without the geometry's bytes, as other parts than the opaque one have some of them.
-    pub fn least_work(&self, texel_bytes: u64) -> crate::record::Work {
-        crate::record::Work { bytes_read: 0, ..self.work(texel_bytes) }
+    pub fn least_work(&self, texel_bytes: u64) -> fathom_record::Work {
+        fathom_record::Work { bytes_read: 0, ..self.work(texel_bytes) }
     }
 }
 

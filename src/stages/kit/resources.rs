@@ -9,8 +9,8 @@ use encase::{ShaderType, StorageBuffer};
 use wgpu::util::DeviceExt;
 
 use super::{ShaderStruct, host_bytes};
-use crate::gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
-use crate::record::Work;
+use fathom_gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
+use fathom_record::Work;
 
 /// Bytes of a buffer on a planner: enough for every binding.
 const PLANNED_BYTES: u64 = 4096;

@@ -2,14 +2,14 @@
 
 use glam::UVec2;
 
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::geometry::{Geometry, Part};
+use crate::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
+use crate::screen_ray::FragmentLists;
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::geometry::{Geometry, Part};
-use crate::stages::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
-use crate::stages::screen_ray::FragmentLists;
-use crate::stages::{Stage, StageInfo};
+use crate::{Stage, StageInfo};
+use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ldi/lists",

@@ -1,12 +1,12 @@
 //! `ldi/peel`: layers of depth and normals from the camera, one after the other. SPT §2.2.
 
-use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
-use crate::stages::frame::Shared;
-use crate::stages::geometry::{Geometry, Part};
-use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
-use crate::stages::screen_ray::Layers;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::frame::Shared;
+use crate::geometry::{Geometry, Part};
+use crate::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
+use crate::screen_ray::Layers;
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ldi/peel",

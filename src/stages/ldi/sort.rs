@@ -1,11 +1,11 @@
 //! `ldi/sort`: the nearest fragments of each pixel's list, in order, as layers.
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
-use crate::stages::ldi::lists::Node;
-use crate::stages::screen_ray::{FragmentLists, Layers};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
+use crate::ldi::lists::Node;
+use crate::screen_ray::{FragmentLists, Layers};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ldi/sort",

@@ -4,13 +4,13 @@ use bytemuck::{Pod, Zeroable};
 use encase::ShaderType;
 use glam::Vec3;
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
+use crate::photon::{Photon, TraceUniforms};
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use crate::stages::photon::{Photon, TraceUniforms};
-use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
+use crate::{Column, Output, OutputData, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "photons/query",

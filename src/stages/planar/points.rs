@@ -1,13 +1,13 @@
 //! `planar/points`: each photon is a point of one texel in the illumination map of the pool's face that it meets. SPT §1.1, Fig. 2.
 
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
+use crate::pool::{Pool, map_output};
+use crate::screen_ray::{Transfer, Transfers};
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
-use crate::stages::pool::{Pool, map_output};
-use crate::stages::screen_ray::{Transfer, Transfers};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "planar/points",

@@ -1,10 +1,10 @@
 //! `post/luminance`: log-average luminance of the final image, as exposure is metered by. Reinhard, Stark, Shirley and Ferwerda,
 //! *Photographic Tone Reproduction for Digital Images*, 2002, Eq. 1.
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
+use crate::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
+use crate::{Column, Output, OutputData, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "post/luminance",

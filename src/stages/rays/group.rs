@@ -1,6 +1,6 @@
 //! `rays/group`: a workgroup walks each ray, its invocations at neighbouring steps. Not in the paper.
 
-use crate::stages::StageInfo;
+use crate::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "rays/group",

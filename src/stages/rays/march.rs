@@ -1,6 +1,6 @@
 //! `rays/march`: an invocation walks each ray and ends at the first hit. The single-shader form of SPT §2.1.
 
-use crate::stages::StageInfo;
+use crate::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "rays/march",

@@ -1,11 +1,11 @@
 //! `rays/rasterize`: a line for each photon into its own row; each fragment is held against all layers. SPT §2.1.
 
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Raster, RenderSpec, Resources};
-use crate::stages::screen_ray::Rays;
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::frame::Shared;
+use crate::kit::{self, Raster, RenderSpec, Resources};
+use crate::screen_ray::Rays;
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "rays/rasterize",

@@ -1,12 +1,12 @@
 //! `rays/reduce`: the first hit of each row, in steps that halve the width. SPT §2.1.
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
+use crate::photon::Photons;
+use crate::screen_ray::{self, Rays};
 use crate::shader_struct;
-use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
-use crate::stages::photon::Photons;
-use crate::stages::screen_ray::{self, Rays};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "rays/reduce",

@@ -5,7 +5,7 @@ pub mod surface;
 pub mod trace;
 pub mod two_interface;
 
-use crate::stages::{Column, Output};
+use crate::{Column, Output};
 
 /// The rays behind glass, a pixel each: `Exit` in `shaders/shared/refraction.wgsl`.
 #[derive(Clone)]

@@ -2,14 +2,14 @@
 
 use glam::Vec2;
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use crate::screen_picture::Shafts;
+use crate::screen_ray::{Layers, WalkUniforms, walk_turns};
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::stages::screen_ray::{Layers, WalkUniforms, walk_turns};
-use crate::stages::sprites::compose::Shafts;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/surface",

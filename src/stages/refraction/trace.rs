@@ -1,13 +1,13 @@
 //! `refraction/trace`: lines of sight through glass, refracted several times, through layers of depth. SPT §4.
 
 use super::{Exits, FORMAT};
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use crate::screen_ray::{Layers, WalkUniforms, walk_turns};
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::stages::screen_ray::{Layers, WalkUniforms, walk_turns};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/trace",
@@ -31,6 +31,8 @@ pub enum Surface {
     /// The tangent planes of the surfaces in these texels.
     Plane,
 }
+
+fathom_base::choices!(Surface);
 
 pub struct Trace {
     pass: ScreenPass,

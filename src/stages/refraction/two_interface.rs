@@ -1,12 +1,12 @@
 //! `refraction/two_interface`: refraction through two interfaces, approximated. Wyman 2005, the method that SPT §4 compares with.
 
 use super::{Exits, FORMAT};
-use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
-use crate::stages::frame::Shared;
-use crate::stages::geometry::{Geometry, Part};
-use crate::stages::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::frame::Shared;
+use crate::geometry::{Geometry, Part};
+use crate::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/two_interface",

@@ -1,11 +1,11 @@
 //! `scalar/isosurface`: the first isosurface on each view ray, with ambient occlusion. VAO §5.2.1.
 
-use crate::gpu::GpuError;
-use crate::stages::StageInfo;
-use crate::stages::frame::Shared;
-use crate::stages::kit::Resources;
-use crate::stages::ray_cast::{CastUniforms, RayCast};
-use crate::stages::scalar_field::ScalarField;
+use crate::StageInfo;
+use crate::frame::Shared;
+use crate::kit::Resources;
+use crate::ray_cast::{CastUniforms, RayCast};
+use crate::scalar_field::ScalarField;
+use fathom_gpu::GpuError;
 
 pub const INFO: StageInfo = StageInfo {
     name: "scalar/isosurface",

@@ -6,13 +6,13 @@
 
 use glam::Vec3;
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::scene::Scene;
+use crate::geometry::Geometry;
+use crate::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
 use crate::shader_struct;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
-use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
+use crate::{Column, Output, OutputData, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
+use fathom_scene::Scene;
 
 pub const INFO: StageInfo = StageInfo {
     name: "scene/deform",

@@ -1,12 +1,12 @@
 //! `scene/gbuffer`: albedo, normal and depth from the camera. UW §3.2.
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::stages::frame::Shared;
-use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::{Bind, Group, Resources, ScenePass};
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::frame::Shared;
+use crate::gbuffer::GbufferTextures;
+use crate::geometry::Geometry;
+use crate::kit::{Bind, Group, Resources, ScenePass};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "scene/gbuffer",

@@ -1,13 +1,13 @@
 //! `shadow/compose`: the picture, lit where rays to the light meet nothing. SPT §5.
 
-use crate::gpu::GpuError;
-use crate::record::Work;
-use crate::stages::StageInfo;
-use crate::stages::frame::Shared;
-use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::kit::{Bind, Resources};
-use crate::stages::photon::Photons;
-use crate::stages::screen_picture::Picture;
+use crate::StageInfo;
+use crate::frame::Shared;
+use crate::gbuffer::GbufferTextures;
+use crate::kit::{Bind, Resources};
+use crate::photon::Photons;
+use crate::screen_picture::Picture;
+use fathom_gpu::GpuError;
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shadow/compose",

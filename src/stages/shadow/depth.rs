@@ -1,11 +1,11 @@
 //! `shadow/depth`: scene depth from the light. UW §3 step 2a.
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::{Resources, ScenePass};
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::frame::Shared;
+use crate::geometry::Geometry;
+use crate::kit::{Resources, ScenePass};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shadow/depth",

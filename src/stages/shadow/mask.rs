@@ -1,11 +1,11 @@
 //! `shadow/mask`: the water surface as the light sees it first. UW §3 step 2b.
 
-use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shadow/mask",

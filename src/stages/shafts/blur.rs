@@ -2,11 +2,11 @@
 
 use glam::IVec2;
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use crate::shader_struct;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shafts/blur",

@@ -1,12 +1,12 @@
 //! `shafts/lines`: a line from start to hit for each photon, fading with its way, added up. SPT §3.2.
 
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
+use crate::photon::Photons;
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
-use crate::stages::photon::Photons;
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shafts/lines",

@@ -2,13 +2,14 @@
 
 use glam::Vec2;
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::gbuffer::GbufferTextures;
+use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use crate::screen_picture::Shafts;
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "sprites/compose",
@@ -23,15 +24,6 @@ shader_struct! {
         pub exposure: f32,
         pub shaft_scale: f32,
     }
-}
-
-/// Shafts of light over a picture.
-#[derive(Clone, Copy)]
-pub struct Shafts<'a> {
-    /// What they add up to in each pixel, W.
-    pub flux: &'a wgpu::Texture,
-    /// Radiance for each W in a pixel, 1/(m² sr).
-    pub scale: f64,
 }
 
 /// What is made of the light.

@@ -2,15 +2,15 @@
 
 use glam::Vec2;
 
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
+use crate::photon::Photons;
+use crate::screen_ray::Layers;
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
-use crate::stages::photon::Photons;
-use crate::stages::screen_ray::Layers;
-use crate::stages::splatting::{PHOTONS_PER_INSTANCE, index_pattern};
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::splatting::{PHOTONS_PER_INSTANCE, index_pattern};
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "sprites/draw",

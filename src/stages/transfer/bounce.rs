@@ -1,13 +1,13 @@
 //! `transfer/bounce`: photons that have met a mirror or glass go on from there. SPT §2.3.
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{Bind, Dispatch, Group, Kernel, Resources, linear_workgroups};
+use crate::photon::Photons;
+use crate::screen_ray::{Rays, Transfer};
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{Bind, Dispatch, Group, Kernel, Resources, linear_workgroups};
-use crate::stages::photon::Photons;
-use crate::stages::screen_ray::{Rays, Transfer};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "transfer/bounce",
@@ -115,6 +115,6 @@ impl Stage for Bounce {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        vec![crate::stages::screen_ray::output(&self.outputs)]
+        vec![crate::screen_ray::output(&self.outputs)]
     }
 }

@@ -2,13 +2,13 @@
 
 use glam::UVec2;
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::frame::Shared;
+use crate::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources, linear_workgroups};
+use crate::screen_ray::{Transfer, Transfers};
 use crate::shader_struct;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources, linear_workgroups};
-use crate::stages::screen_ray::{Transfer, Transfers};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "transfer/map",

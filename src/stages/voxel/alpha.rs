@@ -2,10 +2,10 @@
 
 use super::Part;
 use super::triangles::{Contact, Triangles};
-use crate::gpu::GpuError;
-use crate::stages::StageInfo;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
+use crate::StageInfo;
+use crate::geometry::Geometry;
+use crate::kit::Resources;
+use fathom_gpu::GpuError;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/alpha",

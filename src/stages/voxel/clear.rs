@@ -1,9 +1,9 @@
 //! `voxel/clear`: slicemaps, bit volumes and opacities start from nothing. VAO §4.2.
 
-use crate::gpu::StageScope;
-use crate::record::Work;
-use crate::stages::kit::Buffer;
-use crate::stages::{Stage, StageInfo};
+use crate::kit::Buffer;
+use crate::{Stage, StageInfo};
+use fathom_gpu::StageScope;
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/clear",

@@ -1,11 +1,11 @@
 //! `voxel/combine`: OR of the three slicemaps, brought to one frame of reference. VAO §4.2.
 
 use super::bit_volumes;
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::stages::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use crate::stages::voxels::Voxels;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
+use crate::voxels::Voxels;
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/combine",

@@ -8,13 +8,13 @@
 use glam::UVec3;
 
 use super::rows;
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::scene::Grid;
+use crate::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use crate::shader_struct;
-use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use crate::stages::voxels::Voxels;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::voxels::Voxels;
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
+use fathom_scene::Grid;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/mips",

@@ -5,11 +5,11 @@
 
 use super::slicemap::Axis;
 use super::{Part, bit_volumes};
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Raster, RenderSpec, Resources};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::geometry::Geometry;
+use crate::kit::{self, Bind, Dispatch, Group, Kernel, Raster, RenderSpec, Resources};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/slice",

@@ -4,12 +4,12 @@
 //! empty, and the passes along the other axes fill them.
 
 use super::{Part, triangles, words};
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
-use crate::scene::Grid;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::geometry::Geometry;
+use crate::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
+use fathom_scene::Grid;
 
 pub const INFO_X: StageInfo = StageInfo {
     name: "voxel/slicemap-x",

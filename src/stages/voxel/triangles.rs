@@ -6,14 +6,14 @@
 
 use super::clear::Cleared;
 use super::{Part, bit_volumes};
-use crate::gpu::{GpuError, MOST_LOOP_TURNS, StageScope};
-use crate::record::Work;
-use crate::scene::Grid;
+use crate::geometry::Geometry;
+use crate::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use crate::shader_struct;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use crate::stages::voxels::Voxels;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::voxels::Voxels;
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, MOST_LOOP_TURNS, StageScope};
+use fathom_record::Work;
+use fathom_scene::Grid;
 
 /// Columns of voxels above which a triangle is large, and above which it is huge. Tuned on scenes bunny_dry and room, on a software
 /// driver and with workgroups of a GPU in mind: more columns leave a few invocations of a workgroup at work for long.

@@ -1,11 +1,11 @@
 //! `voxel/unpack`: bit volumes to textures of a byte a voxel, for trilinear sampling. VAO §4.2.
 
 use super::rows;
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use crate::stages::voxels::Voxels;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
+use crate::voxels::Voxels;
+use crate::{Output, Stage, StageInfo};
+use fathom_gpu::{GpuError, StageScope};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/unpack",

@@ -1,11 +1,11 @@
 //! `voxel/view`: full voxels as cubes, seen from the camera. VAO Fig. 2.
 
-use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
-use crate::record::Work;
-use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
-use crate::stages::voxels::Voxels;
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::frame::Shared;
+use crate::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
+use crate::voxels::Voxels;
+use crate::{Column, Output, Stage, StageInfo};
+use fathom_gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
+use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/view",

@@ -1,6 +1,6 @@
-//! `water/reflection`: [`LitScene`](crate::stages::lit_scene::LitScene) from the camera mirrored about y = 0. UW §3 step 4.
+//! `water/reflection`: [`LitScene`](crate::lit_scene::LitScene) from the camera mirrored about y = 0. UW §3 step 4.
 
-use crate::stages::StageInfo;
+use crate::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "water/reflection",

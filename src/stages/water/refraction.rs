@@ -1,6 +1,6 @@
-//! `water/refraction`: [`LitScene`](crate::stages::lit_scene::LitScene) from the camera. UW §3 step 4.
+//! `water/refraction`: [`LitScene`](crate::lit_scene::LitScene) from the camera. UW §3 step 4.
 
-use crate::stages::StageInfo;
+use crate::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "water/refraction",

@@ -1,9 +1,9 @@
 //! The scheduler on a machine whose submissions cost more at times than a stage lasts.
 
 use super::*;
-use crate::gpu::CostMeter;
-use crate::harness::outcome;
-use crate::record::PassKind;
+use crate::outcome;
+use fathom_gpu::CostMeter;
+use fathom_record::PassKind;
 
 /// A frame with a stage of no length and one of 2 ms, both fenced, timed by a meter whose submissions cost 60 µs, and every
 /// third time up to 4 ms more.

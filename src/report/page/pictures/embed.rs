@@ -9,8 +9,8 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::imageops;
 use image::{ImageFormat, ImageReader, Limits, RgbImage};
 
-use crate::folder::Folder;
-use crate::record::{Picture, PictureKind};
+use fathom_base::folder::Folder;
+use fathom_record::{Picture, PictureKind};
 
 /// Largest file that is read, bytes.
 const MAX_FILE: u64 = 16 << 20;

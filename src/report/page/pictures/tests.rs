@@ -3,8 +3,9 @@ use std::path::Path;
 use image::{Rgb, RgbImage};
 
 use super::*;
-use crate::record::Record;
-use crate::report::{ReportView, fixtures};
+use crate::ReportView;
+use fathom_experiments::fixtures;
+use fathom_record::Record;
 
 fn picture(path: &str, scale: Option<PictureScale>) -> Picture {
     Picture { path: path.to_owned(), shows: PictureKind::Image, scale }

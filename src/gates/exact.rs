@@ -1,0 +1,268 @@
+//! The exact gate: what is counted and not timed. Declared work, shader invocations, allocated bytes and errors
+//! against references are equal on both sides, or the change did something.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::adapters::AdapterRelation;
+use super::store::StoredComparison;
+use fathom_record::ErrorFigure;
+use fathom_record::comparison::{
+    CellId, CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
+};
+
+/// Share of the base's error by which an error must grow to count: floating-point sums in another order move
+/// errors by far less, a lower-quality setting by more.
+pub const ERROR_GROWTH: f64 = 0.01;
+/// Growth of an error, in its own unit (metres, shares), that is none however small the base's error is.
+pub const LEAST_ERROR: f64 = 1e-6;
+/// The same for a check, as a share of the check's tolerance.
+pub const LEAST_OF_TOLERANCE: f64 = 0.01;
+
+/// What a difference concerns.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DifferenceScope {
+    Cell(CellId),
+    /// A stage in every configuration.
+    Stage(String),
+    Configuration(String),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FigureKind {
+    Work,
+    Counter,
+    Bytes,
+    Error,
+    /// Read back, and neither good nor bad.
+    Quantity,
+}
+
+/// A figure that is not the same on both sides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Difference {
+    pub scope: DifferenceScope,
+    pub kind: FigureKind,
+    pub figure: String,
+    pub base: f64,
+    pub head: f64,
+    /// A regression: more work, more bytes, a larger error.
+    pub worse: bool,
+}
+
+impl Difference {
+    /// It is charged to this cell.
+    pub fn concerns(&self, cell: &CellId) -> bool {
+        match &self.scope {
+            DifferenceScope::Cell(own) => own == cell,
+            DifferenceScope::Stage(stage) => stage == cell.stage(),
+            DifferenceScope::Configuration(_) => false,
+        }
+    }
+}
+
+/// Every figure that differs between the sides, in the order of the lines.
+pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
+    let mut found = Vec::new();
+    let cells = of_both(&comparison.exact, |line| (line.side, &line.cell));
+    let counting = Side::BOTH.map(|side| counting(comparison, side));
+    for (base, head) in cells {
+        let id = base.cell.configuration();
+        let counted = counting.iter().all(|side| side.contains(id));
+        cell(base, head, counted, &mut found);
+    }
+    let configurations =
+        of_both(&comparison.configurations, |line| (line.side, &line.configuration));
+    for (base, head) in configurations {
+        configuration(base, head, &comparison.header.cells, &mut found);
+    }
+    let checks = of_both(&comparison.checks, |line| (line.side, (&line.stage, &line.what)));
+    for (base, head) in checks {
+        check(base, head, &mut found);
+    }
+    if !AdapterRelation::in_header(&comparison.header).is_judged() {
+        // What another driver or device invokes more often is no change of this one.
+        let counters = found.iter_mut().filter(|other| other.kind == FigureKind::Counter);
+        counters.for_each(|other| other.worse = false);
+    }
+    found
+}
+
+/// Configurations in which a side counts invocations.
+fn counting(comparison: &StoredComparison, side: Side) -> BTreeSet<&str> {
+    let lines = comparison.exact.iter();
+    let counted = lines.filter(|line| line.side == side && !line.counters.is_empty());
+    counted.map(|line| line.cell.configuration()).collect()
+}
+
+/// Lines of the base, each with the head's line of the same key; what one side lacks is left out. Of several lines
+/// with one key, which a resumed comparison may have, the last holds.
+fn of_both<'a, T, K: Ord>(lines: &'a [T], key: impl Fn(&'a T) -> (Side, K)) -> Vec<(&'a T, &'a T)> {
+    let last: BTreeMap<(Side, K), &T> = lines.iter().map(|line| (key(line), line)).collect();
+    let with_head = |line: &'a T| {
+        let (side, own) = key(line);
+        let own = (side, own);
+        let holds = side == Side::Base && std::ptr::eq(last[&own], line);
+        let head = last.get(&(Side::Head, own.1))?;
+        holds.then_some((line, *head))
+    };
+    lines.iter().filter_map(with_head).collect()
+}
+
+/// Errors and checks that one side gives and the other does not. What the base lacks is new in the head, unless a damaged
+/// line may have held it.
+pub fn missing(comparison: &StoredComparison) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    let configurations =
+        of_both(&comparison.configurations, |line| (line.side, &line.configuration));
+    for (base, head) in configurations {
+        let given =
+            |name: &String| head.errors.contains_key(name) || head.quantities.contains_key(name);
+        let lacking = base.errors.keys().filter(|name| !given(name));
+        faults.extend(lacking.map(|name| lack(Side::Head, name, &base.configuration)));
+    }
+    let [base, head] = Side::BOTH.map(|side| {
+        let checks = comparison.checks.iter().filter(|check| check.side == side);
+        checks.map(|check| (&check.stage, &check.what)).collect::<BTreeSet<_>>()
+    });
+    let check = |side, (stage, what): &(&String, &String)| lack(side, what, stage);
+    // A side without any check has a fault that says why.
+    if !base.is_empty() && !head.is_empty() {
+        faults.extend(base.difference(&head).map(|name| check(Side::Head, name)));
+        if !comparison.damaged.is_empty() {
+            faults.extend(head.difference(&base).map(|name| check(Side::Base, name)));
+        }
+    }
+    faults
+}
+
+fn lack(side: Side, figure: &str, of: &str) -> Fault {
+    let reason = format!("the {side} does not give {figure} of {of}");
+    Fault::new(Gate::Exact, Some(side), None, reason)
+}
+
+fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec<Difference>) {
+    let mut differ = |kind, figure: &str, base_count: u64, head_count: u64| {
+        if base_count != head_count {
+            found.push(Difference {
+                scope: DifferenceScope::Cell(base.cell.clone()),
+                kind,
+                figure: figure.to_owned(),
+                base: base_count as f64,
+                head: head_count as f64,
+                worse: head_count > base_count,
+            });
+        }
+    };
+    let works = base.work.fields().into_iter().zip(head.work.fields());
+    for ((name, base), (_, head)) in works {
+        differ(FigureKind::Work, name, base, head);
+    }
+    if !counted {
+        return;
+    }
+    let names: BTreeSet<&String> = base.counters.keys().chain(head.counters.keys()).collect();
+    for name in names {
+        let count = |line: &ExactFigures| line.counters.get(name).copied().unwrap_or(0);
+        differ(FigureKind::Counter, name, count(base), count(head));
+    }
+}
+
+fn configuration(
+    base: &ConfigurationFigures,
+    head: &ConfigurationFigures,
+    cells: &[CellId],
+    found: &mut Vec<Difference>,
+) {
+    let whole = DifferenceScope::Configuration(base.configuration.clone());
+    let differ = |scope, kind, figure: &str, base: f64, head: f64, worse| Difference {
+        scope,
+        kind,
+        figure: figure.to_owned(),
+        base,
+        head,
+        worse,
+    };
+    let (b, h) = (base.allocated_bytes, head.allocated_bytes);
+    if b != h {
+        let (kind, name) = (FigureKind::Bytes, "allocated_bytes");
+        found.push(differ(whole.clone(), kind, name, b as f64, h as f64, h > b));
+    }
+    let figures = base.errors.iter().chain(&base.quantities);
+    let pairs = figures.filter_map(|(name, b)| {
+        let h = head.errors.get(name).or(head.quantities.get(name))?;
+        Some((name.as_str(), *b, *h))
+    });
+    let judged = |name: &str| head.judged.iter().chain(&base.judged).find(|e| e.name == name);
+    let is_error = |name: &str| base.errors.contains_key(name) || head.errors.contains_key(name);
+    let (errors, quantities): (Vec<_>, Vec<_>) = pairs.partition(|(name, ..)| is_error(name));
+    let grown: BTreeMap<&str, bool> = errors
+        .iter()
+        .filter(|(_, b, h)| moved(b.abs(), h.abs(), LEAST_ERROR))
+        .map(|(name, b, h)| (*name, larger(b.abs(), h.abs())))
+        .collect();
+    for (name, b, h) in errors {
+        if let Some(worse) = grown.get(name) {
+            let stage = judged(name).map(|error| charged_stage(error, &grown, &judged));
+            let scope = scope_of(stage, cells, &base.configuration);
+            found.push(differ(scope, FigureKind::Error, name, b, h, *worse));
+        }
+    }
+    for (name, b, h) in quantities {
+        if moved(b, h, LEAST_ERROR) {
+            found.push(differ(whole.clone(), FigureKind::Quantity, name, b, h, false));
+        }
+    }
+}
+
+/// The stage that an error is charged to: the one whose output it judges, or the stage before it if the same error has moved
+/// alike there. `grown` has the errors that have moved, and whether they grew.
+fn charged_stage<'e>(
+    error: &'e ErrorFigure,
+    grown: &BTreeMap<&str, bool>,
+    judged: &impl Fn(&str) -> Option<&'e ErrorFigure>,
+) -> &'e str {
+    let alike =
+        |before: &&ErrorFigure| grown.get(before.name.as_str()) == grown.get(error.name.as_str());
+    let before = error.before.as_deref().and_then(judged).filter(alike);
+    &before.unwrap_or(error).stage
+}
+
+/// The stage's cell; the whole configuration where the stage is not known or is no cell.
+fn scope_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> DifferenceScope {
+    let is_cell =
+        |cell: &&CellId| cell.configuration() == configuration && Some(cell.stage()) == stage;
+    match cells.iter().find(is_cell) {
+        Some(cell) => DifferenceScope::Cell(cell.clone()),
+        None => DifferenceScope::Configuration(configuration.to_owned()),
+    }
+}
+
+fn check(base: &CheckFigure, head: &CheckFigure, found: &mut Vec<Difference>) {
+    let broken = base.sound && !head.sound;
+    let least = LEAST_OF_TOLERANCE * base.tolerance;
+    if broken || moved(base.measured, head.measured, least) {
+        found.push(Difference {
+            scope: DifferenceScope::Stage(base.stage.clone()),
+            kind: FigureKind::Error,
+            figure: format!("{} ({})", base.what, base.unit),
+            base: base.measured,
+            head: head.measured,
+            worse: broken || larger(base.measured, head.measured),
+        });
+    }
+}
+
+/// A difference beyond what the order of floating-point sums makes. What is a number on one side only has moved.
+fn moved(base: f64, head: f64, least: f64) -> bool {
+    let tolerance = (ERROR_GROWTH * base.abs()).max(least);
+    let within = (head - base).abs() <= tolerance;
+    !within && (base.is_finite() || head.is_finite())
+}
+
+/// An error that is no number is larger than any.
+fn larger(base: f64, head: f64) -> bool {
+    head > base || (base.is_finite() && !head.is_finite())
+}
+
+#[cfg(test)]
+mod tests;

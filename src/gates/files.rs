@@ -1,0 +1,270 @@
+//! Comparison of two files of records: what they hold of the same cells.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use itertools::Itertools;
+use thiserror::Error;
+
+use fathom_base::input;
+use fathom_base::private;
+use fathom_record as record;
+use fathom_record::comparison::{
+    CellId, Compared, ComparedBuild, ComparisonHeader, ConfigurationFigures, ExactFigures, Fault,
+    Gate, GateSettings, Side, SideEnvironment, Skip, UnpairedSamples,
+};
+use fathom_record::{Adapter, Cell, Measured, Outcome, Record, RecordError, Run};
+
+/// Cells that a note names before it breaks off.
+const MOST_NAMED: usize = 5;
+
+#[derive(Debug, Error)]
+pub enum FilesError {
+    #[error(transparent)]
+    Lines(#[from] RecordError),
+    #[error("{} holds no run", path.display())]
+    NoRun { path: PathBuf },
+    #[error("the files have no measured cell in common: {} of the base, {} of the head", .base, .head)]
+    NothingInCommon { base: usize, head: usize },
+}
+
+/// One file.
+struct Read {
+    run: Run,
+    build: ComparedBuild,
+    /// By resume key: the same pipeline, scene and parameters.
+    cells: BTreeMap<String, Cell>,
+    notes: Vec<String>,
+}
+
+/// The lines that two files amount to.
+pub fn lines(
+    base: &Path,
+    head: &Path,
+    settings: &GateSettings,
+) -> Result<Vec<Compared>, FilesError> {
+    let [base, head] = [read(base)?, read(head)?];
+    let timed = comparable(&base.run, &head.run);
+    let mut contents = Contents {
+        same_driver: timed.is_ok(),
+        notes: base.notes.iter().chain(&head.notes).cloned().collect(),
+        ..Contents::default()
+    };
+    let mut ids = BTreeMap::new();
+    for (key, cell) in &base.cells {
+        if let Some(of_head) = head.cells.get(key) {
+            contents.add(&numbered(name(cell), &mut ids), [cell, of_head]);
+        }
+    }
+    if ids.is_empty() {
+        let (base, head) = (base.cells.len(), head.cells.len());
+        return Err(FilesError::NothingInCommon { base, head });
+    }
+    contents.notes.extend(only_in(Side::Base, &base, &head));
+    contents.notes.extend(only_in(Side::Head, &head, &base));
+    let header = header([base, head], settings, contents.cells, contents.notes, timed);
+    contents.lines.insert(0, Compared::Header(Box::new(header)));
+    Ok(contents.lines)
+}
+
+fn name(cell: &Cell) -> String {
+    format!("{}:{}", cell.experiment, cell.cell)
+}
+
+/// The name, with a number if it was met before: cells may differ in parameters that are no axes.
+fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
+    let count = met.entry(name.clone()).or_default();
+    *count += 1;
+    match *count {
+        1 => name,
+        n => format!("{name} ({n})"),
+    }
+}
+
+/// Which cells the other side's file lacks.
+fn only_in(side: Side, own: &Read, other: &Read) -> Option<String> {
+    let alone = own.cells.iter().filter(|(key, _)| !other.cells.contains_key(*key));
+    let count = alone.clone().count();
+    let more = (count > MOST_NAMED).then(|| "…".to_owned());
+    let names = alone.map(|(_, cell)| name(cell)).take(MOST_NAMED).chain(more).join("; ");
+    (count > 0)
+        .then(|| format!("only in the {side}, and not compared: {count} of its cells: {names}"))
+}
+
+fn read(path: &Path) -> Result<Read, FilesError> {
+    // The user names this file itself, if only by a link.
+    let target = path.canonicalize();
+    let target = target.as_deref().unwrap_or(path);
+    let reading = record::read(target)?;
+    let file = private::path(path);
+    let mut notes: Vec<String> = reading
+        .damaged
+        .told(ToString::to_string)
+        .into_iter()
+        .map(|told| format!("{file}: {told}"))
+        .collect();
+    let mut last: Option<Run> = None;
+    let mut cells = BTreeMap::new();
+    for record in reading.records {
+        match record {
+            Record::Run(run) => {
+                if let Some(Err(reason)) = last.as_ref().map(|last| comparable(last, &run)) {
+                    cells.clear();
+                    notes.push(format!("{file}: only its last run counts: {reason}"));
+                }
+                last = Some(*run);
+            }
+            Record::Cell(cell) => {
+                cells.insert(cell.resume_key(), *cell);
+            }
+            Record::Experiment(_) | Record::End(_) | Record::Comparison(_) => {}
+        }
+    }
+    let run = last.ok_or_else(|| FilesError::NoRun { path: path.to_owned() })?;
+    Ok(Read {
+        build: ComparedBuild {
+            label: private::path(path),
+            version: run.fathom_version.clone(),
+            protocol: None,
+            digest: input::open(path).and_then(input::sha256).unwrap_or_default(),
+            environment: SideEnvironment::default(),
+        },
+        run,
+        cells,
+        notes,
+    })
+}
+
+/// Why the times of two runs may not stand beside each other.
+fn comparable(base: &Run, head: &Run) -> Result<(), String> {
+    let named = |Adapter { name, driver, driver_info, .. }: &Adapter| {
+        format!("{name} ({driver} {driver_info})")
+    };
+    let (a, b) = (named(&base.adapter), named(&head.adapter));
+    if a != b || base.adapter.backend != head.adapter.backend {
+        return Err(format!("times of different adapters or drivers: {a} and {b}"));
+    }
+    let (a, b) = (base.shader_checks, head.shader_checks);
+    if a == b { Ok(()) } else { Err(format!("shaders {} and {}", a.name(), b.name())) }
+}
+
+/// What the cells of two files amount to.
+#[derive(Default)]
+struct Contents {
+    /// Times and counters may stand beside each other.
+    same_driver: bool,
+    lines: Vec<Compared>,
+    cells: Vec<CellId>,
+    notes: Vec<String>,
+}
+
+impl Contents {
+    /// One cell of both files, whose stages become gate cells.
+    fn add(&mut self, configuration: &str, sides: [&Cell; 2]) {
+        let outcomes = sides.map(|cell| &cell.outcome);
+        let [base, head] = outcomes.map(measured);
+        let cells_of = |side: Option<&Measured>| -> Vec<CellId> {
+            let stages = side.iter().flat_map(|side| &side.stages);
+            stages.map(|stage| CellId::new(configuration, &stage.stage)).collect()
+        };
+        self.cells.extend(cells_of(base).into_iter().chain(cells_of(head)).unique());
+        if let [Outcome::Skipped { reason } | Outcome::Failed { reason }, _] = outcomes
+            && head.is_none()
+        {
+            let note = format!("{configuration}: measured on neither side: {reason}");
+            return self.notes.push(note);
+        }
+        for (side, own, other) in [(Side::Base, outcomes[0], head), (Side::Head, outcomes[1], base)]
+        {
+            if let Some(own) = measured(own) {
+                self.figures(side, configuration, own);
+            }
+            let lacking = |cell| lacking(side, cell, own);
+            self.lines.extend(cells_of(other).into_iter().filter_map(lacking));
+        }
+    }
+
+    /// Counters belong to a driver, like times.
+    fn figures(&mut self, side: Side, configuration: &str, measured: &Measured) {
+        self.lines.push(Compared::Configuration(ConfigurationFigures {
+            side,
+            configuration: configuration.to_owned(),
+            allocated_bytes: measured.allocated_bytes,
+            errors: measured.errors.iter().map(|e| (e.name.clone(), e.value)).collect(),
+            judged: measured.errors.clone(),
+            quantities: measured.quantities.clone(),
+            notes: Vec::new(),
+        }));
+        for stage in &measured.stages {
+            let cell = CellId::new(configuration, &stage.stage);
+            let counters = self.same_driver.then(|| stage.counters.clone());
+            self.lines.push(Compared::Exact(ExactFigures {
+                side,
+                cell: cell.clone(),
+                work: stage.work,
+                counters: counters.unwrap_or_default(),
+            }));
+            if self.same_driver {
+                self.lines.push(Compared::Samples(UnpairedSamples {
+                    side,
+                    cell,
+                    ns: stage.samples_ns.clone(),
+                    resolution_ns: stage.resolution_ns(),
+                }));
+            }
+        }
+    }
+}
+
+fn measured(outcome: &Outcome) -> Option<&Measured> {
+    match outcome {
+        Outcome::Measured(measured) => Some(measured),
+        Outcome::Skipped { .. } | Outcome::Failed { .. } => None,
+    }
+}
+
+/// The fault of a side that lacks a cell which the other has. What the base skipped or never had is new in the head.
+fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Compared> {
+    let (reason, failed) = match own {
+        Outcome::Measured(measured) => {
+            let mut stages = measured.stages.iter();
+            if stages.any(|stage| stage.stage == cell.stage()) {
+                return None;
+            }
+            ("it has no such stage", false)
+        }
+        Outcome::Skipped { reason } => (reason.as_str(), false),
+        Outcome::Failed { reason } => (reason.as_str(), true),
+    };
+    let fault = Fault::new(Gate::Exact, Some(side), Some(cell), reason);
+    Some(Compared::Fault(Fault { absent: side == Side::Base && !failed, ..fault }))
+}
+
+fn header(
+    [base, head]: [Read; 2],
+    settings: &GateSettings,
+    cells: Vec<CellId>,
+    notes: Vec<String>,
+    timed: Result<(), String>,
+) -> ComparisonHeader {
+    let skip = |gate, reason: &str| Skip { gate, reason: reason.to_owned() };
+    let mut skipped = vec![skip(Gate::Instructions, "files of records hold no instruction counts")];
+    let mut gates = vec![Gate::Exact];
+    match timed {
+        Ok(()) => gates.push(Gate::Time),
+        Err(reason) => skipped.push(skip(Gate::Time, &reason)),
+    }
+    ComparisonHeader {
+        base: base.build,
+        head: head.build,
+        adapter: head.run.adapter,
+        settings: GateSettings { gates, unpaired: true, launches: 0, pairs: 0, ..settings.clone() },
+        cells,
+        skipped,
+        notes,
+        ..ComparisonHeader::default()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,171 @@
+//! A comparison's folder: what its records hold, sorted for the verdicts.
+
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use fathom_base::folder;
+use fathom_record as record;
+use fathom_record::comparison::{
+    CellId, CheckFigure, Compared, ComparisonEnd, ComparisonHeader, ConfigurationFigures,
+    ExactFigures, Fault, InstructionCounts, Launch, MOST_LAUNCHES, Pair, Side, UnpairedSamples,
+};
+use fathom_record::output::{Held, RECORDS};
+use fathom_record::{Reading, Record, RecordError};
+
+#[derive(Debug, Error)]
+pub enum StoreError {
+    #[error(transparent)]
+    Records(#[from] RecordError),
+    #[error("no comparison in {}", path.display())]
+    Absent { path: PathBuf },
+    #[error("{} has no sound header, so its other records mean nothing", path.display())]
+    NoHeader { path: PathBuf },
+}
+
+/// Appends records in one piece. Nothing else than this writes, so that measuring is not disturbed.
+pub fn write(held: &mut Held, lines: Vec<Compared>) -> Result<(), RecordError> {
+    let records: Vec<Record> = lines.into_iter().map(Record::from).collect();
+    held.writer.write_all(&records)
+}
+
+/// Everything that was measured, as verdicts take it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StoredComparison {
+    pub header: ComparisonHeader,
+    pub configurations: Vec<ConfigurationFigures>,
+    pub exact: Vec<ExactFigures>,
+    pub checks: Vec<CheckFigure>,
+    pub instructions: Vec<InstructionCounts>,
+    /// Of complete launches.
+    pub pairs: Vec<Pair>,
+    pub launches: Vec<Launch>,
+    /// The highest number of a launch that anything was stored of, complete or not.
+    pub last_launch: Option<u32>,
+    pub samples: Vec<UnpairedSamples>,
+    pub faults: Vec<Fault>,
+    /// So many of the faults, the first, stood when measuring was last interrupted: the interruption may have caused
+    /// them, so what they took is tried again.
+    pub faults_before_interruption: usize,
+    /// The last end, if measuring came to one, with the wall time of all.
+    pub end: Option<ComparisonEnd>,
+    /// Records that could not be read, as the tables name them.
+    pub damaged: Vec<String>,
+}
+
+impl StoredComparison {
+    /// Nothing measured yet.
+    pub fn new(header: ComparisonHeader) -> Self {
+        Self { header, ..Self::default() }
+    }
+
+    /// The comparison stored in a folder.
+    pub fn read(folder: &Path) -> Result<Self, StoreError> {
+        let path = folder.join(RECORDS);
+        if !folder::is_there(&record::stored(&path)) {
+            return Err(StoreError::Absent { path: folder.to_owned() });
+        }
+        Self::of(record::read(&path)?, &path)
+    }
+
+    /// The comparison that the records of a file hold.
+    pub fn of(reading: Reading, path: &Path) -> Result<Self, StoreError> {
+        let mut damaged: Vec<String> = reading.damaged.told(ToString::to_string);
+        damaged.extend(record::kept_aside(path).into_iter().map(|aside| {
+            let name = aside.file_name().unwrap_or_default().to_string_lossy();
+            format!("lines that could not be read were left out; they are in {name}")
+        }));
+        let foreign = !reading.records.is_empty() && !holds_comparison(&reading.records);
+        let all = Self::from_records(reading.records);
+        let mut all = all.ok_or_else(|| {
+            let path = path.to_owned();
+            if foreign { StoreError::Absent { path } } else { StoreError::NoHeader { path } }
+        })?;
+        all.damaged.splice(0..0, damaged);
+        Ok(all)
+    }
+
+    /// Sorts records by their kind; none without a header. Of several headers the first holds.
+    pub fn from_records(records: impl IntoIterator<Item = Record>) -> Option<Self> {
+        let mut header = None;
+        let mut all = Self::default();
+        for record in records {
+            let Record::Comparison(compared) = record else { continue };
+            match compared {
+                Compared::Header(first) => header = header.or(Some(*first)),
+                Compared::Configuration(line) => all.configurations.push(line),
+                Compared::Exact(line) => all.exact.push(line),
+                Compared::Check(line) => all.checks.push(line),
+                Compared::Instructions(line) => all.instructions.push(line),
+                Compared::Pair(line) => all.pairs.push(line),
+                Compared::Launch(line) => all.launches.push(line),
+                Compared::Samples(line) => all.samples.push(line),
+                Compared::Fault(line) => all.faults.push(line),
+                Compared::End(line) => all.ended(line),
+            }
+        }
+        all.header = header?;
+        all.leave_out_launches();
+        all.count_whole_launches();
+        Some(all)
+    }
+
+    /// Both sides' exact figures of a cell and of its configuration are there.
+    pub fn has_exact(&self, cell: &CellId) -> bool {
+        Side::BOTH.into_iter().all(|side| {
+            let (mut exact, mut whole) = (self.exact.iter(), self.configurations.iter());
+            exact.any(|line| line.side == side && line.cell == *cell)
+                && whole.any(|line| line.side == side && line.configuration == cell.configuration())
+        })
+    }
+
+    /// Launches of the first or the second measurement of the time gate.
+    pub fn launches_of(&self, second: bool) -> usize {
+        let launches = self.launches.iter();
+        launches.filter(|launch| launch.second == second).count()
+    }
+
+    /// Measuring ended by itself.
+    pub fn came_to_its_end(&self) -> bool {
+        self.end.as_ref().is_some_and(|end| !end.interrupted)
+    }
+
+    fn ended(&mut self, mut end: ComparisonEnd) {
+        if end.interrupted {
+            self.faults_before_interruption = self.faults.len();
+        }
+        end.wall_s += self.end.as_ref().map_or(0.0, |before| before.wall_s);
+        self.end = Some(end);
+    }
+
+    /// Leaves out launches beyond those that a comparison may have, and says so.
+    fn leave_out_launches(&mut self) {
+        let all = self.launches.len();
+        let mut counts = [0; 2];
+        self.launches.retain(|launch| {
+            let count = &mut counts[usize::from(launch.second)];
+            *count += 1;
+            *count <= MOST_LAUNCHES as usize
+        });
+        let left_out = all - self.launches.len();
+        if left_out > 0 {
+            self.damaged.push(format!(
+                "{left_out} launches beyond the first {MOST_LAUNCHES} of a measurement were left out"
+            ));
+        }
+    }
+
+    /// Leaves out the pairs of launches that were cut short, whose numbers are nevertheless taken.
+    fn count_whole_launches(&mut self) {
+        let whole: Vec<u32> = self.launches.iter().map(|launch| launch.launch).collect();
+        let paired = self.pairs.iter().map(|pair| pair.launch);
+        let failed = self.faults.iter().filter_map(|fault| fault.launch);
+        self.last_launch = paired.chain(failed).chain(whole.iter().copied()).max();
+        self.pairs.retain(|pair| whole.contains(&pair.launch));
+    }
+}
+
+/// Records of a comparison, and not of a run.
+pub fn holds_comparison(records: &[Record]) -> bool {
+    records.iter().any(|record| matches!(record, Record::Comparison(_)))
+}

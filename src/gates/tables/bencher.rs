@@ -1,0 +1,47 @@
+//! Bencher Metric Format: the head's figures by cell, and its time over the base's with the interval.
+
+use super::ComparisonExporter;
+use crate::verdict::{JudgedCell, Verdicts};
+use fathom_record::Interval;
+use fathom_record::comparison::Side;
+use fathom_report::bencher::{ALLOCATED_BYTES, Benchmarks, LATENCY};
+use fathom_report::{Exporter, Written};
+
+pub const EXPORTER: ComparisonExporter = Exporter {
+    name: "bencher",
+    about: "Bencher Metric Format",
+    file: "bencher.json",
+    written: Written::WithEveryReport,
+    export,
+};
+
+fn export(verdicts: &Verdicts<'_>) -> String {
+    let mut all = Benchmarks::default();
+    for cell in &verdicts.cells {
+        add(cell, &mut all);
+    }
+    let configurations = verdicts.comparison.configurations.iter();
+    for line in configurations.filter(|line| line.side == Side::Head) {
+        all.add(&line.configuration, ALLOCATED_BYTES, line.allocated_bytes, None);
+    }
+    all.text()
+}
+
+fn add(cell: &JudgedCell, all: &mut Benchmarks) {
+    let name = cell.cell.as_str();
+    if let Some(time) = &cell.time {
+        // What digits there are beyond these is the mathematics library's affair.
+        let ratio = |change: f64| ((1.0 + change) * 1e6).round() / 1e6;
+        let interval =
+            time.interval.map(|(low, high)| Interval { low: ratio(low), high: ratio(high) });
+        all.add(name, "time-ratio", ratio(time.change), interval);
+        all.add(name, LATENCY, time.head_ns.round(), None);
+    }
+    if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {
+        let time = &unpaired.head.ns;
+        all.add(name, LATENCY, time.median, time.interval);
+    }
+    if let Some(counted) = &cell.instructions {
+        all.add(name, "instructions", counted.head, None);
+    }
+}

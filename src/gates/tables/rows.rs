@@ -1,0 +1,349 @@
+//! What terminal and Markdown say alike, as text.
+
+use std::collections::BTreeSet;
+
+use indexmap::IndexMap;
+use itertools::Itertools;
+
+use crate::adapters::AdapterRelation;
+use crate::counts::{Change, Counted};
+use crate::exact::{Difference, DifferenceScope, FigureKind};
+use crate::store::StoredComparison;
+use crate::time::{CellTime, ThrottledLaunches, TimeVerdict};
+use crate::unpaired::{RunTime, Unpaired};
+use crate::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
+use fathom_record::comparison::{ComparedBuild, Fault, Gate, Side, SideEnvironment};
+use fathom_record::{Adapter, machine};
+use fathom_report::format::{NS_PER_MS, mebibytes, si, three};
+
+/// Columns of a table of cells.
+pub const HEADER: [&str; 7] =
+    ["cell", "verdict", "time, base", "change", "detectable", "instructions", "else"];
+
+/// One cell of a table of cells.
+pub fn cell(cell: &JudgedCell) -> [String; 7] {
+    let (time, unpaired) = (cell.time.as_ref(), cell.unpaired.as_ref());
+    let base = time.map(|time| in_ms(time.base_ns));
+    let detectable = time.and_then(|time| time.detectable);
+    let counted = cell.instructions.as_ref();
+    let or_none = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
+    let differences = cell.differences.iter().map(difference);
+    let faults = cell.faults.iter().map(fault);
+    [
+        cell.cell.to_string(),
+        cell.verdict.to_string(),
+        or_none(base.or(unpaired.map(|unpaired| run_time(&unpaired.base)))),
+        or_none(time.map(change).or(unpaired.map(unpaired_change))),
+        or_none(detectable.map(|least| format!("{:.1} %", 100.0 * least))),
+        or_none(counted.map(|counted| format!("{} {}", si(counted.base), more(counted)))),
+        differences.chain(faults).chain(time.and_then(throttled)).join("; "),
+    ]
+}
+
+/// Of a comparison that was interrupted or killed.
+pub const INCOMPLETE: &str = "measuring did not finish; continue it with --resume";
+/// What stands where nothing was measured.
+pub const NONE: &str = "–";
+
+/// A share as `+5.1 %`: with a sign, but without one that only hides a zero, and without digits that say nothing.
+fn signed(share: f64, digits: usize) -> String {
+    let percent = 100.0 * share;
+    let digits = if percent.abs() >= 100.0 { 0 } else { digits };
+    format!("{:+.digits$} %", rounded(percent, digits))
+}
+
+/// Rounded to so many digits; never −0.
+fn rounded(value: f64, digits: usize) -> f64 {
+    let scale = 10_f64.powi(digits as i32);
+    (value * scale).round() / scale + 0.0
+}
+
+/// `+5.1 % (4.2 … 6.0)`, and with times of different adapters that they are.
+fn change(time: &CellTime) -> String {
+    let interval = match time.interval {
+        Some((low, high)) => {
+            format!("{:.1} … {:.1}", rounded(100.0 * low, 1), rounded(100.0 * high, 1))
+        }
+        None => "too few launches for an interval".to_owned(),
+    };
+    let unjudged = if time.verdict == TimeVerdict::NotJudged { ", different adapters" } else { "" };
+    format!("{} ({interval}){unjudged}", signed(time.change, 1))
+}
+
+/// In which launches clocks were held down, and whether that may be the reason for a change.
+fn throttled(time: &CellTime) -> Option<String> {
+    let ThrottledLaunches { base, head, reasons } = time.throttled.as_ref()?;
+    let doubt = if time.may_be_throttling() {
+        ": more often on the slower side, so the change may be the machine's and not the build's"
+    } else {
+        ""
+    };
+    Some(format!(
+        "clocks held down ({}) in {base} of {n} launches of the base and {head} of the head{doubt}",
+        machine::words(reasons),
+        n = time.launches
+    ))
+}
+
+fn in_ms(ns: f64) -> String {
+    format!("{} ms", three(ns / NS_PER_MS))
+}
+
+fn run_time(time: &RunTime) -> String {
+    if time.is_resolved() {
+        in_ms(time.ns.median)
+    } else {
+        format!("< {}", in_ms(time.resolution_ns))
+    }
+}
+
+fn unpaired_change(unpaired: &Unpaired) -> String {
+    match unpaired.change() {
+        Some(change) => format!("{}, unpaired", signed(change, 1)),
+        None => "below the clock's resolution".to_owned(),
+    }
+}
+
+/// How many more instructions the head takes.
+fn more(counted: &Counted) -> String {
+    let unjudged = if counted.change == Change::NotJudged { ", different adapters" } else { "" };
+    format!("{}{unjudged}", signed(counted.ratio - 1.0, 2))
+}
+
+/// `fragments 100 → 120 (+20.0 %)`.
+pub fn difference(difference: &Difference) -> String {
+    let Difference { figure, base, head, kind, .. } = difference;
+    let value = |value: f64| match kind {
+        FigureKind::Bytes => mebibytes(value as u64),
+        FigureKind::Work | FigureKind::Counter => format!("{value:.0}"),
+        FigureKind::Error | FigureKind::Quantity if value.is_finite() => three(value),
+        FigureKind::Error | FigureKind::Quantity => "not a number".to_owned(),
+    };
+    let relative = *base != 0.0 && base.is_finite() && head.is_finite();
+    let share = relative.then(|| format!(" ({})", signed((head - base) / base.abs(), 2)));
+    let share = share.unwrap_or_default();
+    let changed = format!("{figure} {} → {}{share}", value(*base), value(*head));
+    match &difference.scope {
+        DifferenceScope::Configuration(id) => format!("{id}: {changed}"),
+        DifferenceScope::Cell(_) | DifferenceScope::Stage(_) => changed,
+    }
+}
+
+/// Who could not do what, and why.
+pub fn fault(fault: &Fault) -> String {
+    let side = fault.side.map_or(String::new(), |side| format!("{side} "));
+    format!("{side}{}: {}", fault.gate, fault.reason)
+}
+
+/// `no regression: 48 cells: 40 same, 8 inconclusive`.
+pub fn headline(verdicts: &Verdicts<'_>) -> String {
+    let all = verdicts.counts();
+    let counted = all.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
+    format!("{}; {}: {counted}", verdicts.status, cells(verdicts.cells.len()))
+}
+
+fn cells(count: usize) -> String {
+    format!("{count} {}", if count == 1 { "cell" } else { "cells" })
+}
+
+/// Each regression in a sentence, the gravest first; then what concerns configurations as a whole.
+pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
+    let cells = verdicts.regressions().into_iter().map(|cell| {
+        let mut because = Vec::new();
+        if let Some(time) = &cell.time {
+            because.push(format!("time {}", change(time)));
+            because.extend(throttled(time));
+        }
+        if let Some(counted) = &cell.instructions {
+            because.push(format!("instructions {}", more(counted)));
+        }
+        let worse = cell.differences.iter().filter(|difference| difference.worse);
+        because.extend(worse.map(difference));
+        format!("{}: {}: {}", cell.cell, cell.verdict, because.join("; "))
+    });
+    let whole = verdicts.configurations.iter();
+    let whole = whole.filter(|difference| difference.worse).map(difference);
+    cells.chain(whole).collect()
+}
+
+/// What was compared, on what, by which gates; and everything else that is to be known.
+pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
+    let header = &verdicts.comparison.header;
+    let settings = &header.settings;
+    let mut notes: Vec<String> = verdicts
+        .gates
+        .iter()
+        .map(|(gate, state)| match state {
+            GateState::Ran => format!("{gate} gate: {}", rule(verdicts, *gate)),
+            GateState::Skipped(reason) => format!("{gate} gate skipped: {reason}"),
+            GateState::Void(reason) => format!("{gate} gate void: {reason}"),
+        })
+        .collect();
+    for control in &verdicts.controls {
+        let second = if control.second { ", second measurement" } else { "" };
+        notes.push(format!(
+            "control {} with the base on both sides{second}: {}",
+            control.cell,
+            change(control)
+        ));
+    }
+    notes.extend(inconclusive(verdicts));
+    notes.extend(on_two_adapters(verdicts));
+    notes.extend(held_down(verdicts));
+    if settings.unpaired {
+        notes.push(
+            "times are unpaired: the runs were made one after the other, so they are reported, but not judged"
+                .to_owned(),
+        );
+    }
+    let better = verdicts.configurations.iter();
+    notes.extend(better.filter(|other| !other.worse).map(difference));
+    notes.extend(verdicts.faults.iter().map(fault));
+    notes.extend(configuration_notes(verdicts.comparison));
+    let conditions = verdicts.comparison.launches.iter().flat_map(|launch| &launch.notes);
+    notes.extend(conditions.unique().map(|note| format!("time gate: {note}")));
+    notes.extend(header.notes.iter().cloned());
+    let damaged = &verdicts.comparison.damaged;
+    notes.extend(damaged.iter().map(|line| format!("left out: {line}")));
+    if let Some(end) = &verdicts.comparison.end {
+        let cut = if end.interrupted { ", interrupted" } else { "" };
+        notes.push(format!("measured in {:.0} s{cut}", end.wall_s));
+    } else if !settings.unpaired {
+        notes.push(INCOMPLETE.to_owned());
+    }
+    notes
+}
+
+/// What inconclusive cells mean for the status.
+fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
+    let is_inconclusive = |cell: &&JudgedCell| cell.verdict == CellVerdict::Inconclusive;
+    let all = verdicts.cells.iter().filter(is_inconclusive).count();
+    let threshold = verdicts.comparison.header.settings.threshold;
+    let cells = verdicts.cells.iter();
+    let open = cells.filter(|cell| cell.may_be_slower(threshold)).count();
+    (all > 0).then(|| {
+        format!(
+            "of {all} inconclusive, {open} may be slower by more than {:.1} %, as their intervals reach above it; only these make the status inconclusive",
+            100.0 * threshold
+        )
+    })
+}
+
+/// What it means that the sides ran on two adapters, if they did.
+fn on_two_adapters(verdicts: &Verdicts<'_>) -> Option<String> {
+    let header = &verdicts.comparison.header;
+    header.base_adapter.as_ref()?;
+    let told = match AdapterRelation::in_header(header) {
+        AdapterRelation::Same => "one device and driver under two settings: everything is judged",
+        AdapterRelation::OtherVersion => {
+            "one device under two versions of its driver: everything is judged"
+        }
+        AdapterRelation::Different => {
+            "different adapters: exact figures are judged; times, instructions and counters are reported, but not judged"
+        }
+    };
+    Some(told.to_owned())
+}
+
+/// How many times rest on launches in which clocks were held down.
+fn held_down(verdicts: &Verdicts<'_>) -> Option<String> {
+    let times = verdicts.cells.iter().filter_map(|cell| cell.time.as_ref());
+    let held = times.clone().filter(|time| time.throttled.is_some()).count();
+    let doubtful = times.clone().filter(|time| time.may_be_throttling());
+    let slower = doubtful.filter(|time| time.verdict == TimeVerdict::Slower).count();
+    (held > 0).then(|| {
+        format!(
+            "heat or power held clocks down while {held} of {} were timed; {slower} of these are slower with more such launches on the head: measure them again",
+            cells(times.count())
+        )
+    })
+}
+
+/// What could not be computed of configurations, once where both sides say the same.
+fn configuration_notes(comparison: &StoredComparison) -> Vec<String> {
+    let lines = comparison.configurations.iter();
+    let notes = lines.flat_map(|line| {
+        line.notes.iter().map(|note| (format!("{}: {note}", line.configuration), line.side))
+    });
+    let mut sides: IndexMap<String, BTreeSet<Side>> = IndexMap::new();
+    for (note, side) in notes {
+        sides.entry(note).or_default().insert(side);
+    }
+    let told = sides.into_iter().map(|(note, sides)| match sides.into_iter().exactly_one() {
+        Ok(side) => format!("{side}: {note}"),
+        Err(_) => note,
+    });
+    told.collect()
+}
+
+fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
+    let settings = &verdicts.comparison.header.settings;
+    match gate {
+        Gate::Time if settings.unpaired => "medians of each run".to_owned(),
+        Gate::Time => format!(
+            "{} launches of {} pairs{}; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
+            verdicts.comparison.launches_of(false),
+            settings.pairs,
+            second(verdicts.comparison).unwrap_or_default(),
+            100.0 * settings.threshold,
+            100.0 * settings.alpha
+        ),
+        Gate::Instructions => format!(
+            "under callgrind; a change counts beyond {:.2} %",
+            100.0 * settings.instruction_threshold
+        ),
+        Gate::Exact => {
+            "work, counters and bytes as they are; errors beyond 1 % of the base's".to_owned()
+        }
+    }
+}
+
+/// What the second measurement of the time gate was, if there was one.
+fn second(comparison: &StoredComparison) -> Option<String> {
+    let of_second = comparison.pairs.iter().filter(|pair| pair.second);
+    let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
+    let open = of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).unique().count();
+    let launches = comparison.launches_of(true);
+    Some(format!(", {launches} more of {pairs} pairs for {} that these left open", cells(open)))
+}
+
+/// `origin/main (0.1.0)`, `fathom (0.1.0) with LP_NATIVE_VECTOR_WIDTH`.
+pub fn build(build: &ComparedBuild) -> String {
+    format!("{} ({}){}", build.label, build.version, given(&build.environment))
+}
+
+fn given(environment: &SideEnvironment) -> String {
+    let driver = environment.driver.iter().map(|driver| format!("driver {}", driver.manifest));
+    let variables = environment.variables.iter().map(|(name, value)| match value {
+        Some(value) => format!("{name}={value}"),
+        None => name.clone(),
+    });
+    let all = driver.chain(variables).join(", ");
+    if all.is_empty() { all } else { format!(" with {all}") }
+}
+
+/// `llvmpipe (LLVM 15.0.6, 256 bits), Mesa 22.3.6`.
+fn adapter(adapter: &Adapter) -> String {
+    let Adapter { name, driver_info, .. } = adapter;
+    if driver_info.is_empty() { name.clone() } else { format!("{name}, {driver_info}") }
+}
+
+/// `base … → head …`, and the adapter, or both.
+pub fn sides(verdicts: &Verdicts<'_>) -> [String; 2] {
+    let header = &verdicts.comparison.header;
+    let [of_base, of_head] = Side::BOTH.map(|side| adapter(header.adapter_of(side)));
+    [
+        format!("{} → {}", build(&header.base), build(&header.head)),
+        if of_base == of_head { of_head } else { format!("{of_base} → {of_head}") },
+    ]
+}
+
+/// A mark that is seen at a glance.
+pub fn mark(status: Status) -> &'static str {
+    match status {
+        Status::NoRegression => "✅",
+        Status::Regression => "❌",
+        Status::CouldNotMeasure => "⚠️",
+        Status::Inconclusive => "❔",
+    }
+}

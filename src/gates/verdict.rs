@@ -1,0 +1,357 @@
+//! From what was measured to what is concluded: a function of the stored lines alone.
+
+use std::collections::BTreeMap;
+
+use itertools::Itertools;
+use strum::{Display, EnumIter};
+
+use super::adapters::AdapterRelation;
+use super::counts::{self, Change, Counted};
+use super::exact::{self, Difference, FigureKind};
+use super::store::StoredComparison;
+use super::time::{self, CellTime, TimeGate, TimeVerdict};
+use super::unpaired::{self, Unpaired};
+use fathom_record::comparison::{CellId, Fault, Gate, Side};
+
+/// What is concluded of a cell, the worst first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Display, EnumIter)]
+#[strum(serialize_all = "lowercase")]
+pub enum CellVerdict {
+    /// Its time rose beyond the threshold.
+    Slower,
+    /// Its error rose, and its time did not fall.
+    #[strum(to_string = "less accurate")]
+    LessAccurate,
+    /// Its time fell and its error rose.
+    #[strum(to_string = "faster but less accurate")]
+    FasterButLessAccurate,
+    /// More declared work, invocations or instructions, though its time did not rise.
+    Costlier,
+    /// It could not be measured.
+    Failed,
+    /// A gate that ran has no figure of it, or no gate has any, and no fault says why.
+    #[strum(to_string = "not measured")]
+    NotMeasured,
+    /// Its time is neither shown to be the same nor to differ.
+    Inconclusive,
+    /// Its exact figures are the same; its times, unpaired or of different adapters, decide nothing.
+    #[strum(to_string = "not judged")]
+    NotJudged,
+    Faster,
+    /// Fewer instructions, and a time that is not faster.
+    Cheaper,
+    Same,
+    /// The base has no such cell.
+    New,
+}
+
+impl CellVerdict {
+    pub fn is_regression(self) -> bool {
+        self <= Self::Costlier
+    }
+}
+
+/// A cell with everything that concerns it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JudgedCell {
+    pub cell: CellId,
+    pub verdict: CellVerdict,
+    pub time: Option<CellTime>,
+    /// Times of runs apart from each other: reported, but not judged.
+    pub unpaired: Option<Unpaired>,
+    pub instructions: Option<Counted>,
+    /// Differences of exact figures charged to this cell.
+    pub differences: Vec<Difference>,
+    /// Why it could not be measured, by one gate or another; each reason once.
+    pub faults: Vec<Fault>,
+}
+
+/// How a gate ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum GateState {
+    Ran,
+    /// Not asked for, or not possible here: no failure.
+    Skipped(String),
+    /// It was to run and gave nothing that can be used.
+    Void(String),
+}
+
+/// The result of a comparison; the number is the exit status.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
+#[repr(u8)]
+pub enum Status {
+    /// Everything was measured, and no slowdown beyond the threshold is left possible.
+    #[strum(to_string = "no regression")]
+    NoRegression = 0,
+    #[strum(to_string = "regression")]
+    Regression = 1,
+    #[strum(to_string = "could not measure")]
+    CouldNotMeasure = 2,
+    /// The interval of a cell's time reaches above the threshold: a slowdown beyond it is neither shown nor excluded. A
+    /// cell whose interval is merely too wide downwards does not count.
+    #[strum(to_string = "inconclusive")]
+    Inconclusive = 3,
+}
+
+/// Everything that is concluded from a comparison.
+#[derive(Clone, Debug)]
+pub struct Verdicts<'a> {
+    pub comparison: &'a StoredComparison,
+    /// In the order of the header.
+    pub cells: Vec<JudgedCell>,
+    /// Differences of whole configurations.
+    pub configurations: Vec<Difference>,
+    pub controls: Vec<CellTime>,
+    pub gates: Vec<(Gate, GateState)>,
+    /// Faults of a gate as a whole; each reason once.
+    pub faults: Vec<Fault>,
+    pub status: Status,
+}
+
+impl<'a> Verdicts<'a> {
+    pub fn of(comparison: &'a StoredComparison) -> Self {
+        let header = &comparison.header;
+        let time = time::judge(&header.cells, &comparison.pairs, &header.settings);
+        let is_judged = AdapterRelation::in_header(header).is_judged();
+        let time = if is_judged { time } else { time.unjudged() };
+        let differences = exact::judge(comparison);
+        let gates = Gate::ALL.map(|gate| (gate, state(comparison, gate, &time)));
+        let is_void = |(gate, state): &(Gate, GateState)| {
+            *gate == Gate::Time && matches!(state, GateState::Void(_))
+        };
+        let timed = time.cells.iter().filter(|_| !gates.iter().any(is_void));
+        let sources = Sources {
+            comparison,
+            time: timed.map(|cell| (&cell.cell, cell)).collect(),
+            gates: &gates,
+            counts: counts::judge(comparison),
+            unpaired: unpaired::judge(comparison),
+            differences: &differences,
+        };
+        let cells: Vec<JudgedCell> = header.cells.iter().map(|cell| sources.cell(cell)).collect();
+        let of_no_cell =
+            |other: &&Difference| !header.cells.iter().any(|cell| other.concerns(cell));
+        let configurations: Vec<Difference> =
+            differences.iter().filter(of_no_cell).cloned().collect();
+        let whole = |fault: &&Fault| fault.cell.is_none() && !overcome(comparison, fault);
+        let missing = exact::missing(comparison);
+        let faults = unique(comparison.faults.iter().filter(whole).chain(&missing));
+        let status = status(comparison, &cells, &configurations, &gates, &faults);
+        Self {
+            comparison,
+            cells,
+            configurations,
+            controls: time.controls,
+            gates: gates.into(),
+            faults,
+            status,
+        }
+    }
+
+    /// Cells whose verdict is a regression, the gravest first: by verdict, then by how much.
+    pub fn regressions(&self) -> Vec<&JudgedCell> {
+        let found = self.cells.iter().filter(|cell| cell.verdict.is_regression());
+        let graver = |a: &&JudgedCell, b: &&JudgedCell| {
+            a.verdict.cmp(&b.verdict).then(b.weight().total_cmp(&a.weight()))
+        };
+        found.sorted_by(graver).collect()
+    }
+
+    /// How many cells have each verdict, the worst verdict first; those that none has are left out.
+    pub fn counts(&self) -> Vec<(CellVerdict, usize)> {
+        self.cells.iter().counts_by(|cell| cell.verdict).into_iter().sorted().collect()
+    }
+}
+
+impl JudgedCell {
+    /// Inconclusive, and possibly slower beyond the threshold.
+    pub fn may_be_slower(&self, threshold: f64) -> bool {
+        let interval = self.time.as_ref().and_then(|time| time.interval);
+        let excluded = interval.is_some_and(|(_, high)| high <= threshold);
+        self.verdict == CellVerdict::Inconclusive && !excluded
+    }
+
+    /// By how much the cell changed for the worse: time before instructions.
+    fn weight(&self) -> f64 {
+        let instructions = self.instructions.as_ref().map(|counted| counted.ratio - 1.0);
+        match (&self.time, self.verdict) {
+            (Some(time), CellVerdict::Slower) => time.change,
+            _ => instructions.unwrap_or(0.0),
+        }
+    }
+}
+
+/// Where the figures of cells come from.
+struct Sources<'a> {
+    comparison: &'a StoredComparison,
+    gates: &'a [(Gate, GateState)],
+    time: BTreeMap<&'a CellId, &'a CellTime>,
+    counts: BTreeMap<CellId, Counted>,
+    unpaired: BTreeMap<CellId, Unpaired>,
+    differences: &'a [Difference],
+}
+
+impl Sources<'_> {
+    fn cell(&self, cell: &CellId) -> JudgedCell {
+        let differences = self.differences.iter().filter(|difference| difference.concerns(cell));
+        let own = |fault: &&Fault| {
+            fault.cell.as_ref() == Some(cell) && !fault.control && !overcome(self.comparison, fault)
+        };
+        let mut all = JudgedCell {
+            verdict: CellVerdict::NotMeasured,
+            cell: cell.clone(),
+            time: self.time.get(cell).copied().cloned(),
+            unpaired: self.unpaired.get(cell).copied(),
+            instructions: self.counts.get(cell).cloned(),
+            differences: differences.cloned().collect(),
+            faults: unique(self.comparison.faults.iter().filter(own)),
+        };
+        all.verdict = verdict(&all, self.measured(&all));
+        all
+    }
+
+    /// Each gate that ran has both sides' figures of the cell, and one did run.
+    fn measured(&self, cell: &JudgedCell) -> bool {
+        let mut ran = self.gates.iter().filter(|(_, state)| *state == GateState::Ran).peekable();
+        let has = |gate: Gate| match gate {
+            Gate::Exact => self.comparison.has_exact(&cell.cell),
+            Gate::Instructions => cell.instructions.is_some(),
+            Gate::Time => cell.time.is_some() || cell.unpaired.is_some(),
+        };
+        ran.peek().is_some() && ran.all(|(gate, _)| has(*gate))
+    }
+}
+
+/// One verdict from all gates. A time that is faster outweighs instructions, which cost nothing by themselves.
+fn verdict(cell: &JudgedCell, measured: bool) -> CellVerdict {
+    let time = cell.time.as_ref().map(|time| time.verdict);
+    let change = cell.instructions.as_ref().map(|counted| counted.change);
+    let worse = |kinds: &[FigureKind]| {
+        let mut differences = cell.differences.iter();
+        differences.any(|difference| difference.worse && kinds.contains(&difference.kind))
+    };
+    let less_accurate = worse(&[FigureKind::Error]);
+    let more_instructions = change == Some(Change::More) && time != Some(TimeVerdict::Faster);
+    if time == Some(TimeVerdict::Slower) {
+        CellVerdict::Slower
+    } else if less_accurate && time == Some(TimeVerdict::Faster) {
+        CellVerdict::FasterButLessAccurate
+    } else if less_accurate {
+        CellVerdict::LessAccurate
+    } else if worse(&[FigureKind::Work, FigureKind::Counter]) || more_instructions {
+        CellVerdict::Costlier
+    } else if cell.faults.iter().any(|fault| fault.absent) {
+        CellVerdict::New
+    } else if !cell.faults.is_empty() {
+        CellVerdict::Failed
+    } else if !measured {
+        CellVerdict::NotMeasured
+    } else {
+        match (time, change) {
+            (Some(TimeVerdict::Faster), _) => CellVerdict::Faster,
+            (Some(TimeVerdict::Inconclusive), _) => CellVerdict::Inconclusive,
+            (Some(TimeVerdict::NotJudged), _) | (_, Some(Change::NotJudged)) => {
+                CellVerdict::NotJudged
+            }
+            (_, Some(Change::Fewer)) => CellVerdict::Cheaper,
+            (None, None) if cell.unpaired.is_some() => CellVerdict::NotJudged,
+            _ => CellVerdict::Same,
+        }
+    }
+}
+
+fn state(comparison: &StoredComparison, gate: Gate, time: &TimeGate) -> GateState {
+    let settings = &comparison.header.settings;
+    if !settings.gates.contains(&gate) {
+        let skip = comparison.header.skipped.iter().find(|skip| skip.gate == gate);
+        let reason = skip.map_or("not asked for", |skip| &skip.reason);
+        return GateState::Skipped(reason.to_owned());
+    }
+    let measured = match gate {
+        Gate::Exact => !comparison.exact.is_empty(),
+        Gate::Instructions => !comparison.instructions.is_empty(),
+        Gate::Time => !comparison.pairs.is_empty() || !comparison.samples.is_empty(),
+    };
+    if !measured {
+        let fault = comparison.faults.iter().find(|fault| fault.gate == gate);
+        let reason = fault.map_or("nothing was measured", |fault| &fault.reason);
+        return GateState::Void(reason.to_owned());
+    }
+    let void = || time.void(settings.alpha).or_else(|| uncontrolled(comparison, time));
+    (gate == Gate::Time).then(void).flatten().map_or(GateState::Ran, GateState::Void)
+}
+
+/// Why the pairs of the time gate have no control that covers them, if so.
+fn uncontrolled(comparison: &StoredComparison, time: &TimeGate) -> Option<String> {
+    if comparison.header.settings.unpaired {
+        return None;
+    }
+    let measurements = 1 + usize::from(comparison.launches_of(true) > 0);
+    let mut faults = comparison.faults.iter();
+    if let Some(lost) = faults.find(|fault| fault.control && !overcome(comparison, fault)) {
+        return Some(format!("the control was lost: {}", lost.reason));
+    }
+    (time.controls.len() < measurements).then(|| "the control was not measured".to_owned())
+}
+
+fn status(
+    comparison: &StoredComparison,
+    cells: &[JudgedCell],
+    configurations: &[Difference],
+    gates: &[(Gate, GateState)],
+    faults: &[Fault],
+) -> Status {
+    let settings = &comparison.header.settings;
+    let any = |verdict| cells.iter().any(|cell| cell.verdict == verdict);
+    let incomplete =
+        !settings.unpaired && (!comparison.came_to_its_end() || any(CellVerdict::NotMeasured));
+    let regression = cells.iter().any(|cell| cell.verdict.is_regression())
+        || configurations.iter().any(|difference| difference.worse);
+    let void = gates.iter().any(|(_, state)| matches!(state, GateState::Void(_)));
+    let nothing = cells.iter().all(|cell| cell.verdict == CellVerdict::New);
+    if regression {
+        Status::Regression
+    } else if void
+        || nothing
+        || incomplete
+        || any(CellVerdict::Failed)
+        || faults.iter().any(|fault| !fault.absent)
+    {
+        Status::CouldNotMeasure
+    } else if cells.iter().any(|cell| cell.may_be_slower(settings.threshold)) {
+        Status::Inconclusive
+    } else {
+        Status::NoRegression
+    }
+}
+
+/// What failed was measured after all: by another launch, or when the comparison was resumed.
+fn overcome(comparison: &StoredComparison, fault: &Fault) -> bool {
+    let cell = |own: &CellId| fault.cell.as_ref() == Some(own);
+    let side = |own| fault.side == Some(own);
+    match fault.gate {
+        // What concerns no cell are the checks of all stages.
+        Gate::Exact if fault.cell.is_none() => {
+            Side::BOTH.into_iter().all(|own| comparison.checks.iter().any(|line| line.side == own))
+        }
+        Gate::Exact => comparison.exact.iter().any(|line| cell(&line.cell) && side(line.side)),
+        Gate::Instructions => {
+            comparison.instructions.iter().any(|line| cell(&line.cell) && side(line.side))
+        }
+        Gate::Time if fault.cell.is_none() => {
+            let wanted = comparison.header.settings.launches as usize;
+            let whole = |second| comparison.launches_of(second) >= wanted;
+            whole(false) && (whole(true) || time::open(comparison).is_empty())
+        }
+        // A cell or control that failed is left out of all later launches, unless it is tried again.
+        Gate::Time => comparison.pairs.iter().any(|pair| {
+            cell(&pair.cell) && pair.control == fault.control && Some(pair.launch) > fault.launch
+        }),
+    }
+}
+
+/// Faults with each reason once: a resumed comparison may meet the same one again.
+fn unique<'a>(faults: impl Iterator<Item = &'a Fault>) -> Vec<Fault> {
+    let once = faults.unique_by(|fault| (fault.gate, fault.side, &fault.reason));
+    once.cloned().collect()
+}

@@ -1,0 +1,531 @@
+//! The waist of the tool: one line of JSON per record. Measuring writes records and never formats;
+//! reports read records and never measure.
+//!
+//! A file holds one [`Run`] line, a [`Definition`] line per experiment, then [`Cell`] lines in the order in
+//! which they were finished, then one [`End`] line. A resumed file may hold several runs. Units stand in the field names.
+//!
+//! Samples of cells that have no line yet stand in a file beside it, a [`SampleLine`] for each visit to a cell.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use fathom_base::text;
+
+pub mod calendar;
+pub mod ceilings;
+pub mod comparison;
+mod error_figure;
+mod file;
+mod kinds;
+mod lines;
+mod lock;
+pub mod machine;
+pub mod nan;
+pub mod output;
+mod params;
+mod samples;
+pub mod schema;
+mod shard;
+#[cfg(test)]
+mod tests;
+pub use ceilings::{Ceiling, CeilingShare, Limit};
+pub use comparison::Compared;
+pub use error_figure::ErrorFigure;
+pub use fathom_base::quiet::Conditions;
+pub use fathom_base::statistics::{Estimate, Interval};
+pub use file::{Writer, each_good, empty_or_sound, finished, read, read_good, resume_key};
+pub use kinds::{
+    ErrorSpan, FaultKind, Note, NoteKind, Picture, PictureKind, PictureScale, Profile,
+    RejectedFrames, Rejection, SetUp, ShaderChecks, Surrounding,
+};
+pub use lines::{
+    Damage, Damaged, Line, LineWriter, MAX_LINE, Opened, Reading, RecordError, kept_aside,
+    read_lines, read_lines_of_this_format, stored,
+};
+pub use lock::{FolderLock, LOCK, LockError};
+pub use machine::{MachineState, ThrottleReason, Throttling};
+pub use params::Params;
+pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
+pub use shard::{MOST_SHARDS, Part, Selection, Shard};
+
+/// Version of the record format; raised when a field changes its meaning or goes away.
+pub const SCHEMA: u32 = 3;
+/// Ids of experiments as a regular expression; see [`text::check_id`].
+const ID: &str = "^[a-z0-9-]+$";
+
+/// A line of `records.jsonl`. Times are nanoseconds where a name ends in `_ns`, seconds where it ends in `_s`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "record", rename_all = "snake_case")]
+pub enum Record {
+    Run(Box<Run>),
+    Experiment(Definition),
+    Cell(Box<Cell>),
+    End(End),
+    /// Of a comparison of two builds, which has a file of its own.
+    Comparison(Compared),
+}
+
+/// What a run was: the build, the adapter, the clock's audit, the conditions.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Run {
+    /// Version of the record format.
+    #[schemars(extend("const" = SCHEMA))]
+    pub schema: u32,
+    /// Of the program that measured.
+    pub fathom_version: String,
+    /// RFC 3339, UTC.
+    pub started_at: String,
+    pub profile: Profile,
+    /// Arguments of the program, its name first.
+    pub command: Vec<String>,
+    pub adapter: Adapter,
+    pub shader_checks: ShaderChecks,
+    /// Of the process that measured.
+    pub conditions: Conditions,
+    /// The clock that timed each kind of pass.
+    #[schemars(schema_with = "schema::map::<PassKind, Clock>")]
+    pub clocks: Clocks,
+    /// How each clock did against the host clock.
+    pub audit: Vec<AuditRow>,
+    /// Host time of a submission with the least pass of a kind, nanoseconds, as the audit measured it. What was taken off
+    /// fenced host durations was measured beside them and is in `fenced` of each stage.
+    #[schemars(schema_with = "schema::map::<PassKind, f64>")]
+    pub submit_cost_ns: BTreeMap<PassKind, f64>,
+    /// Turns of loops that an invocation makes on this adapter. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loop_turns: Option<LoopTurns>,
+    /// The adapter's limits, measured after the audit. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ceilings: Vec<Ceiling>,
+    /// The part of a run that this is; absent where it is the whole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shard: Option<Shard>,
+    /// On the whole run.
+    pub notes: Vec<Note>,
+}
+
+/// The text of an experiment's file as it was when its cells were measured, so that its published
+/// figures, claims and plots can be recomputed from the records alone. Written before its first cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Definition {
+    /// Lower-case letters, digits and `-`.
+    #[schemars(regex(pattern = ID), length(max = text::ID_LENGTH))]
+    pub id: String,
+    /// Text of the file, TOML.
+    pub toml: String,
+}
+
+/// The device that was measured, and its driver.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Adapter {
+    /// As the driver tells it.
+    pub name: String,
+    /// Interface to the driver: `vulkan`, `metal`, `dx12`, `gl`.
+    pub backend: String,
+    /// Kind of device, as wgpu names it.
+    pub device_type: String,
+    /// The driver's name.
+    pub driver: String,
+    /// The driver's version, as it tells it.
+    pub driver_info: String,
+    /// PCI id of the vendor; of a driver without one its own.
+    pub vendor_id: u32,
+    /// PCI id of the device; 0 where there is none.
+    pub device_id: u32,
+    /// The device is a CPU running a software driver.
+    pub software: bool,
+    /// Length of a tick of timestamps, nanoseconds.
+    pub timestamp_period_ns: f32,
+    /// Threads that the host runs at once.
+    pub host_threads: usize,
+}
+
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    JsonSchema,
+    strum::IntoStaticStr,
+)]
+#[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
+pub enum PassKind {
+    /// Dispatches.
+    Compute,
+    /// Draws.
+    Render,
+    /// Copies between buffers and textures.
+    Copy,
+    /// Work of the CPU, such as frame preparation.
+    Host,
+}
+
+impl PassKind {
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// The clock that timed a stage.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Clock {
+    /// Timestamp queries at the pass's begin and end.
+    Timestamp,
+    /// The pass alone in a submission, between host clock readings around submit and fence, less the cost of a submission.
+    FencedHost,
+    /// The same by the CPU time of the process, where a software driver does the GPU's work in it.
+    ProcessCpu,
+    /// Host clock around CPU work.
+    Host,
+}
+
+impl Clock {
+    /// For people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Timestamp => "timestamp",
+            Self::FencedHost => "fenced host",
+            Self::ProcessCpu => "process CPU",
+            Self::Host => "host",
+        }
+    }
+}
+
+/// How many turns an invocation made of loops of `tried` turns: fewer where the driver ends long loops early. A record of a stage whose
+/// invocations make more turns than that is wrong; stages make at most 65,000.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct LoopTurns {
+    /// Of each loop, and of both nested ones together.
+    pub tried: u32,
+    /// Of one loop.
+    pub single: u32,
+    /// Of the inner of two loops, over all turns of the outer one.
+    pub nested: u32,
+}
+
+/// One row of the clock's audit: one clock for one kind of pass in one surrounding.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AuditRow {
+    /// The audited clock.
+    pub clock: Clock,
+    /// Kind of the audited pass.
+    pub pass: PassKind,
+    pub context: Surrounding,
+    /// Median by the audited clock for the kernel at N work, nanoseconds.
+    pub clock_ns: f64,
+    /// The same by the fenced host clock, nanoseconds.
+    pub host_ns: f64,
+    /// `clock_ns / host_ns`.
+    pub ratio: f64,
+    /// The clock's duration at 2 N work over that at N.
+    pub doubling: f64,
+    /// The clock can be used for this kind of pass in this surrounding.
+    pub sound: bool,
+    /// Why it is sound or not, in one sentence.
+    pub reason: String,
+}
+
+/// One measured, skipped or failed point of an experiment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Cell {
+    /// The experiment's id: lower-case letters, digits and `-`.
+    #[schemars(regex(pattern = ID), length(max = text::ID_LENGTH))]
+    pub experiment: String,
+    /// The axis values as `name=value,name=value`: the cell's identity within its experiment.
+    pub cell: String,
+    /// Axis → its value in this cell.
+    pub axes: Map<String, Value>,
+    /// Kind of pipeline.
+    pub pipeline: String,
+    /// Name of the scene or path of its file.
+    pub scene: String,
+    /// Assets that were absent, each with the stand-in used.
+    pub stand_ins: Vec<String>,
+    /// Every parameter of the pipeline, resolved.
+    pub params: Params,
+    pub outcome: Outcome,
+}
+
+impl Cell {
+    /// Its figures, where it was measured.
+    pub fn measured(&self) -> Option<&Measured> {
+        if let Outcome::Measured(measured) = &self.outcome { Some(measured) } else { None }
+    }
+
+    pub fn measured_mut(&mut self) -> Option<&mut Measured> {
+        if let Outcome::Measured(measured) = &mut self.outcome { Some(measured) } else { None }
+    }
+}
+
+/// What became of a cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "status", rename_all = "snake_case")]
+pub enum Outcome {
+    /// Measured, at least in part.
+    Measured(Box<Measured>),
+    /// Not measured, because its demands exceed a limit.
+    Skipped {
+        /// Why, in one sentence.
+        reason: String,
+    },
+    /// Measuring it failed.
+    Failed {
+        /// Why, in one sentence.
+        reason: String,
+    },
+}
+
+/// Figures of a measured cell.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Measured {
+    /// In frame order.
+    pub stages: Vec<StageRecord>,
+    pub frame: FrameRecord,
+    /// GPU memory that the pipeline allocated for this cell, bytes.
+    pub allocated_bytes: u64,
+    /// Rates of missed photons, means and the like: `name → value`, the unit in the name.
+    pub quantities: BTreeMap<String, f64>,
+    /// Quantities that were measured once for each repetition of the cell with another seed or offset: `name → values`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub repeated: BTreeMap<String, Vec<f64>>,
+    /// Errors against references.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<ErrorFigure>,
+    /// Frames rendered before the figures were steady.
+    pub warm_up_frames: u32,
+    /// Timed frames that were not used.
+    pub rejected: Vec<RejectedFrames>,
+    /// What there is to know about these figures.
+    pub notes: Vec<Note>,
+    /// Pictures of the cell.
+    pub pictures: Vec<Picture>,
+}
+
+impl Measured {
+    pub fn rejected_frames(&self) -> u32 {
+        self.rejected.iter().map(|rejected| rejected.frames).sum()
+    }
+
+    /// Gives back the room that was made for more samples while they were read.
+    fn compact(&mut self) {
+        let FrameRecord {
+            rounds,
+            sampled_at_s,
+            machine,
+            envelope_samples_ns,
+            gap_samples_ns,
+            untimed_samples_ns,
+            ..
+        } = &mut self.frame;
+        rounds.shrink_to_fit();
+        machine.shrink_to_fit();
+        let of_frame = [sampled_at_s, envelope_samples_ns, gap_samples_ns, untimed_samples_ns];
+        of_frame.into_iter().for_each(Vec::shrink_to_fit);
+        self.stages.shrink_to_fit();
+        for stage in &mut self.stages {
+            stage.samples_ns.shrink_to_fit();
+            if let Some(fenced) = &mut stage.fenced {
+                fenced.wall_samples_ns.shrink_to_fit();
+                fenced.submit_cost_samples_ns.shrink_to_fit();
+            }
+        }
+    }
+
+    /// Its frames were timed.
+    pub fn is_timed(&self) -> bool {
+        !self.frame.untimed_samples_ns.is_empty()
+    }
+
+    /// Quantities and errors by their names.
+    pub fn figures(&self) -> BTreeMap<&str, f64> {
+        let quantities = self.quantities.iter().map(|(name, value)| (name.as_str(), *value));
+        quantities.chain(self.errors.iter().map(|e| (e.name.as_str(), e.value))).collect()
+    }
+}
+
+/// A stage's times and work in one cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StageRecord {
+    /// The stage's name: `FAMILY/STEM`.
+    pub stage: String,
+    pub clock: Clock,
+    /// Nanoseconds, frame by frame. In a fenced stage none is below its `resolution_ns`: a sample of that value says "at most".
+    pub samples_ns: Vec<f64>,
+    /// Of `samples_ns`, nanoseconds. Its median is a time only where it is above the resolution of `fenced`.
+    pub time: Estimate,
+    /// How the samples came about, where the cost of submissions was taken off. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fenced: Option<Fenced>,
+    pub work: Work,
+    /// A lower bound of the work, where `work` is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub least_work: Option<Work>,
+    /// Pipeline statistics, where the adapter counts them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub counters: BTreeMap<String, u64>,
+    /// How near it comes to the adapter's limits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ceiling: Option<CeilingShare>,
+}
+
+impl StageRecord {
+    /// Whether the time is longer than what the clock can tell from none. Where it is not, `time` is an upper bound.
+    pub fn is_resolved(&self) -> bool {
+        self.fenced.as_ref().is_none_or(|fenced| self.time.median > fenced.resolution_ns)
+    }
+
+    /// What was read less the cost of submissions, frame by frame: scatters about the stage's time, and below zero where that
+    /// is short.
+    pub fn differences_ns(&self) -> Vec<f64> {
+        match &self.fenced {
+            Some(fenced) => fenced.differences_ns().collect(),
+            None => self.samples_ns.clone(),
+        }
+    }
+
+    /// The duration below which times cannot be told from none; 0 where no cost was taken off.
+    pub fn resolution_ns(&self) -> f64 {
+        self.fenced.as_ref().map_or(0.0, |fenced| fenced.resolution_ns)
+    }
+}
+
+/// Times of a stage's fenced submissions as they were read, and the cost of these submissions, which the least pass of the
+/// same kind has in the same frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Fenced {
+    /// Nanoseconds from submission to fence, summed over the stage's submissions, frame by frame. Its passes on other clocks are in it.
+    pub wall_samples_ns: Vec<f64>,
+    /// The cost that was taken off in each frame, nanoseconds.
+    pub submit_cost_samples_ns: Vec<f64>,
+    /// A shorter time cannot be told from none, as the cost scatters: the median over the frames, nanoseconds.
+    pub resolution_ns: f64,
+}
+
+impl Fenced {
+    fn differences_ns(&self) -> impl Iterator<Item = f64> {
+        let pairs = self.wall_samples_ns.iter().zip(&self.submit_cost_samples_ns);
+        pairs.map(|(wall_ns, cost_ns)| wall_ns - cost_ns)
+    }
+
+    /// The stage's times, where no longer than the resolution the resolution itself.
+    pub fn samples_ns(&self) -> Vec<f64> {
+        let at_least = |ns: f64| ns.max(self.resolution_ns);
+        self.differences_ns().map(at_least).collect()
+    }
+}
+
+/// Whole frames: with per-stage timing (envelope, gaps) and without (wall time of one submission).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FrameRecord {
+    /// The round of sampling that each sample is of, those of the stages too: samples of one round were taken next to each
+    /// other. No two groups of cells have a round in common.
+    pub rounds: Vec<u32>,
+    /// When each sample was taken, seconds of Unix time.
+    pub sampled_at_s: Vec<f64>,
+    /// Of the adapter at each sample; empty where no driver tells.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub machine: Vec<MachineState>,
+    /// From the first stage's begin to the last stage's end, nanoseconds, frame by frame.
+    pub envelope_samples_ns: Vec<f64>,
+    /// Time between stages, nanoseconds, frame by frame.
+    pub gap_samples_ns: Vec<f64>,
+    /// Median of |stages + gaps − envelope| / envelope, a share.
+    pub accounting_error: f64,
+    /// Frame time without per-stage timing, nanoseconds, in alternation with timed frames.
+    pub untimed_samples_ns: Vec<f64>,
+    /// Of `untimed_samples_ns`, nanoseconds.
+    pub untimed: Estimate,
+    /// Timed over untimed frame's wall time, a ratio, measured in alternation: the cost of timing.
+    pub timing_cost: Estimate,
+}
+
+macro_rules! work {
+    ($($(#[$about:meta])* $count:ident,)*) => {
+        /// Work that a stage declares from its algorithm. Zero fields are left out of the record.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+        #[serde(default)]
+        pub struct Work {
+            $($(#[$about])* #[serde(skip_serializing_if = "is_zero")] pub $count: u64,)*
+        }
+
+        impl Work {
+            pub const NAMES: &[&str] = &[$(stringify!($count),)*];
+
+            /// Every field by its name, in the order of [`Self::NAMES`].
+            pub fn fields(&self) -> [(&'static str, u64); Self::NAMES.len()] {
+                [$((stringify!($count), self.$count),)*]
+            }
+        }
+    };
+}
+
+work! {
+    /// Photons traced or drawn.
+    photons,
+    /// Triangles handed to the stage.
+    triangles,
+    /// Points, lines, quads or other primitives that it makes itself.
+    primitives,
+    /// Fragments written or blended; an estimate where it depends on the data.
+    fragments,
+    /// Texels read.
+    texel_fetches,
+    /// Bytes read from buffers.
+    bytes_read,
+    /// Bytes written to buffers and targets.
+    bytes_written,
+}
+
+fn is_zero<N: Default + PartialEq>(count: &N) -> bool {
+    *count == N::default()
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct End {
+    /// Wall time after set-up (device, audit, pipeline and asset preparation), seconds.
+    pub measuring_wall_s: f64,
+    /// Sum of all measured GPU time, warm-up included, seconds.
+    pub measured_gpu_s: f64,
+    /// Time of set-up, seconds.
+    pub set_up_s: f64,
+    /// Its parts, seconds.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(schema_with = "schema::map::<SetUp, f64>")]
+    pub set_up_parts_s: BTreeMap<SetUp, f64>,
+    /// Most memory that the process had, bytes; null where the system does not tell.
+    pub peak_memory_bytes: Option<u64>,
+    /// It was interrupted before all cells were measured.
+    pub interrupted: bool,
+}
+
+impl End {
+    /// The end of two processes that measured parts of one run.
+    #[must_use]
+    pub fn and(mut self, other: &End) -> Self {
+        for (part, seconds) in &other.set_up_parts_s {
+            *self.set_up_parts_s.entry(*part).or_default() += seconds;
+        }
+        Self {
+            measuring_wall_s: self.measuring_wall_s + other.measuring_wall_s,
+            measured_gpu_s: self.measured_gpu_s + other.measured_gpu_s,
+            set_up_s: self.set_up_s + other.set_up_s,
+            set_up_parts_s: self.set_up_parts_s,
+            peak_memory_bytes: self.peak_memory_bytes.max(other.peak_memory_bytes),
+            interrupted: self.interrupted || other.interrupted,
+        }
+    }
+}

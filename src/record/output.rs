@@ -1,0 +1,464 @@
+//! The folder that a run or a comparison writes to.
+
+use std::path::{Path, PathBuf};
+
+use itertools::Itertools;
+use jiff::Timestamp;
+use thiserror::Error;
+
+use super::calendar;
+use crate as record;
+use crate::{
+    Compared, FolderLock, LockError, PictureKind, Profile, Reading, Record, RecordError, Writer,
+    read_lines,
+};
+use fathom_base::folder::{self, Folder};
+use fathom_base::text;
+
+/// Where runs go that are not told where.
+pub const DEFAULT_FOLDER: &str = "reports/out";
+/// Name of the records' file in the folder of a run or a comparison.
+pub const RECORDS: &str = "records.jsonl";
+/// Name of the file of samples that have no record yet, in a run's folder.
+pub const SAMPLES: &str = "samples.jsonl";
+/// Name of the folder of pictures, in a run's folder.
+pub const PICTURES: &str = "renders";
+/// Bytes written to see whether the folder takes any: more than a cell's record.
+const PROBE_BYTES: usize = 1 << 20;
+
+#[derive(Debug, Error)]
+pub enum OutputError {
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    #[error("cannot write to {}: {source}; choose another folder with --out", path.display())]
+    Unwritable { path: PathBuf, source: std::io::Error },
+    #[error(
+        "{} holds records already: continue them with --resume, or choose another folder with --out",
+        path.display()
+    )]
+    Occupied { path: PathBuf },
+    #[error("no {kind} to resume in {}: name its folder with --out", path.display())]
+    NothingToResume { kind: FolderKind, path: PathBuf },
+    #[error("{} holds no {kind} but other records: choose another folder with --out", path.display())]
+    OtherKind { kind: FolderKind, path: PathBuf },
+    #[error("{} has no sound header, so its other records mean nothing", path.display())]
+    NoHeader { path: PathBuf },
+    #[error(
+        "{} is compressed and only read: unpack it with gunzip, or choose another folder with --out",
+        path.display()
+    )]
+    Packed { path: PathBuf },
+}
+
+/// What was measured into a folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
+#[strum(serialize_all = "lowercase")]
+pub enum FolderKind {
+    Run,
+    Comparison,
+}
+
+impl FolderKind {
+    fn of(record: &Record) -> Self {
+        match record {
+            Record::Comparison(_) => Self::Comparison,
+            Record::Run(_) | Record::Experiment(_) | Record::Cell(_) | Record::End(_) => Self::Run,
+        }
+    }
+
+    /// Refuses records that this cannot be continued with.
+    fn check(self, path: &Path, read: &Reading) -> Result<(), OutputError> {
+        record::empty_or_sound(path, read)?;
+        let path = path.to_owned();
+        if read.records.iter().any(|record| Self::of(record) != self) {
+            return Err(OutputError::OtherKind { kind: self, path });
+        }
+        let header = |record: &Record| matches!(record, Record::Comparison(Compared::Header(_)));
+        if self == Self::Comparison && !read.records.is_empty() && !read.records.iter().any(header)
+        {
+            return Err(OutputError::NoHeader { path });
+        }
+        Ok(())
+    }
+}
+
+/// The folder of a run or a comparison, and its files.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OutputFolder {
+    pub folder: PathBuf,
+}
+
+impl OutputFolder {
+    pub fn records(&self) -> PathBuf {
+        self.folder.join(RECORDS)
+    }
+
+    pub fn samples(&self) -> PathBuf {
+        self.folder.join(SAMPLES)
+    }
+
+    pub fn pictures(&self) -> PathBuf {
+        self.folder.join(PICTURES)
+    }
+
+    /// It holds something that was measured.
+    fn is_occupied(&self) -> bool {
+        let holds = |path: PathBuf| path.symlink_metadata().is_ok_and(|file| file.len() > 0);
+        holds(record::stored(&self.records())) || holds(self.samples())
+    }
+}
+
+/// A folder that no other process writes to while this is held. Nothing is written yet.
+#[derive(Debug)]
+pub struct Taken {
+    output: OutputFolder,
+    lock: FolderLock,
+}
+
+impl Taken {
+    /// Takes a folder that holds nothing that was measured.
+    pub fn free(folder: &Path) -> Result<Self, OutputError> {
+        let taken = Self::take(folder)?;
+        if taken.output.is_occupied() {
+            return Err(OutputError::Occupied { path: folder.to_owned() });
+        }
+        Ok(taken)
+    }
+
+    /// Takes a folder whose measurement is to be continued.
+    pub fn measured(folder: &Path, kind: FolderKind) -> Result<Self, OutputError> {
+        let output = OutputFolder { folder: folder.to_owned() };
+        if !folder::is_there(&output.records()) && !output.is_occupied() {
+            return Err(OutputError::NothingToResume { kind, path: output.folder });
+        }
+        Self::take(folder)
+    }
+
+    fn take(folder: &Path) -> Result<Self, OutputError> {
+        let output = OutputFolder { folder: folder.to_owned() };
+        let path = record::stored(&output.records());
+        if path != output.records() {
+            return Err(OutputError::Packed { path });
+        }
+        Ok(Self { lock: FolderLock::take(folder, &holder())?, output })
+    }
+
+    /// Opens the records. Damaged ones are kept aside.
+    pub fn open(self, kind: FolderKind) -> Result<Held, OutputError> {
+        let path = self.output.records();
+        let opened = Writer::open(&path, |read| kind.check(&path, read))?;
+        Ok(Held {
+            output: self.output,
+            notices: opened.notices(),
+            writer: opened.writer,
+            before: opened.read.records,
+            _lock: self.lock,
+        })
+    }
+}
+
+/// The folder of a run or a comparison, with its records open to be continued.
+#[derive(Debug)]
+pub struct Held {
+    pub output: OutputFolder,
+    pub writer: Writer,
+    /// Records that were there.
+    pub before: Vec<Record>,
+    /// Damage that was found in them.
+    pub notices: Vec<String>,
+    /// Held for its release.
+    _lock: FolderLock,
+}
+
+impl Held {
+    /// Makes the folder and tries that it can be written to, before anything is measured. Without
+    /// `asked` a new folder under [`DEFAULT_FOLDER`] is named after the adapter, the profile and the time.
+    pub fn create(
+        asked: Option<&Path>,
+        adapter: &str,
+        profile: Profile,
+    ) -> Result<Self, OutputError> {
+        let folder = match asked {
+            Some(folder) => folder.to_owned(),
+            None => unused(&fresh(adapter, profile))?,
+        };
+        Self::of_run(Taken::free(&folder)?)
+    }
+
+    /// The folder of the run to resume: `asked`, or the latest under [`DEFAULT_FOLDER`]. Damaged records are kept aside.
+    pub fn resume(asked: Option<&Path>) -> Result<Self, OutputError> {
+        let default = Path::new(DEFAULT_FOLDER);
+        let folder = asked.map(Path::to_owned).or_else(|| latest(default));
+        let nothing =
+            || OutputError::NothingToResume { kind: FolderKind::Run, path: default.to_owned() };
+        let folder = folder.ok_or_else(nothing)?;
+        Self::of_run(Taken::measured(&folder, FolderKind::Run)?)
+    }
+
+    fn of_run(taken: Taken) -> Result<Self, OutputError> {
+        let path = taken.output.folder.clone();
+        probe(&taken.output).map_err(|source| OutputError::Unwritable { path, source })?;
+        taken.open(FolderKind::Run)
+    }
+}
+
+/// Path within a run's folder of the picture of an experiment's cell, different for different cells. An id holds no `_` and no
+/// file's stem ends in `~error`, so that no two are the same.
+pub fn picture_path(experiment: &str, cell: &str, shows: PictureKind) -> String {
+    let [experiment, cell] = [experiment, cell].map(text::file_stem);
+    let ending = match shows {
+        PictureKind::Image => "",
+        PictureKind::Error => "~error",
+    };
+    format!("{PICTURES}/{experiment}_{cell}{ending}.png")
+}
+
+/// What this process says of itself to another that wants the same folder.
+pub fn holder() -> String {
+    let command = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).join(" ");
+    format!(
+        "process {} (`{command}`, since {})",
+        std::process::id(),
+        calendar::rfc3339(Timestamp::now())
+    )
+}
+
+/// Makes the folder of pictures and writes a file the size of several records, which leaves nothing.
+fn probe(output: &OutputFolder) -> std::io::Result<()> {
+    let folder = Folder::make(&output.folder)?;
+    folder.make_beneath(PICTURES)?;
+    folder.try_writing(&vec![0; PROBE_BYTES])
+}
+
+/// Makes a folder that was not there: of this name, or with a number added to it.
+pub fn unused(folder: &Path) -> Result<PathBuf, OutputError> {
+    let unwritable = |source| OutputError::Unwritable { path: folder.to_owned(), source };
+    if let Some(parent) = folder.parent() {
+        std::fs::create_dir_all(parent).map_err(unwritable)?;
+    }
+    let name = folder.file_name().unwrap_or_default().to_string_lossy();
+    let numbered = (2..).map(|number| folder.with_file_name(format!("{name}-{number}")));
+    for candidate in std::iter::once(folder.to_owned()).chain(numbered) {
+        match std::fs::create_dir(&candidate) {
+            Ok(()) => return Ok(candidate),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(source) => return Err(unwritable(source)),
+        }
+    }
+    unreachable!("numbers do not end")
+}
+
+fn fresh(adapter: &str, profile: Profile) -> PathBuf {
+    let word = |c: char| {
+        if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { ' ' }
+    };
+    let plain: String = adapter.chars().map(word).collect();
+    let words: Vec<&str> = plain.split_whitespace().take(3).collect();
+    let time = calendar::compact(Timestamp::now());
+    let profile = profile.name();
+    Path::new(DEFAULT_FOLDER).join(format!("{}-{profile}-{time}", words.join("-")))
+}
+
+/// The folder of the run whose records were changed last.
+fn latest(parent: &Path) -> Option<PathBuf> {
+    let folders = std::fs::read_dir(parent).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+    let changed = |folder: &PathBuf| {
+        std::fs::symlink_metadata(folder.join(RECORDS)).and_then(|records| records.modified()).ok()
+    };
+    let dated = folders.filter_map(|folder| Some((changed(&folder)?, folder)));
+    let mut folders = dated.sorted().rev().map(|(_, folder)| folder);
+    folders.find(|folder| !is_comparison(&folder.join(RECORDS)))
+}
+
+/// Records that can be read are those of a comparison.
+fn is_comparison(path: &Path) -> bool {
+    let first = |read: Reading| read.records.first().map(FolderKind::of);
+    read_lines(path).ok().and_then(first) == Some(FolderKind::Comparison)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn create(folder: &Path) -> Result<Held, OutputError> {
+        Held::create(Some(folder), "gpu", Profile::Quick)
+    }
+
+    const END: &str = "{\"record\":\"end\",\"measuring_wall_s\":1.0,\"measured_gpu_s\":1.0,\"set_up_s\":1.0,\
+        \"peak_memory_bytes\":null,\"interrupted\":false}\n";
+
+    fn files(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap().flatten();
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).sorted().collect()
+    }
+
+    #[test]
+    fn a_folder_with_compressed_records_is_not_written_to() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("records.jsonl.gz"), "packed").unwrap();
+        for refused in [create(folder.path()), Held::resume(Some(folder.path()))] {
+            let error = refused.unwrap_err().to_string();
+            assert!(error.contains("records.jsonl.gz is compressed and only read"), "{error}");
+        }
+        assert_eq!(files(folder.path()), ["records.jsonl.gz"]);
+    }
+
+    #[test]
+    fn a_folder_with_records_is_only_resumed() {
+        let folder = tempfile::tempdir().unwrap();
+        let held = create(folder.path()).unwrap();
+        assert!(held.before.is_empty());
+        let error = create(folder.path()).unwrap_err().to_string();
+        let me = format!("in use by process {} (`", std::process::id());
+        assert!(error.contains(&me), "{error}");
+        let error = Held::resume(Some(folder.path())).unwrap_err().to_string();
+        assert!(error.contains(&me), "{error}");
+        std::fs::write(held.output.records(), END).unwrap();
+        drop(held);
+        let error = create(folder.path()).unwrap_err();
+        assert!(error.to_string().contains("--resume"), "{error}");
+        let held = Held::resume(Some(folder.path())).unwrap();
+        assert_eq!(held.before.len(), 1);
+        assert!(held.notices.is_empty());
+        drop(held);
+        assert_eq!(files(folder.path()), [RECORDS, PICTURES]);
+    }
+
+    #[test]
+    fn a_folder_without_a_run_is_not_resumed_and_not_made() {
+        let folder = tempfile::tempdir().unwrap();
+        let typo = folder.path().join("typo");
+        for path in [folder.path(), &typo] {
+            let error = Held::resume(Some(path)).unwrap_err();
+            assert!(matches!(error, OutputError::NothingToResume { .. }), "{error}");
+        }
+        assert!(files(folder.path()).is_empty());
+        // A run that was killed before its first record.
+        drop(create(&typo).unwrap());
+        Held::resume(Some(&typo)).unwrap();
+        create(&typo).unwrap();
+    }
+
+    #[test]
+    fn a_file_that_holds_no_sound_record_is_refused_and_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(RECORDS);
+        for garbage in ["{\"record\":\"run\",\"sch", "my notes\nof today\n"] {
+            std::fs::write(&path, garbage).unwrap();
+            let error = Held::resume(Some(folder.path())).unwrap_err().to_string();
+            assert!(error.contains("holds no sound record: line 1"), "{error}");
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), garbage);
+            assert_eq!(files(folder.path()), [RECORDS, PICTURES]);
+        }
+    }
+
+    #[test]
+    fn damaged_records_are_named_and_kept_aside() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(RECORDS);
+        let damaged = format!("{END}nonsense\n{END}{{\"record\":\"ce");
+        std::fs::write(&path, &damaged).unwrap();
+        let held = Held::resume(Some(folder.path())).unwrap();
+        assert_eq!(held.before.len(), 2);
+        let [second, fourth, kept] = held.notices.as_slice() else {
+            panic!("{:?}", held.notices);
+        };
+        assert!(second.contains("line 2: not JSON"), "{second}");
+        assert!(fourth.contains("line 4: torn off"), "{fourth}");
+        let aside = folder.path().join("records.damaged-1.jsonl");
+        assert!(kept.ends_with(&aside.display().to_string()), "{kept}");
+        assert_eq!(std::fs::read_to_string(aside).unwrap(), damaged);
+        assert_eq!(std::fs::read_to_string(path).unwrap(), format!("{END}{END}"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn trying_the_folder_follows_no_link_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let [precious, out] = ["precious", "out"].map(|name| folder.path().join(name));
+        std::fs::create_dir(&out).unwrap();
+        std::fs::write(&precious, "text").unwrap();
+        std::os::unix::fs::symlink(&precious, out.join(".probe")).unwrap();
+        drop(create(&out).unwrap());
+        assert_eq!(std::fs::read_to_string(&precious).unwrap(), "text");
+        assert_eq!(files(&out), [".probe", RECORDS, PICTURES]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_run_neither_begins_nor_goes_on_over_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let precious = folder.path().join("precious");
+        std::fs::create_dir(&precious).unwrap();
+        std::fs::write(precious.join("a"), END).unwrap();
+        for name in [RECORDS, SAMPLES, "records.jsonl.gz", PICTURES, ".lock"] {
+            let out = folder.path().join(format!("out-{name}"));
+            std::fs::create_dir(&out).unwrap();
+            let target = if name == PICTURES { precious.clone() } else { precious.join("a") };
+            std::os::unix::fs::symlink(target, out.join(name)).unwrap();
+            let begun = create(&out).unwrap_err().to_string();
+            let resumed = Held::resume(Some(&out)).and_then(|held| {
+                let samples = held.output.samples();
+                crate::LineWriter::<crate::SampleLine>::open(&samples, |_| {
+                    Ok::<(), RecordError>(())
+                })?;
+                Ok::<(), OutputError>(())
+            });
+            let resumed = resumed.unwrap_err().to_string();
+            assert_eq!([begun, resumed].map(|told| told.lines().count()), [1, 1], "{name}");
+            assert!(out.join(name).is_symlink(), "{name}");
+        }
+        assert_eq!(files(&precious), ["a"]);
+        assert_eq!(std::fs::read_to_string(precious.join("a")).unwrap(), END);
+    }
+
+    #[test]
+    fn folders_that_are_named_alike_get_numbers() {
+        let parent = tempfile::tempdir().unwrap();
+        let name = parent.path().join("runs/one");
+        let made = [unused(&name).unwrap(), unused(&name).unwrap()];
+        assert_eq!(made, [name.clone(), parent.path().join("runs/one-2")]);
+    }
+
+    #[test]
+    fn a_file_in_the_way_is_one_clear_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("taken");
+        std::fs::write(&file, "").unwrap();
+        let error = create(&file).unwrap_err().to_string();
+        assert!(error.starts_with("cannot write to "), "{error}");
+        assert_eq!(error.lines().count(), 1);
+    }
+
+    #[test]
+    fn the_latest_run_is_the_one_to_resume() {
+        let parent = tempfile::tempdir().unwrap();
+        assert_eq!(latest(parent.path()), None);
+        let folder = |name: &str| parent.path().join(name);
+        for name in ["b", "a", "empty"] {
+            std::fs::create_dir(folder(name)).unwrap();
+        }
+        for (name, hours_ago) in [("b", 2), ("a", 1)] {
+            let records = std::fs::File::create(folder(name).join(RECORDS)).unwrap();
+            let ago = std::time::Duration::from_secs(3600 * hours_ago);
+            records.set_modified(std::time::SystemTime::now() - ago).unwrap();
+        }
+        std::fs::create_dir(folder("compared")).unwrap();
+        let compared = Taken::free(&folder("compared")).unwrap();
+        let mut held = compared.open(FolderKind::Comparison).unwrap();
+        held.writer.write(&Record::Comparison(Compared::Header(Default::default()))).unwrap();
+        drop(held);
+        assert_eq!(latest(parent.path()), Some(folder("a")));
+        let error = Held::resume(Some(&folder("compared"))).unwrap_err().to_string();
+        assert!(error.contains("holds no run but other records"), "{error}");
+    }
+
+    #[test]
+    fn fresh_folders_bear_adapter_and_profile() {
+        let name = fresh("llvmpipe (LLVM 15.0.6, 256 bits)", Profile::Quick);
+        let name = name.file_name().unwrap().to_string_lossy().into_owned();
+        assert!(name.starts_with("llvmpipe-llvm-15-quick-2"), "{name}");
+    }
+}

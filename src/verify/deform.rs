@@ -1,0 +1,80 @@
+//! `scene/deform` against f64, vertex by vertex.
+
+use glam::DVec3;
+
+use super::{Case, Check, Checks, Rig, largest};
+use fathom_reference::deform::{Moment, Motion};
+use fathom_scene::{Object, Scene};
+use fathom_stages::geometry::Geometry;
+use fathom_stages::scene::deform;
+
+const STAGE: &str = "scene/deform";
+/// Curved, flat and upright objects.
+const SCENE: &str = "tank";
+const CYCLES: f64 = 3.4;
+const AMPLITUDE: f64 = 0.15;
+/// WGSL bounds the error of sine and cosine by 2⁻¹¹ within half a turn: at 5 m from the axis that is 2.4 mm. Drivers do far better.
+const POSITION_M: f64 = 2.5e-3;
+/// Radians: the same bound, and the lean of the normals that a twist multiplies it with.
+const NORMAL: f64 = 5e-3;
+
+pub fn cases() -> Vec<Case> {
+    let motions = [
+        (Motion::Spin, deform::Motion::Spin, "spin"),
+        (Motion::Twist, deform::Motion::Twist, "twist"),
+        (Motion::Wave, deform::Motion::Wave, "wave"),
+    ];
+    motions
+        .map(|(motion, stage, name)| {
+            Case::new(STAGE, name, move |rig| check(rig, motion, stage, name))
+        })
+        .into()
+}
+
+/// A vertex's position and normal.
+type Vertex = [DVec3; 2];
+
+fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) -> Checks {
+    let scene = Scene::load(SCENE)?;
+    let geometry = Geometry::new(&rig.resources, &scene);
+    let amount = (CYCLES, AMPLITUDE);
+    let stage = deform::Deform::new(&rig.resources, &geometry, &scene, of_stage, amount)?;
+    rig.run(&[&stage])?;
+    let words: Vec<f32> = rig.read(&geometry.vertices)?;
+    let vector = |v: &[f32]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
+    let found: Vec<Vertex> =
+        words.chunks_exact(7).map(|v| [vector(&v[..3]), vector(&v[3..6])]).collect();
+
+    let off = |cycles: f64| {
+        let twin = scene.objects.iter().flat_map(|object| moved(object, motion, cycles));
+        largest_of(&found, &twin.collect::<Vec<_>>())
+    };
+    let (measured, control) = (off(CYCLES), off(CYCLES + 0.02));
+    let perturbed = "time moved by 0.02 cycles";
+    Ok(vec![
+        Check::of(STAGE, format!("{name}: largest distance from the f64 twin"))
+            .within((POSITION_M, "m"), measured[0])
+            .control(perturbed, control[0]),
+        Check::of(STAGE, format!("{name}: largest difference of the normal from the f64 twin"))
+            .within((NORMAL, "1"), measured[1])
+            .control(perturbed, control[1]),
+    ])
+}
+
+fn moved(object: &Object, motion: Motion, cycles: f64) -> Vec<Vertex> {
+    let bounds = object.mesh.bounds();
+    let (foot_m, height_m) = (bounds.center().with_y(bounds.min.y), bounds.size().y);
+    let moment = Moment { motion, foot_m, height_m, cycles, amplitude: AMPLITUDE };
+    let wide = |v: &[f32; 3]| glam::Vec3::from(*v).as_dvec3();
+    let mesh = &object.mesh;
+    let vertex = |(position, normal)| {
+        let (position, normal) = (wide(position), wide(normal).normalize());
+        [moment.position(position, normal), moment.normal(position, normal)]
+    };
+    mesh.positions.iter().zip(&mesh.normals).map(vertex).collect()
+}
+
+/// Largest distance of positions, and of normals.
+fn largest_of(found: &[Vertex], twin: &[Vertex]) -> [f64; 2] {
+    [0, 1].map(|k| largest(found.iter().zip(twin).map(|(a, b)| a[k].distance(b[k]))))
+}

@@ -1,0 +1,120 @@
+//! Fresnel transmission at entry: what `caustics/splat` and `godrays/lines` draw with it and without it.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+use super::photons::run_until;
+use super::splats::{RULES, draw_free, energy_params, photon_at, splat_image};
+use super::{Case, Check, Random, Result, Rig, largest, lines, rig};
+use fathom_pipelines::Built;
+use fathom_pipelines::underwater::Underwater;
+use fathom_reference::image::Image;
+use fathom_reference::optics::{fresnel_transmittance, refract};
+use fathom_reference::rays::PixelRays;
+use fathom_scene::{Scene, SceneFile};
+use fathom_stages::caustics::splat;
+use fathom_stages::frame::View;
+use fathom_stages::godrays::lines as line;
+use fathom_stages::photon::Photon;
+
+/// Relative: directions come from places in f32, over paths of 0.6 m.
+const TOLERANCE: f64 = 1e-4;
+/// UW §4.1, and what controls take in its place.
+const INDEX: f64 = 1.33;
+const OTHER_INDEX: f64 = 1.34;
+/// Cells per side of the picture, a photon in each.
+const CELLS: u32 = 4;
+/// Length of the photons' paths, metres: lines stay within their cells.
+const PATH_M: f64 = 0.6;
+/// Greatest angle of incidence, radians: 85°.
+const STEEPEST: f64 = 1.48;
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new(splat::INFO.name, "Fresnel transmission of splats", |rig| {
+            transmitted(rig, splat::INFO.name)
+        }),
+        Case::new(line::INFO.name, "Fresnel transmission of lines", |rig| {
+            transmitted(rig, line::INFO.name)
+        }),
+        Case::new(splat::INFO.name, "Fresnel transmission at normal incidence", straight),
+    ]
+}
+
+/// A photon for each cell that was refracted by a surface of another slope, and its angle of incidence's cosine.
+fn photons(view: &View, side_px: u32) -> Vec<(Photon, f64)> {
+    let eye = DVec3::from(view.camera.position_m);
+    let rays = PixelRays::new(&view.camera, side_px, side_px);
+    let incident = view.light_frame().forward;
+    let across = incident.any_orthonormal_vector();
+    let mut random = Random::new(7);
+    let count = CELLS * CELLS;
+    let photon = |i: u32| {
+        let angle = STEEPEST * f64::from(i) / f64::from(count - 1);
+        let around = across.rotate_axis(incident, random.within(0.0, TAU));
+        let normal = -incident * angle.cos() + around * angle.sin();
+        let refracted = refract(incident, normal, 1.0, INDEX).unwrap_or(incident);
+        let cell_px = f64::from(side_px / CELLS);
+        let at = [i % CELLS, i / CELLS].map(|cell| (f64::from(cell) + 0.5) * cell_px);
+        let (_, (hit, _)) = photon_at(&rays, eye, at, 6.0, 1.0);
+        let entry = hit - refracted * PATH_M;
+        (rig::photon(entry, hit, PATH_M), angle.cos())
+    };
+    (0..count).map(photon).collect()
+}
+
+/// Sums over the cells of a picture, row by row.
+fn cell_sums(image: &Image) -> Vec<f64> {
+    let side = i64::from(image.width() / CELLS);
+    let sum = |cell: u32| {
+        let (x, y) = (i64::from(cell % CELLS) * side, i64::from(cell / CELLS) * side);
+        (0..side * side).map(|i| image.clamped(x + i % side, y + i / side)).sum()
+    };
+    (0..CELLS * CELLS).map(sum).collect()
+}
+
+/// What each photon adds to the picture with transmission over what it adds without, against the exact transmittance.
+fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Result<Check> {
+    let size = if stage == splat::INFO.name { 512 } else { 384 };
+    let mut view = rig::synthetic_view([size; 2], 0.0)?;
+    let (drawn, cosines): (Vec<Photon>, Vec<f64>) = photons(&view, size).into_iter().unzip();
+    let mut draw = |fresnel: bool| -> Result<Vec<f64>> {
+        view.water.fresnel = fresnel;
+        let image = if stage == splat::INFO.name {
+            draw_free(rig, &view, &drawn, &RULES)?
+        } else {
+            lines::draw(rig, &view, &drawn)?
+        };
+        Ok(cell_sums(&image))
+    };
+    let (whole, passed) = (draw(false)?, draw(true)?);
+    let shares: Vec<f64> = passed.iter().zip(&whole).map(|(a, b)| a / b).collect();
+    let error = |index: f64| {
+        largest(shares.iter().zip(&cosines).map(|(share, cosine)| {
+            (share / fresnel_transmittance(*cosine, 1.0, index) - 1.0).abs()
+        }))
+    };
+    Ok(Check::of(stage, "Fresnel transmittance up to 85°: largest relative error")
+        .within((TOLERANCE, "1"), error(INDEX))
+        .control("refractive index 1.34", error(OTHER_INDEX)))
+}
+
+/// Flat water lit from straight above loses ((n − 1) / (n + 1))² of the energy.
+fn straight(rig: &Rig<'_>) -> Result<Check> {
+    let mut file = SceneFile::load("plane")?;
+    file.water.amplitude_m = 0.0;
+    let scene = Scene::build(&file)?;
+    let energy = |fresnel: bool| -> Result<f64> {
+        let mut params = energy_params(&file);
+        params.water.fresnel = fresnel;
+        let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &params)?;
+        run_until(rig, &pipeline, splat::INFO.name)?;
+        Ok(splat_image(rig, &pipeline)?.sum())
+    };
+    let share = energy(true)? / energy(false)?;
+    let error = |n: f64| (share / (1.0 - ((n - 1.0) / (n + 1.0)).powi(2)) - 1.0).abs();
+    Ok(Check::of(splat::INFO.name, "energy through flat water lit from above, relative error")
+        .within((TOLERANCE, "1"), error(INDEX))
+        .control("refractive index 1.34", error(OTHER_INDEX)))
+}

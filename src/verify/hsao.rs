@@ -1,0 +1,256 @@
+//! `hsao/march` against its f64 twin over the same depth buffer, against closed forms, and against ray casting where the
+//! camera sees a height field.
+
+use glam::{DVec3, Vec2};
+
+use super::{Case, Check, Checks, Result, Rig, largest, mean};
+use fathom_reference::horizon::{HorizonSplit, SeenDepth, beside_wall};
+use fathom_reference::image::{Image, pixels};
+use fathom_reference::occlusion::{Attenuation, occlusion};
+use fathom_reference::quantities::quantile;
+use fathom_reference::rays::{Hit, PixelRays, Tracer};
+use fathom_scene::{Camera, Mesh, Object, Scene};
+use fathom_stages::hsao::march::{HorizonUniforms, March};
+
+const STAGE: &str = "hsao/march";
+const SIZE: [u32; 2] = [96, 72];
+/// Columns, curved objects, walls at a slant and background.
+const SCENE: &str = "tank";
+/// A step of the 16-bit result below 1 is 4.9e-4, and drivers may cut off what they cannot store. Where f32 puts a sample on
+/// the other side of a border between texels, pixels change by more; that is one in hundreds.
+const TWIN_P95: f64 = 1e-3;
+/// Not 0, which draws nothing else.
+const SEED: u32 = 3;
+const PLANE: f64 = 1e-3;
+/// 32 directions of 32 samples, over pixels of some 2 cm.
+const WALL_RMS: f64 = 0.015;
+const FIELD_RMS: f64 = 0.01;
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new(STAGE, "a scene against the f64 twin", twin),
+        Case::new(STAGE, "a plane and a wall against closed forms", closed_forms),
+        Case::new(STAGE, "a height field against ray casting", height_field),
+    ]
+}
+
+/// What the stage saw and what it made of it.
+struct Shaded {
+    depth: Image,
+    normals: Vec<DVec3>,
+    occlusion: Image,
+}
+
+fn shade(
+    rig: &Rig<'_>,
+    scene: &Scene,
+    method: &HorizonSplit,
+    buffer_px: [u32; 2],
+) -> Result<Shaded> {
+    let stand = rig.stand(scene, SIZE);
+    let gbuffer = rig.gbuffer(&stand)?;
+    let settings = HorizonUniforms {
+        size_px: Vec2::new(buffer_px[0] as f32, buffer_px[1] as f32),
+        r_max_m: method.r_max_m as f32,
+        layer_m: method.layer_m as f32,
+        directions: method.directions,
+        steps: method.steps,
+        rays: method.rays,
+        ray_steps: method.ray_steps,
+        seed: method.seed,
+    };
+    let hard = method.attenuation == Attenuation::Hard;
+    let stage = March::new(&rig.resources, &stand.shared, &gbuffer, &settings, hard)?;
+    rig.run(&[&stage])?;
+    let visibility = rig.channel(stage.texture(), 0)?;
+    Ok(Shaded {
+        depth: rig.channel(&gbuffer.depth, 0)?,
+        normals: rig.vectors(&gbuffer.normal)?,
+        occlusion: visibility.map(|v| 1.0 - v),
+    })
+}
+
+fn method(attenuation: Attenuation) -> HorizonSplit {
+    let (r_max_m, layer_m) = (1.0, 0.5);
+    HorizonSplit {
+        directions: 16,
+        steps: 16,
+        rays: 18,
+        ray_steps: 8,
+        r_max_m,
+        layer_m,
+        attenuation,
+        seed: 0,
+    }
+}
+
+fn twin(rig: &Rig<'_>) -> Checks {
+    let scene = Scene::load(SCENE)?;
+    let check = |(name, attenuation, buffer_px): (&str, Attenuation, [u32; 2])| {
+        let method = HorizonSplit { seed: SEED, ..method(attenuation) };
+        let shaded = shade(rig, &scene, &method, buffer_px)?;
+        let seen = SeenDepth::new(&scene.camera, &shaded.depth, &shaded.normals);
+        let differences = |twin: &HorizonSplit| -> Vec<f64> {
+            let off = pixels(buffer_px).step_by(3).filter_map(|(x, y)| {
+                let expected = twin.at(&seen, buffer_px, x, y)?;
+                Some((shaded.occlusion.clamped(x.into(), y.into()) - expected).abs())
+            });
+            off.collect()
+        };
+        let mut off = differences(&method);
+        let farther = HorizonSplit { r_max_m: method.r_max_m * 1.02, ..method };
+        Ok(Check::of(STAGE, format!("{name}: 95th percentile of |GPU − f64 twin|"))
+            .within((TWIN_P95, "1"), quantile(&mut off, 0.95))
+            .control("r_max 2 % greater", quantile(&mut differences(&farther), 0.95))
+            .with(
+                "other_seed",
+                quantile(&mut differences(&HorizonSplit { seed: 0, ..method }), 0.95),
+            )
+            .with("median", quantile(&mut off, 0.5))
+            .with("largest", quantile(&mut off, 1.0))
+            .with("mean_occlusion", shaded.occlusion.mean()))
+    };
+    let half = SIZE.map(|side| side / 2);
+    [("linear", Attenuation::Linear, SIZE), ("hard, at half the size", Attenuation::Hard, half)]
+        .into_iter()
+        .map(check)
+        .collect()
+}
+
+/// More directions and samples than anyone would take, so that the closed form is what is left.
+fn dense(attenuation: Attenuation) -> HorizonSplit {
+    HorizonSplit { directions: 32, steps: 32, ..method(attenuation) }
+}
+
+fn closed_forms(rig: &Rig<'_>) -> Checks {
+    let camera = camera([3.0, 2.6, 0.0], [0.0, 0.4, 0.0]);
+    let floor = quad([30.0, 0.0, 0.0], [0.0, 0.0, -30.0]);
+    let wall = quad([0.0, 30.0, 0.0], [0.0, 0.0, 30.0]);
+    let plane = built(camera.clone(), vec![floor.clone()])?;
+    let corner = built(camera, vec![floor, wall])?;
+
+    let hard = dense(Attenuation::Hard);
+    let largest = |scene: &Scene| -> Result<f64> {
+        let shaded = shade(rig, scene, &hard, SIZE)?;
+        Ok(largest(shaded.occlusion.data().iter().copied()))
+    };
+    let mut checks = vec![
+        Check::of(STAGE, "largest occlusion of a plane by itself")
+            .within((PLANE, "1"), largest(&plane)?)
+            .control("a wall stands on it", largest(&corner)?),
+    ];
+    let exact = |hit: &Hit, r_max_m: f64, attenuation| {
+        let on_floor = hit.normal.y > 0.5;
+        let from_edge = if on_floor { hit.position.x } else { hit.position.y };
+        // Pixels next to the edge hold it.
+        (from_edge > 0.06).then(|| beside_wall(from_edge / r_max_m, attenuation))
+    };
+    let title = |name: &str| format!("beside a wall, {name}: RMS of the error");
+    checks.extend(rms_checks(rig, &corner, (title, WALL_RMS), ("r_max 20 % greater", 1.2), exact)?);
+    Ok(checks)
+}
+
+/// Hills that the camera sees without gaps.
+fn height_field(rig: &Rig<'_>) -> Checks {
+    const HEIGHT_M: f64 = 0.25;
+    const WAVES_PER_M: [f64; 2] = [2.5, 2.0];
+    let camera = camera([0.0, 4.5, 2.2], [0.0; 3]);
+    let height =
+        |x: f64, z: f64| HEIGHT_M * (WAVES_PER_M[0] * x).sin() * (WAVES_PER_M[1] * z).cos();
+    let normal = |x: f64, z: f64| {
+        let [u, v] = [WAVES_PER_M[0] * x, WAVES_PER_M[1] * z];
+        let along_x = HEIGHT_M * WAVES_PER_M[0] * u.cos() * v.cos();
+        let along_z = -HEIGHT_M * WAVES_PER_M[1] * u.sin() * v.sin();
+        DVec3::new(-along_x, 1.0, -along_z).normalize()
+    };
+    let scene = built(camera, vec![hills(height, normal)])?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let exact = |hit: &Hit, r_max_m: f64, attenuation| {
+        let inside = hit.position.abs().with_y(0.0).max_element() < 1.0;
+        let (p, n) = (hit.position, hit.shading_normal);
+        inside.then(|| occlusion(&tracer, p, n, r_max_m, attenuation, 256))
+    };
+    let title = |name: &str| format!("hills, {name}: RMS of the error against ray casting");
+    rms_checks(rig, &scene, (title, FIELD_RMS), ("r_max half as great", 0.5), exact)
+}
+
+/// Both attenuations against the exact occlusion of what the camera sees; the control takes that of another r_max.
+fn rms_checks(
+    rig: &Rig<'_>,
+    scene: &Scene,
+    (title, tolerance): (impl Fn(&str) -> String, f64),
+    (perturbed, factor): (&str, f64),
+    exact: impl Fn(&Hit, f64, Attenuation) -> Option<f64>,
+) -> Checks {
+    let tracer = Tracer::new(&scene.objects)?;
+    let check = |(name, attenuation): (&str, Attenuation)| {
+        let method = dense(attenuation);
+        let shaded = shade(rig, scene, &method, SIZE)?;
+        let against = |r_max_m: f64| {
+            errors(&shaded, &tracer, &scene.camera, |hit| exact(hit, r_max_m, attenuation))
+        };
+        let (bias, rms) = against(method.r_max_m);
+        let check = Check::of(STAGE, title(name))
+            .within((tolerance, "1"), rms)
+            .control(perturbed, against(factor * method.r_max_m).1);
+        Ok(check.with("bias", bias))
+    };
+    [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)].into_iter().map(check).collect()
+}
+
+/// Mean and root mean square of the difference from `expected`, over the pixels where it has an answer for the exact hit.
+fn errors(
+    shaded: &Shaded,
+    tracer: &Tracer,
+    camera: &Camera,
+    expected: impl Fn(&Hit) -> Option<f64>,
+) -> (f64, f64) {
+    let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
+    let pixels = (8..SIZE[1] - 8).flat_map(|y| (8..SIZE[0] - 8).map(move |x| (x, y)));
+    let off: Vec<f64> = pixels
+        .step_by(5)
+        .filter_map(|(x, y)| {
+            let (hit, _) = rays.cast(tracer, x, y)?;
+            Some(shaded.occlusion.clamped(x.into(), y.into()) - expected(&hit)?)
+        })
+        .collect();
+    (mean(off.iter().copied()), mean(off.iter().map(|e| e * e)).sqrt())
+}
+
+fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
+    Camera::new(position_m, target_m, 50.0, [0.1, 20.0])
+}
+
+/// Scene `plane` with other objects, seen by this camera.
+fn built(camera: Camera, objects: Vec<Object>) -> Result<Scene> {
+    Ok(Scene { camera, objects, ..Scene::load("plane")? })
+}
+
+/// A parallelogram around the origin, with half its sides; its normal is that of `a` × `b`.
+fn quad(a: [f64; 3], b: [f64; 3]) -> Object {
+    Object::new("verify", Mesh::parallelogram(DVec3::ZERO, a.into(), b.into()))
+}
+
+/// A height field over 6 × 6 m.
+fn hills(height: impl Fn(f64, f64) -> f64, normal: impl Fn(f64, f64) -> DVec3) -> Object {
+    const CELLS: u32 = 96;
+    const HALF_M: f64 = 3.0;
+    let row = CELLS + 1;
+    let place = |i: u32| {
+        let along = |n: u32| (f64::from(n) / f64::from(CELLS) * 2.0 - 1.0) * HALF_M;
+        (along(i % row), along(i / row))
+    };
+    let corner = |i: u32| i / CELLS * row + i % CELLS;
+    let cell = |i: u32| {
+        let a = corner(i);
+        [a, a + row, a + 1, a + 1, a + row, a + row + 1]
+    };
+    let vertex = |i: u32| {
+        let (x, z) = place(i);
+        let position = DVec3::new(x, height(x, z), z);
+        (position.as_vec3().to_array(), normal(x, z).as_vec3().to_array())
+    };
+    let (positions, normals) = (0..row * row).map(vertex).unzip();
+    let indices = (0..CELLS * CELLS).flat_map(cell).collect();
+    Object::new("verify", Mesh { positions, normals, indices })
+}

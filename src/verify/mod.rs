@@ -1,0 +1,350 @@
+//! `fathom verify`: every stage on a small case against its f64 reference.
+//!
+//! A case feeds a stage with the reference's own inputs where it can, so that errors stay local, and
+//! compares what comes out. Beside each comparison runs a control: the same comparison with one value
+//! perturbed, which must exceed the tolerance. A check whose control passes says nothing.
+//!
+//! One file per family of stages; adding a case adds a function there and a line in its `cases`.
+
+mod ao_compose;
+mod bilateral;
+mod camera;
+mod compose;
+mod deform;
+mod filters;
+mod fresnel;
+mod given_water;
+mod glass;
+mod hsao;
+mod light;
+mod lines;
+mod luminance;
+mod mesh;
+mod occlusion;
+mod photon_tracing;
+mod photons;
+mod planar;
+mod refraction;
+pub mod rig;
+mod scalar;
+mod shadow_rays;
+mod shafts;
+mod slanted;
+mod splats;
+mod sprites;
+mod starts;
+mod voxel;
+
+use std::fmt;
+
+use serde::Serialize;
+
+use fathom_gpu::{Gpu, GpuError};
+use fathom_reference::ReferenceError;
+use fathom_scene::SceneError;
+use rig::{Random, Rig, largest, mean, noise};
+
+/// Why a verification could not be carried out. A check that fails is no error.
+#[derive(Debug, thiserror::Error)]
+pub enum VerifyError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
+    #[error("no check matches `{filter}`; there are checks for: {known}")]
+    NoMatch { filter: String, known: String },
+    #[error("{stage}: {what}")]
+    Invalid { stage: &'static str, what: String },
+    #[error("{stage}: nothing to compare in check `{what}`")]
+    Empty { stage: &'static str, what: String },
+}
+
+pub type Result<T, E = VerifyError> = std::result::Result<T, E>;
+
+/// What a case finds.
+pub type Checks = Result<Vec<Check>>;
+
+/// One comparison and its control.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Check {
+    pub stage: &'static str,
+    /// What is compared, and its statistic.
+    pub what: String,
+    /// Unit of `measured` and `tolerance`; `1` for ratios.
+    pub unit: &'static str,
+    pub measured: f64,
+    pub tolerance: f64,
+    pub passed: bool,
+    pub control: Control,
+    /// Further figures that are reported and not judged: `name → value`, the unit in the name.
+    pub figures: Vec<(String, f64)>,
+}
+
+/// The same comparison with one value perturbed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Control {
+    pub perturbed: String,
+    pub measured: f64,
+    pub failed_as_it_must: bool,
+}
+
+impl Check {
+    /// A comparison: its stage, what is compared and its statistic.
+    pub fn of(stage: &'static str, what: impl Into<String>) -> Comparison {
+        Comparison { stage, what: what.into() }
+    }
+
+    /// Adds a figure that is reported and not judged.
+    #[must_use]
+    pub fn with(mut self, name: impl Into<String>, value: f64) -> Check {
+        self.figures.push((name.into(), value));
+        self
+    }
+
+    /// The comparison passed and its control failed.
+    pub fn is_sound(&self) -> bool {
+        self.passed && self.control.failed_as_it_must
+    }
+}
+
+impl From<Check> for Vec<Check> {
+    fn from(check: Check) -> Self {
+        vec![check]
+    }
+}
+
+/// What a check compares.
+pub struct Comparison {
+    stage: &'static str,
+    what: String,
+}
+
+impl Comparison {
+    /// What was measured, and the tolerance up to which it passes, with its unit.
+    pub fn within(
+        self,
+        (tolerance, unit): (f64, &'static str),
+        measured: f64,
+    ) -> CheckedComparison {
+        CheckedComparison { comparison: self, tolerance, unit, measured }
+    }
+}
+
+/// A comparison that still needs its control.
+pub struct CheckedComparison {
+    comparison: Comparison,
+    tolerance: f64,
+    unit: &'static str,
+    measured: f64,
+}
+
+impl CheckedComparison {
+    /// The same measured with one value perturbed: it must exceed the tolerance. What is not a number neither passes nor exceeds.
+    pub fn control(self, perturbed: impl Into<String>, measured: f64) -> Check {
+        let CheckedComparison { comparison: Comparison { stage, what }, tolerance, unit, .. } =
+            self;
+        let control = Control {
+            perturbed: perturbed.into(),
+            measured,
+            failed_as_it_must: measured > tolerance,
+        };
+        let (measured, passed) = (self.measured, self.measured <= tolerance);
+        Check { stage, what, unit, measured, tolerance, passed, control, figures: Vec::new() }
+    }
+}
+
+type Run = dyn Fn(&Rig<'_>) -> Checks;
+
+/// A case: one run on the GPU that yields one or more checks of a stage.
+pub struct Case {
+    stage: &'static str,
+    what: String,
+    run: Box<Run>,
+}
+
+impl Case {
+    pub fn new<C: Into<Vec<Check>>>(
+        stage: &'static str,
+        what: impl Into<String>,
+        run: impl Fn(&Rig<'_>) -> Result<C> + 'static,
+    ) -> Case {
+        Case { stage, what: what.into(), run: Box::new(move |rig| run(rig).map(Into::into)) }
+    }
+
+    fn matches(&self, filter: &str) -> bool {
+        let filter = filter.to_lowercase();
+        self.stage.contains(&filter) || self.what.to_lowercase().contains(&filter)
+    }
+}
+
+/// Every case of fathom's own stages, in frame order.
+pub fn cases() -> Vec<Case> {
+    let families = [
+        light::cases(),
+        deform::cases(),
+        voxel::cases(),
+        camera::cases(),
+        occlusion::cases(),
+        bilateral::cases(),
+        ao_compose::cases(),
+        hsao::cases(),
+        photons::cases(),
+        slanted::cases(),
+        given_water::cases(),
+        glass::cases(),
+        starts::cases(),
+        splats::cases(),
+        mesh::cases(),
+        lines::cases(),
+        fresnel::cases(),
+        filters::cases(),
+        compose::cases(),
+        photon_tracing::cases(),
+        sprites::cases(),
+        shafts::cases(),
+        shadow_rays::cases(),
+        refraction::cases(),
+        planar::cases(),
+        luminance::cases(),
+        scalar::cases(),
+    ];
+    families.into_iter().flatten().collect()
+}
+
+/// Runs those of `all` cases whose stage or name contains `filter` (all without one). A check that fails is no error.
+pub fn verify(gpu: &Gpu, all: &[Case], filter: Option<&str>) -> Result<Vec<Check>> {
+    let chosen: Vec<&Case> =
+        all.iter().filter(|case| filter.is_none_or(|f| case.matches(f))).collect();
+    if chosen.is_empty() {
+        return Err(VerifyError::NoMatch {
+            filter: filter.unwrap_or_default().to_owned(),
+            known: known_stages(all),
+        });
+    }
+    run_all(gpu, &chosen)
+}
+
+/// Runs the cases of these stages; none for a stage that has none. A check that fails is no error.
+pub fn verify_stages(gpu: &Gpu, all: &[Case], stages: &[String]) -> Result<Vec<Check>> {
+    let chosen: Vec<&Case> =
+        all.iter().filter(|case| stages.iter().any(|stage| stage == case.stage)).collect();
+    run_all(gpu, &chosen)
+}
+
+/// Runs each case so that what the GPU reports late becomes this case's error.
+fn run_all(gpu: &Gpu, cases: &[&Case]) -> Checks {
+    let rig = Rig::new(gpu);
+    let mut checks = Vec::new();
+    for case in cases {
+        let mut found = Ok(Vec::new());
+        gpu.scoped(|| {
+            found = (case.run)(&rig);
+            Ok(())
+        })?;
+        checks.extend(found?);
+    }
+    Ok(checks)
+}
+
+fn known_stages(cases: &[Case]) -> String {
+    let mut stages: Vec<&str> = cases.iter().map(|case| case.stage).collect();
+    stages.dedup();
+    stages.join(", ")
+}
+
+/// A table of checks for people, one line each, figures below.
+pub struct Table<'a>(pub &'a [Check]);
+
+impl fmt::Display for Table<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let width = |text: fn(&Check) -> &str, least: usize| {
+            let widths = self.0.iter().map(|check| text(check).chars().count());
+            widths.fold(least, usize::max)
+        };
+        let (stage, what) = (width(|c| c.stage, 5), width(|c| &c.what, 5));
+        writeln!(
+            f,
+            "{:6} {:stage$} {:what$} {:>10} {:>10} {:4} control: must exceed the tolerance",
+            "", "stage", "check", "measured", "tolerance", "unit"
+        )?;
+        for check in self.0 {
+            let verdict = match (check.passed, check.control.failed_as_it_must) {
+                (true, true) => "ok",
+                (false, _) => "FAILED",
+                (true, false) => "BLIND",
+            };
+            writeln!(
+                f,
+                "{verdict:6} {:stage$} {:what$} {:>10} {:>10} {:4} {} → {}",
+                check.stage,
+                check.what,
+                short(check.measured),
+                short(check.tolerance),
+                check.unit,
+                check.control.perturbed,
+                short(check.control.measured),
+            )?;
+            for (name, value) in &check.figures {
+                writeln!(f, "{:6} {:stage$}   {name} {}", "", "", short(*value))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Three digits, with an exponent where plain digits would be long.
+fn short(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e4).contains(&value.abs()) {
+        let digits = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
+        let decimals = (2.0 - digits).clamp(0.0, 5.0) as usize;
+        format!("{value:.decimals$}")
+    } else {
+        format!("{value:.2e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(measured: f64, control: f64) -> Check {
+        Check::of("a/b", "error").within((0.1, "m"), measured).control("index 1.34", control)
+    }
+
+    #[test]
+    fn a_check_is_sound_only_with_a_control_that_fails() {
+        assert!(check(0.05, 0.2).is_sound());
+        assert!(!check(0.2, 0.3).is_sound());
+        assert!(!check(0.05, 0.05).is_sound());
+        assert!(!check(f64::NAN, 0.2).passed);
+        assert!(!check(0.05, f64::NAN).is_sound());
+    }
+
+    #[test]
+    fn the_table_names_verdicts_and_figures() {
+        let checks = [check(0.05, 0.2).with("p99_m", 0.07), check(0.2, 0.3), check(0.0, 0.0)];
+        let table = Table(&checks).to_string();
+        for part in ["ok     a/b", "FAILED a/b", "BLIND  a/b", "p99_m 0.0700"] {
+            assert!(table.contains(part), "{part} in {table}");
+        }
+        assert_eq!(table.lines().count(), 5);
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let shown = [0.0, 0.0123456, 12.3456, 1234.5, 1.234e-6].map(short);
+        assert_eq!(shown, ["0.00", "0.0123", "12.3", "1234", "1.23e-6"]);
+    }
+
+    #[test]
+    fn every_stage_of_the_registry_has_a_case() {
+        let cases = cases();
+        for info in fathom_stages::REGISTRY {
+            let (covered, name) = (cases.iter().any(|case| case.stage == info.name), info.name);
+            let help = "add one under src/verify and a line in verify::cases";
+            assert!(covered, "{name} has no check: {help}");
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! `ao/query` against closed forms: a plane, a corner, a ball overhead.
+
+use glam::DVec3;
+
+use super::{Case, MarchedVolume, VOXEL_M, largest, marching, mean, query};
+use crate::{Check, Checks, Result, Rig};
+use fathom_stages::ao::query::INFO;
+use fathom_stages::marching::{Attenuation, Guard, Hit, Marching};
+
+/// Voxels a side: twice r_max and room around it.
+const SIDE: u32 = 96;
+const OPAQUE: u8 = 255;
+/// r_max of these cases in voxels.
+const R_MAX: f64 = 40.0;
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new(INFO.name, "plane", plane),
+        Case::new(INFO.name, "corner", corner),
+        Case::new(INFO.name, "ball overhead", ball),
+        Case::new(INFO.name, "ceiling of a voxel", ceiling),
+    ]
+}
+
+/// Steps of half a voxel and hard attenuation: A is a solid angle. The threshold is one for shells that are a voxel thick at
+/// every slant, as these are; the default's, for conservative volumes, is checked with volumes of its own in `orientations`.
+fn settings(m: &mut Marching) {
+    m.threshold = 0.55;
+    m.offset_voxels = 0.25;
+    m.hit = Hit::Between;
+    m.r_max_m = R_MAX * VOXEL_M;
+    m.rays = 256;
+    m.step_voxels = 0.5;
+    m.attenuation = Attenuation::Hard;
+}
+
+fn is_floor(p: DVec3) -> bool {
+    (p.y - 0.03 * VOXEL_M).abs() < 0.5 * VOXEL_M
+}
+
+/// Points of the floor at a distance from the plane x = 0, in voxels.
+fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
+    let point = |i| DVec3::new(x_voxels, 0.03, 0.37 * f64::from(i) - 3.0) * VOXEL_M;
+    (0..16).map(|i| (point(i), DVec3::Y)).collect()
+}
+
+/// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
+fn plane(rig: &Rig<'_>) -> Result<Check> {
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, is_floor)?;
+    let run = |guard| {
+        let settings = Marching { guard, ..marching(settings) };
+        query(rig, &subject.voxels, &floor_points(0.0), &settings)
+    };
+    let voxel = largest(run(Guard::Voxel)?);
+    let check = Check::of(INFO.name, "largest A of a plane")
+        .within((1e-6, "1"), largest(run(Guard::Variable)?))
+        .control("constant guard of a voxel's diagonal", voxel);
+    let seven = mean(run(Guard::SevenVoxels)?);
+    let none = mean(run(Guard::None)?);
+    Ok(check.with("mean_with_guard_of_seven_voxels", seven).with("mean_without_guard", none))
+}
+
+/// A of a floor beside a wall that is far higher than r_max, at x = c r_max: the wall is met in directions with
+/// sin θ cos φ > c, so that A = (φ₀ − c² tan φ₀) / π with cos φ₀ = c. At c → 0 it is ½.
+fn beside_wall(c: f64) -> f64 {
+    let angle = c.acos();
+    (angle - c * c * angle.tan()) / std::f64::consts::PI
+}
+
+fn corner(rig: &Rig<'_>) -> Checks {
+    let is_wall = |p: DVec3| (p.x - 0.03 * VOXEL_M).abs() < 0.5 * VOXEL_M;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
+    let check = |(x_voxels, tolerance): (f64, f64)| {
+        let expected = beside_wall((x_voxels - 0.03) / R_MAX);
+        let other = beside_wall((x_voxels + 6.0) / R_MAX);
+        let points = floor_points(x_voxels);
+        let measured = mean(query(rig, &subject.voxels, &points, &marching(settings))?);
+        Ok(Check::of(INFO.name, format!("A in a corner, {x_voxels} voxels from the wall"))
+            .within((tolerance, "1"), (measured - expected).abs())
+            .control("the wall six voxels away", (measured - other).abs())
+            .with("expected", expected))
+    };
+    // Near the wall the guard passes it at grazing angles: the error shrinks with the distance. VAO §6.1.
+    [(1.0, 0.05), (2.0, 0.04), (4.0, 0.03)].into_iter().map(check).collect()
+}
+
+/// A ball over a floor, as seen from the point below it, fills a cone of half-angle α with sin α = R / h: A = sin² α.
+fn ball(rig: &Rig<'_>) -> Result<Check> {
+    let center = DVec3::new(0.0, 24.0, 0.0) * VOXEL_M;
+    let radius = 12.0 * VOXEL_M;
+    let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_ball(p))?;
+    let points = [(DVec3::new(0.0, 0.03 * VOXEL_M, 0.0), DVec3::Y)];
+    let a = query(rig, &subject.voxels, &points, &marching(settings))?;
+    let law = |radius: f64| (radius / center.y).powi(2);
+    // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
+    let tolerance = law(radius + VOXEL_M) - law(radius);
+    let check = Check::of(INFO.name, "A below a ball")
+        .within((tolerance, "1"), (a[0] - law(radius)).abs())
+        .control("radius 1.3 times", (a[0] - law(1.3 * radius)).abs());
+    Ok(check.with("expected", law(radius)))
+}
+
+/// A ceiling of one voxel along an axis, by the defaults: no ray passes through it, wherever between two voxels the points lie. Rays that
+/// meet it within r_max, of hard attenuation, are those with cos θ > h / r_max: A = 1 − (h / r_max)².
+fn ceiling(rig: &Rig<'_>) -> Result<Check> {
+    /// Heights of the points within a voxel.
+    const SHIFTS: u32 = 16;
+    let layer = 12.5;
+    let is_ceiling = |p: DVec3| (p.y - layer * VOXEL_M).abs() < 0.25 * VOXEL_M;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, is_ceiling)?;
+    let heights: Vec<f64> = (0..SHIFTS).map(|i| f64::from(i) / f64::from(SHIFTS)).collect();
+    let points: Vec<_> =
+        heights.iter().map(|y| (DVec3::new(0.3, *y, 0.7) * VOXEL_M, DVec3::Y)).collect();
+    let errors = |hit: Option<Hit>| -> Result<f64> {
+        let settings = marching(|m| {
+            m.r_max_m = R_MAX * VOXEL_M;
+            m.rays = 256;
+            m.attenuation = Attenuation::Hard;
+            m.hit = hit.unwrap_or(m.hit);
+        });
+        // V reaches the threshold before the layer's middle.
+        let before = 1.0 - settings.threshold + settings.offset_voxels;
+        let law = |y: &f64| 1.0 - ((layer - before - y) / R_MAX).powi(2);
+        let found = query(rig, &subject.voxels, &points, &settings)?;
+        Ok(largest(found.iter().zip(&heights).map(|(a, y)| (a - law(y)).abs())))
+    };
+    Ok(Check::of(
+        INFO.name,
+        "A below a ceiling of a voxel, largest error at 16 places within a voxel",
+    )
+    .within((0.02, "1"), errors(None)?)
+    .control("hits between whole steps only", errors(Some(Hit::Between))?))
+}

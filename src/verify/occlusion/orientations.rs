@@ -1,0 +1,361 @@
+//! Volume ambient occlusion with the pipeline's defaults against ray casting: simple bodies in many orientations, voxelized and
+//! marched as a user's scene would be.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DMat3, DQuat, DVec3, EulerRot};
+
+use super::{Case, Random, Result, largest, mean};
+use crate::{Check, Rig};
+use fathom_gpu::GpuError;
+use fathom_pipelines::settings::{Method, R_MAX_SHARE};
+use fathom_pipelines::volume_ao::{Params, occlusion_at};
+use fathom_reference::occlusion::{Attenuation, occlusion};
+use fathom_reference::rays::Tracer;
+use fathom_scene::{Grid, Mesh, Object, Scene, SceneFile};
+use fathom_stages::ao::query::{INFO, SurfacePoint};
+use fathom_stages::marching::{Guard, Hit};
+
+/// Points on each body.
+const POINTS: u32 = 48;
+/// Rays of the reference at each of them.
+const RAYS: u32 = 1024;
+/// Nearest points to an edge where two surfaces meet, voxels of 128 a side: nearer, the first sample lies beyond both. VAO Fig. 10.
+const NEAREST: f64 = 2.2;
+/// Edge of the bodies, metres, and about that of a voxel.
+const EDGE_M: f64 = 2.0;
+const VOXEL_M: f64 = EDGE_M / 128.0;
+/// Of the axis-aligned at several places in the grid, the two that leaked most, and random ones.
+const ORIENTATIONS: u32 = 15;
+
+/// Triangles of a body at rest, and points on it with their normals.
+pub(super) struct Body {
+    pub(super) mesh: Mesh,
+    pub(super) points: Vec<(DVec3, DVec3)>,
+}
+
+type Make = fn(&mut Random) -> Body;
+
+/// Settings with which the check must fail.
+#[derive(Clone, Copy)]
+struct Control {
+    name: &'static str,
+    change: fn(&mut Params),
+}
+
+/// The volume of VAO §4.2 with the threshold that was the default before: it has gaps where it is slanted.
+const GAPS: Control = Control {
+    name: "volume from slicemaps, threshold 0.55",
+    change: |params| {
+        params.voxel.method = Method::Slicemap;
+        params.ao.threshold = 0.55;
+        params.ao.offset_voxels = 0.25;
+        params.ao.hit = Hit::Between;
+    },
+};
+
+/// Fig. 3a.
+const UNGUARDED: Control =
+    Control { name: "no guard", change: |params| params.ao.guard = Guard::None };
+
+/// RMS error of A that is allowed over the points of a body in one orientation: above the largest seen, below the control's.
+const BODIES: [(&str, f64, Control, Make); 6] = [
+    ("ceiling", 0.05, GAPS, ceiling),
+    ("corner", 0.03, GAPS, |random| wedge(random, 90.0)),
+    ("half planes at 30°", 0.05, GAPS, |random| wedge(random, 30.0)),
+    ("ball over a floor", 0.05, GAPS, ball),
+    ("hollow ball", 0.05, UNGUARDED, hollow_ball),
+    ("open box", 0.03, GAPS, open_box),
+];
+
+pub fn cases() -> Vec<Case> {
+    BODIES
+        .map(|(name, tolerance, control, make)| {
+            Case::new(INFO.name, format!("orientations, {name}"), move |rig| {
+                let [default, other, mean] = worst(rig, make, control)?;
+                let what = format!("{name}, {ORIENTATIONS} orientations: largest RMS error of A");
+                let check = Check::of(INFO.name, what)
+                    .within((tolerance, "1"), default)
+                    .control(control.name, other);
+                Ok(vec![check.with("over_all_orientations", mean)])
+            })
+        })
+        .into()
+}
+
+/// The largest RMS error over the orientations with the defaults and with the control's settings, and the defaults' over all.
+fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3]> {
+    let default = defaults()?;
+    let mut other = default.clone();
+    (control.change)(&mut other);
+    let turned = turned(make)?;
+    let rms = |params: &Params| {
+        let errors = turned.iter().map(|turned| turned.rms_error(rig, params));
+        errors.collect::<Result<Vec<f64>>>()
+    };
+    let [default, other] = [rms(&default)?, rms(&other)?];
+    let all = mean(default.iter().map(|error| error * error)).sqrt();
+    Ok([largest(default), largest(other), all])
+}
+
+/// The pipeline's defaults with 64 rays.
+pub(super) fn defaults() -> Result<Params> {
+    let mut params = Params::from(&SceneFile::load("plane")?);
+    params.ao.rays = 64;
+    Ok(params)
+}
+
+/// A body in all orientations.
+fn turned(make: Make) -> Result<Vec<Turned>> {
+    let mut random = Random::new(41);
+    (0..ORIENTATIONS)
+        .map(|number| {
+            let turn = orientation(number, &mut random);
+            let shift = shift(&mut random);
+            Turned::new(&make(&mut random), turn, shift)
+        })
+        .collect()
+}
+
+/// As it is four times, turned by 45° about an axis, its y brought to (1, 1, 1), and then at random.
+pub(super) fn orientation(number: u32, random: &mut Random) -> DMat3 {
+    match number {
+        0..=3 => DMat3::IDENTITY,
+        4 => DMat3::from_rotation_z(PI / 4.0),
+        5 => DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Y, DVec3::ONE.normalize())),
+        _ => {
+            let mut angle = || random.within(0.0, TAU);
+            DMat3::from_euler(EulerRot::ZYZ, angle(), (angle() / PI - 1.0).acos(), angle())
+        }
+    }
+}
+
+/// Where a grid begins before a body, voxels.
+pub(super) fn shift(random: &mut Random) -> DVec3 {
+    DVec3::from([(); 3].map(|()| random.number()))
+}
+
+/// A body in one orientation: points on it, and A there by ray casting.
+pub(super) struct Turned {
+    scene: Scene,
+    points: Vec<SurfacePoint>,
+    exact: Vec<f64>,
+}
+
+impl Turned {
+    /// `shift` moves the grid against the body, voxels.
+    pub(super) fn new(body: &Body, turn: DMat3, shift: DVec3) -> Result<Self> {
+        let mut mesh = body.mesh.clone();
+        for p in &mut mesh.positions {
+            *p = (turn * DVec3::from(p.map(f64::from))).as_vec3().to_array();
+        }
+        // A grid begins at a mesh's bounds: a corner of no triangle moves it.
+        mesh.positions.push((mesh.bounds().min - VOXEL_M * shift).as_vec3().to_array());
+        mesh.recompute_normals();
+        let mut scene = Scene::load("plane")?;
+        scene.objects = vec![Object::new("body", mesh)];
+        let r_max_m = R_MAX_SHARE * scene.solid_bounds().size().max_element();
+        let tracer = Tracer::new(&scene.objects)?;
+        let (mut points, mut exact) = (Vec::new(), Vec::new());
+        for (p, n) in &body.points {
+            let (p, n) = (turn * *p, turn * *n);
+            exact.push(occlusion(&tracer, p, n, r_max_m, Attenuation::Linear, RAYS));
+            points.push(SurfacePoint { position_m: p.as_vec3(), normal: n.as_vec3() });
+        }
+        Ok(Self { scene, points, exact })
+    }
+
+    /// Edge of a voxel.
+    pub(super) fn voxel_m(&self, params: &Params) -> Result<f64> {
+        let grid = Grid::fit(&self.scene.solid_bounds(), params.voxel.resolution);
+        Ok(grid.map_err(GpuError::Limit)?.voxel_m)
+    }
+
+    /// Of A at each point.
+    pub(super) fn errors(&self, rig: &Rig<'_>, params: &Params) -> Result<Vec<f64>> {
+        let found = occlusion_at(rig.gpu, &self.scene, params, &self.points)?;
+        Ok(found.iter().zip(&self.exact).map(|(a, b)| f64::from(*a) - b).collect())
+    }
+
+    fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64> {
+        Ok(mean(self.errors(rig, params)?.iter().map(|error| error * error)).sqrt())
+    }
+}
+
+/// Adds a parallelogram by its middle and half its sides.
+fn quad(mesh: &mut Mesh, middle: DVec3, a: DVec3, b: DVec3) {
+    mesh.append(&Mesh::parallelogram(middle, a, b));
+}
+
+/// Rings of a ball of triangles, each of twice as many steps.
+const RINGS: u32 = 48;
+
+/// Place of a ball's corner in its surface's order.
+fn on_ball(center: DVec3, radius: f64, ring: u32, step: u32) -> DVec3 {
+    let (sin, cos) = (PI * f64::from(ring) / f64::from(RINGS)).sin_cos();
+    let (across, along) = (PI * f64::from(step) / f64::from(RINGS)).sin_cos();
+    center + radius * DVec3::new(sin * along, cos, sin * across)
+}
+
+/// The two triangles of a step of a ring; at a pole one of them has no area.
+fn facets(ring: u32, step: u32) -> [[(u32, u32); 3]; 2] {
+    let [a, b] = [(ring, step), (ring + 1, step)];
+    let [c, d] = [(ring + 1, step + 1), (ring, step + 1)];
+    [[a, b, c], [a, c, d]]
+}
+
+fn sphere(mesh: &mut Mesh, center: DVec3, radius: f64) {
+    let first = mesh.positions.len() as u32;
+    for ring in 0..=RINGS {
+        for step in 0..2 * RINGS {
+            let p = on_ball(center, radius, ring, step);
+            mesh.positions.push(p.as_vec3().to_array());
+        }
+    }
+    for (ring, step) in (0..RINGS).flat_map(|ring| (0..2 * RINGS).map(move |step| (ring, step))) {
+        for (ring, step) in facets(ring, step).into_iter().flatten() {
+            mesh.indices.push(first + ring * 2 * RINGS + step % (2 * RINGS));
+        }
+    }
+}
+
+/// The middle of a facet of a ball, which lies on the triangles as no point of the sphere does, and its outer normal.
+fn facet(random: &mut Random, center: DVec3, radius: f64) -> (DVec3, DVec3) {
+    // Uniform over the sphere: the polar angle's cosine is.
+    let polar = random.within(-1.0, 1.0).acos() / PI;
+    let ring = ((polar * f64::from(RINGS)) as u32).min(RINGS - 1);
+    let step = (random.number() * f64::from(2 * RINGS)) as u32;
+    let [lower, upper] = facets(ring, step);
+    let corners = if ring == 0 { lower } else { upper };
+    let [a, b, c] = corners.map(|(ring, step)| on_ball(center, radius, ring, step));
+    let normal = (b - a).cross(c - a).normalize();
+    let outer = normal * normal.dot(a - center).signum();
+    ((a + b + c) / 3.0, outer)
+}
+
+fn many(mut point: impl FnMut() -> (DVec3, DVec3)) -> Vec<(DVec3, DVec3)> {
+    (0..POINTS).map(|_| point()).collect()
+}
+
+/// Two plates, seen from the lower one.
+fn ceiling(random: &mut Random) -> Body {
+    let height = random.within(0.08, 0.3);
+    let mut mesh = Mesh::default();
+    for y in [0.0, height] {
+        quad(&mut mesh, DVec3::Y * y, DVec3::X, DVec3::Z);
+    }
+    let point = || (DVec3::new(random.within(-0.6, 0.6), 0.0, random.within(-0.6, 0.6)), DVec3::Y);
+    Body { points: many(point), mesh }
+}
+
+/// Two half planes that meet at an angle, seen from one of them.
+fn wedge(random: &mut Random, angle_deg: f64) -> Body {
+    let point = || {
+        let x = random.within(NEAREST * VOXEL_M, 0.9);
+        (DVec3::new(x, 0.0, random.within(-0.6, 0.6)), DVec3::Y)
+    };
+    Body { points: many(point), mesh: half_planes(angle_deg) }
+}
+
+/// From the z axis, one of them along x.
+pub(super) fn half_planes(angle_deg: f64) -> Mesh {
+    let (sin, cos) = angle_deg.to_radians().sin_cos();
+    let mut mesh = Mesh::default();
+    for along in [DVec3::X, DVec3::new(cos, sin, 0.0)] {
+        quad(&mut mesh, 0.5 * along, 0.5 * along, DVec3::Z);
+    }
+    mesh
+}
+
+/// A ball above a floor, seen from both.
+fn ball(random: &mut Random) -> Body {
+    let (center, radius) = (DVec3::Y * 0.4, 0.3);
+    let mut mesh = Mesh::default();
+    quad(&mut mesh, DVec3::ZERO, DVec3::X, DVec3::Z);
+    sphere(&mut mesh, center, radius);
+    let point = || {
+        if random.number() < 0.6 {
+            return (DVec3::new(random.within(-0.4, 0.4), 0.0, random.within(-0.4, 0.4)), DVec3::Y);
+        }
+        facet(random, center, radius)
+    };
+    Body { points: many(point), mesh }
+}
+
+/// A ball seen from outside and from within.
+fn hollow_ball(random: &mut Random) -> Body {
+    let mut mesh = Mesh::default();
+    sphere(&mut mesh, DVec3::ZERO, 1.0);
+    let point = || {
+        let (point, normal) = facet(random, DVec3::ZERO, 1.0);
+        let side = if random.number() < 0.5 { 1.0 } else { -1.0 };
+        (point, side * normal)
+    };
+    Body { points: many(point), mesh }
+}
+
+/// A box without its lid, seen from within.
+fn open_box(random: &mut Random) -> Body {
+    let half = EDGE_M / 4.0;
+    let walls = [
+        (DVec3::NEG_Y, DVec3::X),
+        (DVec3::X, DVec3::Y),
+        (DVec3::NEG_X, DVec3::Y),
+        (DVec3::Z, DVec3::X),
+        (DVec3::NEG_Z, DVec3::X),
+    ];
+    let mut mesh = Mesh::default();
+    for (out, along) in walls {
+        quad(&mut mesh, half * out, half * along, half * out.cross(along));
+    }
+    let reach = half - NEAREST * VOXEL_M;
+    let point = || {
+        let (out, along) = walls[(random.number() * 5.0) as usize];
+        let [a, b] = [(); 2].map(|()| random.within(-reach, reach));
+        (half * out + a * along + b * out.cross(along), -out)
+    };
+    Body { points: many(point), mesh }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fathom_gpu::{Gpu, Options};
+
+    /// Prints the table of docs/volume-ao.md.
+    #[test]
+    #[ignore = "a map of some minutes: cargo test -p fathom-verify map_of_settings -- --ignored --nocapture"]
+    fn map_of_settings() {
+        let gpu = Gpu::open(&Options::default()).unwrap();
+        let rig = Rig::new(&gpu);
+        let bodies = BODIES.map(|(_, _, _, make)| turned(make).unwrap());
+        let names = BODIES.map(|(name, ..)| name).join(" | ");
+        println!("| volume | threshold | offset | hit | {names} |");
+        let worst = |params: &Params, body: &[Turned]| {
+            let errors = body.iter().map(|turned| turned.rms_error(&rig, params).unwrap());
+            format!("{:.3}", largest(errors))
+        };
+        let methods = [Method::Slicemap, Method::OverlapThin, Method::Overlap];
+        for (method, threshold, offset_voxels, hit) in settings(methods) {
+            let mut params = defaults().unwrap();
+            params.voxel.method = method;
+            params.ao.threshold = threshold;
+            params.ao.offset_voxels = offset_voxels;
+            params.ao.hit = hit;
+            let row = bodies.each_ref().map(|body| worst(&params, body)).join(" | ");
+            println!("| {method:?} | {threshold} | {offset_voxels} | {hit:?} | {row} |");
+        }
+    }
+
+    fn settings(methods: [Method; 3]) -> Vec<(Method, f64, f64, Hit)> {
+        let mut settings = vec![(Method::Slicemap, 0.55, 0.25, Hit::Between)];
+        for method in methods {
+            for threshold in [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95] {
+                let offsets = [0.1, 0.25].map(|offset| (method, threshold, offset, Hit::Peak));
+                settings.extend(offsets);
+            }
+        }
+        settings.push((Method::Overlap, 0.9, 0.1, Hit::Between));
+        settings
+    }
+}

@@ -1,0 +1,204 @@
+//! `ao/query`: point by point against the f64 twin, and variants that must agree.
+
+use super::{
+    Case, HostVolume, MANY_RAYS, MarchedVolume, Marching, beyond, density_error, furnished,
+};
+use super::{furnished_points, largest, marching, mean, query, twin};
+use crate::{Check, Checks, Result, Rig};
+use fathom_reference::march::March;
+use fathom_stages::ao::query::INFO;
+use fathom_stages::marching::{
+    Attenuation, Estimator, Guard, Hit, Occluder, Sampling, Step, Storage,
+};
+use fathom_stages::voxel::mips::Mips;
+
+/// Sums of 32 terms in f32, and directions by sine and cosine that WGSL bounds to 2⁻¹¹.
+const TOLERANCE: f64 = 5e-4;
+const SIDE: u32 = 32;
+const OPAQUE: u8 = 255;
+const GLASS: u8 = 90;
+
+type Change = fn(&mut Marching);
+
+/// What the shader's definitions choose between.
+const VARIANTS: [(&str, Change); 12] = [
+    ("defaults", |_| ()),
+    ("settings of VAO §5.1", paper),
+    ("guard none", |m| m.guard = Guard::None),
+    ("guard of a voxel", |m| m.guard = Guard::Voxel),
+    ("guard of seven voxels", |m| m.guard = Guard::SevenVoxels),
+    ("hard attenuation", |m| m.attenuation = Attenuation::Hard),
+    ("random directions", |m| m.sampling = Sampling::Random),
+    ("steps of half a voxel", |m| m.step_voxels = 0.5),
+    ("bits", |m| m.storage = Storage::Bits),
+    ("hits between samples", |m| m.hit = Hit::Between),
+    ("a low threshold", |m| m.threshold = 0.55),
+    ("jitter", |m| m.jitter = true),
+];
+
+fn paper(m: &mut Marching) {
+    m.estimator = Estimator::Paper;
+    m.step = Step::Paper;
+    m.hit = Hit::Sample;
+    m.offset_voxels = 0.0;
+    m.sampling = Sampling::Random;
+}
+
+pub fn cases() -> Vec<Case> {
+    let twins = VARIANTS.map(|(name, change)| {
+        Case::new(INFO.name, format!("against the f64 twin, {name}"), move |rig| {
+            against_twin(rig, name, change)
+        })
+    });
+    let mut cases: Vec<Case> = twins.into();
+    cases.push(Case::new(INFO.name, "opacities against the f64 twin", opacities));
+    cases.push(Case::new(INFO.name, "opacities at other steps than a voxel", opacity_steps));
+    cases.push(Case::new(INFO.name, "rays of several passes", many_rays));
+    cases.push(Case::new(INFO.name, "bits and texture", storages));
+    cases.push(Case::new(INFO.name, "skipping and not skipping", skipping));
+    cases
+}
+
+fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
+    let points = furnished_points();
+    let settings = marching(change);
+    let occlusion = query(rig, &subject.voxels, &points, &settings)?;
+    let march = twin(&settings, &subject.host.grid);
+    let error = density_error(settings.storage);
+    let measure = |values: &[f64], nudge: f64| {
+        largest((0..).zip(&points).zip(values).map(|((i, (p, n)), value)| {
+            beyond(*value, &march, error, |march| {
+                march.from(&subject.host, *p + *n * nudge, *n, i).occlusion
+            })
+        }))
+    };
+    let nudge = 0.3 * subject.host.grid.voxel_m;
+    let check = Check::of(INFO.name, format!("largest |GPU − f64 twin| of A, {name}"))
+        .within((TOLERANCE, "1"), measure(&occlusion, 0.0))
+        .control("the twin's points 0.3 voxels higher", measure(&occlusion, nudge));
+    Ok(check.with("mean", mean(occlusion)))
+}
+
+fn many_rays(rig: &Rig<'_>) -> Result<Check> {
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
+    let points = &furnished_points()[..12];
+    let settings = Marching { rays: MANY_RAYS, ..marching(|_| ()) };
+    let occlusion = query(rig, &subject.voxels, points, &settings)?;
+    let march = twin(&settings, &subject.host.grid);
+    let error = density_error(settings.storage);
+    let measure = |share: f64| {
+        largest((0..).zip(points).zip(&occlusion).map(|((i, (p, n)), value)| {
+            beyond(share * value, &march, error, |march| {
+                march.from(&subject.host, *p, *n, i).occlusion
+            })
+        }))
+    };
+    Ok(Check::of(INFO.name, format!("largest |GPU − f64 twin| of A, {MANY_RAYS} rays"))
+        .within((TOLERANCE, "1"), measure(1.0))
+        .control("a fifth of what the rays meet left out", measure(0.8))
+        .with("mean", mean(occlusion.iter().copied())))
+}
+
+fn opacities(rig: &Rig<'_>) -> Result<Check> {
+    let subject = MarchedVolume::new(rig, SIDE, GLASS, furnished)?;
+    let points = furnished_points();
+    let settings = Marching { occluder: Occluder::Opacity, threshold: 1.0, ..marching(|_| ()) };
+    let occlusion = query(rig, &subject.voxels, &points, &settings)?;
+    let march = twin(&settings, &subject.host.grid);
+    let rms = |alpha_scale: f64| {
+        let values = subject.host.values.iter().map(|v| v * alpha_scale).collect();
+        let host = HostVolume { grid: subject.host.grid, values };
+        let squares = (0..)
+            .zip(&points)
+            .zip(&occlusion)
+            .map(|((i, (p, n)), value)| (value - march.from(&host, *p, *n, i).occlusion).powi(2));
+        mean(squares).sqrt()
+    };
+    // A sample of falling opacity that rounding makes a rising one changes a ray by up to its opacity, 0.35: the share of
+    // such samples is that of V's error, 1 / 64, of which 32 rays take the mean.
+    Ok(Check::of(INFO.name, "RMS of GPU − f64 twin of A, opacities")
+        .within((5e-3, "1"), rms(1.0))
+        .control("the twin's opacities 1.1 times", rms(1.1)))
+}
+
+/// Eq. 7's exponent is the step over the voxel: steps of other lengths than a voxel show whether it is there.
+fn opacity_steps(rig: &Rig<'_>) -> Checks {
+    let subject = MarchedVolume::new(rig, SIDE, GLASS, furnished)?;
+    let points = furnished_points();
+    let check = |step_voxels: f64| {
+        let occluder = Occluder::Opacity;
+        let settings = Marching { occluder, threshold: 1.0, step_voxels, ..marching(|_| ()) };
+        let occlusion = query(rig, &subject.voxels, &points, &settings)?;
+        let march = twin(&settings, &subject.host.grid);
+        let rms = |exponent: f64| {
+            let march = March { exponent, ..march.clone() };
+            let squares = (0..).zip(&points).zip(&occlusion).map(|((i, (p, n)), value)| {
+                (value - march.from(&subject.host, *p, *n, i).occlusion).powi(2)
+            });
+            mean(squares).sqrt()
+        };
+        Ok(Check::of(
+            INFO.name,
+            format!("RMS of GPU − f64 twin of A, opacities, steps of {step_voxels}"),
+        )
+        .within((5e-3, "1"), rms(step_voxels))
+        .control("the twin's exponent 1", rms(1.0))
+        .with("mean", mean(occlusion)))
+    };
+    [0.5, 2.0].into_iter().map(check).collect()
+}
+
+/// The share of points whose values differ by more than rounding of V explains.
+fn storages(rig: &Rig<'_>) -> Result<Check> {
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
+    let points = furnished_points();
+    let run = |storage, threshold| {
+        let settings = Marching { storage, threshold, ..marching(|_| ()) };
+        query(rig, &subject.voxels, &points, &settings)
+    };
+    let texture = run(Storage::Texture, 0.6)?;
+    let error = density_error(Storage::Texture);
+    let [low, high] = [run(Storage::Bits, 0.6 + error)?, run(Storage::Bits, 0.6 - error)?];
+    let outside = |values: &[f64]| {
+        let bounds = low.iter().zip(&high);
+        largest(bounds.zip(values).map(|((low, high), v)| (low - v).max(v - high)))
+    };
+    let bits = run(Storage::Bits, 0.6)?;
+    let equal = texture.iter().zip(&bits).filter(|(a, b)| (*a - *b).abs() < 1e-3);
+    let equal_share = equal.count() as f64 / points.len() as f64;
+    let check =
+        Check::of(INFO.name, "largest difference of A by texture and by bits beyond V's rounding")
+            .within((TOLERANCE, "1"), outside(&texture))
+            .control("threshold 0.7 for the texture", outside(&run(Storage::Texture, 0.7)?));
+    Ok(check.with("share_equal_within_1e-3", equal_share))
+}
+
+fn skipping(rig: &Rig<'_>) -> Checks {
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
+    let points = furnished_points();
+    let run = |change: Change, skipping| {
+        let settings = Marching { skipping, ..marching(change) };
+        query(rig, &subject.voxels, &points, &settings)
+    };
+    // The pyramid is not filled yet and says that all is empty.
+    let blind = run(|_| (), true)?;
+    let mips = Mips::new(&rig.resources, std::slice::from_ref(&subject.voxels))?;
+    rig.run(&[&mips])?;
+    let variants: [(&str, Change); 3] = [
+        ("defaults", |_| ()),
+        ("bits", |m| m.storage = Storage::Bits),
+        ("opacities", |m| m.occluder = Occluder::Opacity),
+    ];
+    let check = |(name, change): (&str, Change)| {
+        let (plain, skipping) = (run(change, false)?, run(change, true)?);
+        let differ = |values: &[f64]| {
+            let pairs = plain.iter().zip(values);
+            pairs.filter(|(a, b)| a.to_bits() != b.to_bits()).count() as f64
+        };
+        Ok(Check::of(INFO.name, format!("points whose A skipping changes, {name}"))
+            .within((0.0, "1"), differ(&skipping))
+            .control("the pyramid empty", differ(&blind)))
+    };
+    variants.into_iter().map(check).collect()
+}

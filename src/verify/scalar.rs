@@ -1,0 +1,118 @@
+//! Stages of family `scalar` on small fields against closed forms and f64 marching.
+
+mod isosurface;
+mod media;
+
+use glam::DVec3;
+
+use super::{Case, Result, Rig, rig};
+use fathom_pipelines::scalar_ao::{Law, Mode, Scalar};
+use fathom_reference::image::Image;
+use fathom_scene::{Camera, Volume};
+use fathom_stages::frame::{Shared, View};
+use fathom_stages::ray_cast::RayCast;
+use fathom_stages::scalar::{direct, isosurface as surface, positional};
+use fathom_stages::scalar_field::{self, ScalarField};
+
+pub fn cases() -> Vec<Case> {
+    let families = [isosurface::cases(), media::cases()];
+    families.into_iter().flatten().collect()
+}
+
+/// Edge of a cubic cell, metres.
+const VOXEL_M: f64 = 0.1;
+
+/// A field seen by a camera, and how it is marched.
+#[derive(Clone)]
+struct Setup {
+    volume: Volume,
+    scalar: Scalar,
+    camera: Camera,
+    size_px: [u32; 2],
+}
+
+/// What a stage left behind, pixel by pixel.
+struct ScalarPicture {
+    visibility: Image,
+    opacity: Image,
+    distance_m: Image,
+    /// Red as it is displayed.
+    shown: Image,
+    /// Only of an isosurface.
+    normal: Option<[Image; 3]>,
+}
+
+impl Setup {
+    fn view(&self) -> Result<View> {
+        Ok(View { camera: self.camera.clone(), ..rig::synthetic_view(self.size_px, 0.0)? })
+    }
+
+    fn run(&self, rig: &Rig<'_>) -> Result<ScalarPicture> {
+        let (resources, shared) = (&rig.resources, &Shared::new(&rig.resources, &self.view()?));
+        let field = &ScalarField::new(resources, &self.volume, self.scalar.needs_pyramid());
+        let settings = &self.scalar;
+        let march = &settings.uniforms(self.size_px, field.voxel_m, settings.r_max_m);
+        let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
+        let through = (shared, field);
+        let pass = match settings.mode {
+            Mode::Isosurface => surface::new(resources, through, march, settings.surface_rays())?,
+            Mode::Direct => direct::new(resources, through, march, beer, rejection)?,
+            Mode::Positional => positional::new(resources, through, march, beer, rejection)?,
+        };
+        rig.run(&[&pass])?;
+        ScalarPicture::read(rig, &pass)
+    }
+}
+
+impl ScalarPicture {
+    fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<ScalarPicture> {
+        let channel = |i| rig.channel(pass.result(), i);
+        let axes = |normal| -> Result<[Image; 3]> {
+            Ok([rig.channel(normal, 0)?, rig.channel(normal, 1)?, rig.channel(normal, 2)?])
+        };
+        Ok(ScalarPicture {
+            visibility: channel(0)?,
+            opacity: channel(1)?,
+            distance_m: channel(2)?,
+            shown: rig.channel(pass.image(), 0)?,
+            normal: pass.normal().map(axes).transpose()?,
+        })
+    }
+}
+
+/// Marching that leaves nothing out.
+fn settings(mode: Mode) -> Scalar {
+    Scalar { mode, rejection: false, threshold: 1.0, pyramid: false, ..Scalar::default() }
+}
+
+/// A field of cells of edges `spacing_m`, centred on the world's origin, of values that 8 bits hold.
+fn field(cells: [u32; 3], spacing_m: DVec3, f: impl Fn(DVec3) -> f64) -> Volume {
+    let origin_m = -0.5 * spacing_m * DVec3::from(cells.map(f64::from));
+    let [nx, ny, nz] = cells;
+    let cells_in_order = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / (nx * ny)]);
+    let centre = |cell: [u32; 3]| origin_m + spacing_m * (DVec3::from(cell.map(f64::from)) + 0.5);
+    let value = |cell| (f(centre(cell)).clamp(0.0, 1.0) * 255.0).round() as f32 / 255.0;
+    let data = cells_in_order.map(value).collect();
+    Volume { name: "verify".into(), cells, origin_m, spacing_m, data }
+}
+
+fn cubes(cells: u32, f: impl Fn(DVec3) -> f64) -> Volume {
+    field([cells; 3], DVec3::splat(VOXEL_M), f)
+}
+
+/// A camera whose view rays run through one point alone, as good as: a hundredth of a voxel from plane to plane.
+fn probe(point: DVec3) -> Camera {
+    let mut camera = looking(point, point - DVec3::new(0.3, 0.2, 1.0));
+    camera.z_near_m = 0.01 * VOXEL_M;
+    camera.z_far_m = 0.02 * VOXEL_M;
+    camera
+}
+
+fn looking(position: DVec3, target: DVec3) -> Camera {
+    Camera::new(position.to_array(), target.to_array(), 30.0, [0.1, 20.0])
+}
+
+/// The edge that opacities of these fields refer to.
+fn opacity_voxel_m(volume: &Volume) -> f64 {
+    scalar_field::voxel_m(volume.spacing_m)
+}

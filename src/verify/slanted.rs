@@ -1,0 +1,264 @@
+//! `caustics/trace` in light of 0° to 80° to the vertical, against exact refraction and ray casting.
+
+use glam::DVec3;
+
+use super::photons::{Family, exact, in_frustum, settings, trace};
+
+use super::{Case, Check, Checks, Result, Rig, largest, rig};
+use fathom_reference::photons::Landing;
+use fathom_reference::quantities::{CONVERGED_M, StoredPhoton, quantile};
+use fathom_reference::rays::Tracer;
+use fathom_scene::{Bounds, Camera, LightFrame, LightKind, Mesh, Object, Scene};
+use fathom_stages::caustics;
+use fathom_stages::photon::{PhotonEstimator, TraceUniforms};
+
+const DEPTH_M: f64 = 5.0;
+/// Half the width of the floor and of the water: where light of 80° enters, most of it sees no floor straight ahead.
+const HALF_M: f64 = 25.0;
+/// Slope of the slanted floor, which stays below the water.
+const RISE: f64 = 0.15;
+/// Azimuth of the light, degrees: along no axis of the scene.
+const AZIMUTH_DEG: f64 = 20.0;
+/// Half the width of the light's frustum, and where its middle lies: off the scene's.
+const HALF_EXTENT_M: f64 = 4.0;
+const MIDDLE: DVec3 = DVec3::new(1.7, -2.5, 0.4);
+/// How far a point light stands above the water.
+const LAMP_M: f64 = 6.0;
+/// Amplitude of waves, whose length is 1.5 m.
+const WAVES_M: f64 = 0.02;
+/// Cells per side of the photon grid, four photons a cell.
+const CELLS: u32 = 32;
+/// Median distance of a photon's end from the exact one.
+const MEDIAN_M: f64 = 1e-3;
+/// Share of the photons that land in the light's frustum and that the estimator loses.
+const LOST: f64 = 0.0;
+
+/// Share of those that count as converged and are off by more than the tolerance: within a texel of the light's depth about an edge.
+const FALSE: f64 = 0.01;
+/// Light in which the paper's estimator still lands photons, and already fails.
+const CONTROL_DEG: f64 = 70.0;
+
+/// What lies under the water.
+#[derive(Clone, Copy, PartialEq)]
+enum Floor {
+    Level,
+    /// Rises away from the light.
+    Slanted,
+    /// A step of 1 m.
+    Stepped,
+    /// A slab of 0.6 m over a level floor.
+    Covered,
+}
+
+impl Floor {
+    const ALL: [(Floor, &'static str); 4] = [
+        (Floor::Level, "level floor"),
+        (Floor::Slanted, "slanted floor"),
+        (Floor::Stepped, "stepped floor"),
+        (Floor::Covered, "slab over a floor"),
+    ];
+
+    fn objects(self) -> Vec<Object> {
+        let level = |from: f64, to: f64, y: f64| {
+            let middle = DVec3::new(0.5 * (from + to), y, 0.0);
+            Mesh::parallelogram(middle, DVec3::Z * HALF_M, DVec3::X * 0.5 * (to - from))
+        };
+        let slab = Mesh::parallelogram(
+            DVec3::new(0.0, -DEPTH_M + 0.6, 0.0),
+            DVec3::Z * 0.8,
+            DVec3::X * 0.8,
+        );
+        let meshes = match self {
+            Floor::Level => vec![level(-HALF_M, HALF_M, -DEPTH_M)],
+            Floor::Slanted => {
+                let along = DVec3::new(HALF_M, RISE * HALF_M, 0.0);
+                vec![Mesh::parallelogram(DVec3::Y * -DEPTH_M, DVec3::Z * HALF_M, along)]
+            }
+            Floor::Stepped => {
+                let riser = Mesh::parallelogram(
+                    DVec3::Y * (0.5 - DEPTH_M),
+                    DVec3::Z * HALF_M,
+                    DVec3::Y * 0.5,
+                );
+                vec![level(-HALF_M, 0.0, -DEPTH_M), level(0.0, HALF_M, 1.0 - DEPTH_M), riser]
+            }
+            Floor::Covered => vec![level(-HALF_M, HALF_M, -DEPTH_M), slab],
+        };
+        meshes.into_iter().map(|mesh| Object::new("floor", mesh)).collect()
+    }
+}
+
+/// Angles of the light to the vertical, degrees.
+const ANGLES: [f64; 9] = [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0];
+const STAGE: &str = caustics::trace::INFO.name;
+
+pub fn cases() -> Vec<Case> {
+    let case = |what: String, setup: Setup| {
+        let title = format!("light of 0° to 80°, {what}");
+        Case::new(STAGE, title.clone(), move |rig| setup.checks(rig, &title))
+    };
+    let still = Setup { kind: LightKind::Directional, floor: Floor::Level, amplitude_m: 0.0 };
+    let mut cases: Vec<Case> = Floor::ALL
+        .iter()
+        .map(|(floor, what)| case((*what).to_owned(), Setup { floor: *floor, ..still }))
+        .collect();
+    cases.push(case("point light".to_owned(), Setup { kind: LightKind::Point, ..still }));
+    cases.push(case("waves".to_owned(), Setup { amplitude_m: WAVES_M, ..still }));
+    cases.push(Case::new(STAGE, "light of 0° to 60°, the paper's estimator", move |rig| {
+        let angles = &ANGLES[..7];
+        let median_m = |traced| still.most(rig, angles, traced, |ends| ends.median_m);
+        Ok(Check::of(STAGE, "paper's estimator, light of 0° to 60°: largest median |hit − exact|")
+            .within((MEDIAN_M, "m"), median_m(PAPER_MANY)?)
+            .control("6 iterations", median_m(PAPER_SIX)?))
+    }));
+    cases
+}
+
+/// One kind of light over one floor.
+#[derive(Clone, Copy)]
+struct Setup {
+    kind: LightKind,
+    floor: Floor,
+    amplitude_m: f64,
+}
+
+impl Setup {
+    /// The scene in light that comes at an angle to the vertical in the middle of its frustum.
+    fn scene(&self, degrees: f64) -> Result<Scene> {
+        let mut scene = rig::flat_plane(self.kind)?;
+        let (angle, azimuth) = (degrees.to_radians(), AZIMUTH_DEG.to_radians());
+        let across = DVec3::new(azimuth.cos(), 0.0, azimuth.sin());
+        let direction = angle.sin() * across - angle.cos() * DVec3::Y;
+        let above_m = (LAMP_M - MIDDLE.y) / angle.cos();
+        let eye = MIDDLE + DVec3::Z * 6.0;
+        scene.objects = self.floor.objects();
+        let of_objects = scene.objects.iter().map(|object| object.mesh.bounds());
+        let rim = Bounds {
+            min: DVec3::new(-HALF_M, -0.25, -HALF_M),
+            max: DVec3::new(HALF_M, 0.25, HALF_M),
+        };
+        scene.bounds = of_objects.fold(rim, Bounds::union);
+        scene.water.half_size_m = [HALF_M; 2];
+        scene.water.amplitude_m = self.amplitude_m;
+        scene.camera = Camera::new(eye.to_array(), MIDDLE.to_array(), 60.0, [0.1, 11.9]);
+        scene.light.direction = direction.to_array();
+        scene.light.position_m = (MIDDLE - direction * above_m).to_array();
+        scene.light.half_extent_m = HALF_EXTENT_M;
+        Ok(scene)
+    }
+
+    fn ends(&self, rig: &Rig<'_>, degrees: f64, traced: Traced) -> Result<Ends> {
+        self.against(rig, degrees, traced, self.floor)
+    }
+
+    /// The photons of this setup, and exact ones over a floor.
+    fn against(&self, rig: &Rig<'_>, degrees: f64, traced: Traced, floor: Floor) -> Result<Ends> {
+        let scene = self.scene(degrees)?;
+        let uniforms = TraceUniforms {
+            estimator: traced.estimator as u32,
+            iterations: traced.iterations,
+            bottom_m: scene.bounds.min.y as f32 - 0.01,
+            ..settings(CELLS, 2)
+        };
+        let (photons, frame) = trace(rig, &scene, Family::Caustics, uniforms, false)?;
+        let tracer = Tracer::new(&floor.objects())?;
+        let landings = exact(&frame, &scene.water, &tracer, [CELLS, 4])?;
+        Ok(Ends::new(&photons, &landings, &frame))
+    }
+
+    fn checks(&self, rig: &Rig<'_>, what: &str) -> Checks {
+        let found = ANGLES.iter().map(|degrees| self.ends(rig, *degrees, SECANT));
+        let found = found.collect::<Result<Vec<Ends>>>()?;
+        let most = |figure: fn(&Ends) -> f64| largest(found.iter().map(figure));
+        let paper = self.ends(rig, CONTROL_DEG, PAPER_SIX)?;
+        let perturbed = "the paper's estimator at 70°, 6 iterations";
+        let median = format!("{what}: largest median |hit − exact|");
+        let lost = format!("{what}: largest share lost of what lands in the light's frustum");
+        let mut checks = vec![
+            Check::of(STAGE, median)
+                .within((MEDIAN_M, "m"), most(|ends| ends.median_m))
+                .control(perturbed, paper.median_m)
+                .with("p99_m", most(|ends| ends.p99_m))
+                .with("unconverged_rate", most(|ends| ends.unconverged))
+                .with("fewest_photons", least(found.iter().map(|ends| ends.count as f64))),
+            Check::of(STAGE, lost)
+                .within((LOST, "1"), most(|ends| ends.lost))
+                .control(perturbed, paper.lost),
+        ];
+        if self.floor == Floor::Covered {
+            let bare = self.against(rig, CONTROL_DEG, SECANT, Floor::Level)?;
+            let falsely = format!("{what}: largest share that counts as converged and is off");
+            let check = Check::of(STAGE, falsely)
+                .within((FALSE, "1"), most(|ends| ends.falsely_converged))
+                .control("no slab", bare.falsely_converged);
+            checks.push(check);
+        }
+        Ok(checks)
+    }
+
+    /// Of the angles the largest of a figure.
+    fn most(
+        &self,
+        rig: &Rig<'_>,
+        angles: &[f64],
+        traced: Traced,
+        figure: impl Fn(&Ends) -> f64,
+    ) -> Result<f64> {
+        let ends = angles.iter().map(|degrees| self.ends(rig, *degrees, traced));
+        Ok(largest(ends.collect::<Result<Vec<_>>>()?.iter().map(figure)))
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Traced {
+    estimator: PhotonEstimator,
+    iterations: u32,
+}
+
+const SECANT: Traced = Traced { estimator: PhotonEstimator::Secant, iterations: 8 };
+/// As many iterations as the default was before they followed from the light.
+const PAPER_SIX: Traced = Traced { estimator: PhotonEstimator::Paper, iterations: 6 };
+/// Enough at 60°.
+const PAPER_MANY: Traced = Traced { estimator: PhotonEstimator::Paper, iterations: 20 };
+
+fn least(numbers: impl Iterator<Item = f64>) -> f64 {
+    numbers.fold(f64::INFINITY, f64::min)
+}
+
+/// Photons that land within the light's frustum, against exact ones.
+struct Ends {
+    median_m: f64,
+    p99_m: f64,
+    /// Shares of all that land there.
+    lost: f64,
+    unconverged: f64,
+    /// Those that count as converged, and are off by more than the tolerance.
+    falsely_converged: f64,
+    count: usize,
+}
+
+impl Ends {
+    fn new(photons: &[StoredPhoton], landings: &[Landing], frame: &LightFrame) -> Ends {
+        let held = photons.iter().zip(landings).filter_map(|(photon, landing)| {
+            let end = landing.landed()?.hit.position;
+            in_frustum(frame, end).then_some((photon, (photon.hit - end).length()))
+        });
+        let held: Vec<(&StoredPhoton, f64)> = held.collect();
+        let share = |of: &dyn Fn(&StoredPhoton, f64) -> bool| {
+            let counted = held.iter().filter(|(photon, error_m)| of(photon, *error_m));
+            counted.count() as f64 / held.len() as f64
+        };
+        let landed = held.iter().filter(|(photon, _)| photon.landed());
+        let mut errors: Vec<f64> = landed.map(|(_, error_m)| *error_m).collect();
+        Ends {
+            median_m: quantile(&mut errors, 0.5),
+            p99_m: quantile(&mut errors, 0.99),
+            lost: share(&|photon, _| !photon.landed()),
+            unconverged: share(&|photon, _| photon.landed() && !photon.converged()),
+            falsely_converged: share(&|photon, error_m| {
+                photon.converged() && error_m > CONVERGED_M
+            }),
+            count: held.len(),
+        }
+    }
+}

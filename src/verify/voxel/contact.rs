@@ -1,0 +1,131 @@
+//! `voxel/overlap` and `voxel/alpha` against separating axes in f64.
+
+use super::subjects::{VoxelScene, voxels_of};
+use crate::{Case, Check, Checks, Result, Rig, VerifyError};
+use fathom_reference::voxel::{BORDERLINE_VOXELS, Contact, VoxelErrors, errors, gaps, triangles};
+use fathom_scene::{Grid, Object, Scene};
+use fathom_stages::voxel::{alpha, overlap};
+
+const OVERLAP: &str = "voxel/overlap";
+const ALPHA: &str = "voxel/alpha";
+/// How far the controls' grids are moved.
+const MOVED_VOXELS: f64 = 0.02;
+/// Triangles that all workgroups share. Each takes some seven turns.
+const HUGE: u32 = 16_000;
+/// Of the objects of the case of `voxel/alpha`. The first is not seen at all.
+const ALPHAS: [f32; 3] = [0.0, 0.8, 0.3];
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new(OVERLAP, "conservative", |rig| overlap(rig, false)),
+        Case::new(OVERLAP, "thin", |rig| overlap(rig, true)),
+        Case::new(OVERLAP, "more huge triangles than a loop has turns", many_huge),
+        Case::new(ALPHA, "largest alpha of three objects", alpha),
+    ]
+}
+
+fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
+    let (contact, variant) =
+        if thin { (Contact::Lines, "thin") } else { (Contact::Cube, "conservative") };
+    let groups = [
+        ("soup", vec![VoxelScene::soup()?]),
+        ("bunny 32", vec![VoxelScene::bunny(32)?]),
+        ("bunny 64", vec![VoxelScene::bunny(64)?]),
+        ("slanted quads of 1 to 16 grid edges", VoxelScene::slanted()?),
+    ];
+    let mut checks = Vec::new();
+    for (name, subjects) in groups {
+        let [mut exact, mut perturbed] = [VoxelErrors::default(); 2];
+        for subject in &subjects {
+            let found = subject.voxelized(rig, |geometry, parts| {
+                overlap::new(&rig.resources, geometry, parts, thin)
+            })?;
+            let triangles = subject.triangles();
+            let against = |grid: &Grid| errors(&found, &gaps(&triangles, grid, contact));
+            exact += against(&subject.grid);
+            perturbed += against(&subject.moved(MOVED_VOXELS));
+        }
+        checks.extend(no_errors(&format!("{variant}, {name}"), exact, perturbed));
+    }
+    Ok(checks)
+}
+
+/// Copies of a huge triangle, more than an adapter may make turns of an invocation's loops for, and one other at the end.
+fn many_huge(rig: &Rig<'_>) -> Checks {
+    let subject = VoxelScene::huge(HUGE)?;
+    let found = subject
+        .voxelized(rig, |geometry, parts| overlap::new(&rig.resources, geometry, parts, false))?;
+    let triangles = subject.triangles();
+    let kinds = [triangles[0], triangles[triangles.len() - 1]];
+    let against = |grid: &Grid| errors(&found, &gaps(&kinds, grid, Contact::Cube));
+    let (exact, perturbed) = (against(&subject.grid), against(&subject.moved(MOVED_VOXELS)));
+    Ok(no_errors(&format!("{HUGE} huge triangles"), exact, perturbed))
+}
+
+/// No false negatives and no false positives outside the borderline band.
+fn no_errors(name: &str, exact: VoxelErrors, perturbed: VoxelErrors) -> Vec<Check> {
+    let control = "grid moved by 0.02 voxels";
+    vec![
+        Check::of(OVERLAP, format!("{name}: voxels missed"))
+            .within((0.0, "1"), exact.false_negatives as f64)
+            .control(control, perturbed.false_negatives as f64)
+            .with("occupied_voxels", exact.occupied as f64)
+            .with("borderline_voxels", exact.borderline as f64),
+        Check::of(OVERLAP, format!("{name}: voxels too many"))
+            .within((0.0, "1"), exact.false_positives as f64)
+            .control(control, perturbed.false_positives as f64),
+    ]
+}
+
+fn alpha(rig: &Rig<'_>) -> Result<Check> {
+    let mut subject = VoxelScene::soup()?;
+    split(&mut subject.scene);
+    let (geometry, part) = subject.upload(&rig.resources);
+    let bits = part.voxels.bits.clone();
+    let stage = alpha::new(&rig.resources, &geometry, &[part])?;
+    rig.run(&[&stage])?;
+    let Some(alphas) = stage.alphas().next() else {
+        return Err(VerifyError::Empty { stage: ALPHA, what: "volumes".into() });
+    };
+    let (alphas, bits) = (rig.read::<u32>(alphas)?, voxels_of(&rig.read(&bits)?, &subject.grid));
+    let [exact, perturbed] = [ALPHAS, [0.0, 0.3, 0.8]].map(|of| largest_alphas(&subject, of));
+    let wrong = |twin: &[Option<u32>]| {
+        let known = twin.iter().enumerate().filter_map(|(i, alpha)| Some((i, (*alpha)?)));
+        let differs = |(i, alpha): &(usize, u32)| alphas[*i] != *alpha || bits[*i] != (*alpha > 0);
+        known.filter(differs).count() as f64
+    };
+    let borderline = exact.iter().filter(|alpha| alpha.is_none()).count();
+    Ok(Check::of(ALPHA, "voxels with another alpha or bit")
+        .within((0.0, "1"), wrong(&exact))
+        .control("alphas of two objects exchanged", wrong(&perturbed))
+        .with("borderline_voxels", borderline as f64))
+}
+
+/// Deals the triangles of the one object to three with the alphas of [`ALPHAS`].
+fn split(scene: &mut Scene) {
+    let whole = scene.objects.remove(0);
+    for (number, alpha) in ALPHAS.into_iter().enumerate() {
+        let mut object = whole.clone();
+        let triangles = whole.mesh.indices.chunks_exact(3).skip(number).step_by(3);
+        object.mesh.indices = triangles.flatten().copied().collect();
+        object.material.alpha = alpha;
+        scene.objects.push(object);
+    }
+}
+
+/// The largest alpha of the objects that touch each voxel, 0 … 255; none where one of them is borderline.
+fn largest_alphas(subject: &VoxelScene, alphas: [f32; 3]) -> Vec<Option<u32>> {
+    let of_object = |object: &Object| {
+        gaps(&triangles(std::slice::from_ref(object)), &subject.grid, Contact::Cube)
+    };
+    let gaps: Vec<Vec<f64>> = subject.scene.objects.iter().map(of_object).collect();
+    let voxel = |index: usize| {
+        let mut near = gaps.iter().map(|gaps| gaps[index]).zip(alphas);
+        near.try_fold(0, |largest: u32, (gap, alpha)| match gap {
+            gap if gap.abs() <= BORDERLINE_VOXELS => None,
+            gap if gap < 0.0 => Some(largest.max((255.0 * alpha).round() as u32)),
+            _ => Some(largest),
+        })
+    };
+    (0..subject.grid.count() as usize).map(voxel).collect()
+}

@@ -1,0 +1,128 @@
+//! `voxel/mips`: against a twin that scatters voxels where the shader gathers them, and the law that an empty cell promises.
+
+use super::subjects::{cells, differing, plain, random_voxels};
+use crate::{Case, Check, Checks, Random, Result, Rig};
+use fathom_gpu::{GpuError, read_volume};
+use fathom_scene::Grid;
+use fathom_stages::voxel::mips::{Mips, level_cells};
+use fathom_stages::voxels::Voxels;
+
+const STAGE: &str = "voxel/mips";
+const SIZES: [[u32; 3]; 5] = [[64, 32, 32], [37, 20, 45], [5, 70, 33], [35, 3, 1], [1, 1, 1]];
+/// Sparse enough that cells of every level stay empty somewhere.
+const SHARE: f64 = 0.0005;
+
+pub fn cases() -> Vec<Case> {
+    vec![Case::new(STAGE, "occupancy pyramid of random voxels", check)]
+}
+
+struct Pyramid {
+    grid: Grid,
+    voxels: Vec<bool>,
+    /// Levels above the first, as the GPU has them.
+    levels: Vec<Vec<bool>>,
+}
+
+fn check(rig: &Rig<'_>) -> Checks {
+    let pyramids = pyramids(rig)?;
+    let sum = |of: &dyn Fn(&Pyramid) -> f64| pyramids.iter().map(of).sum::<f64>();
+    let all = |border: i64| sum(&|p| against_twin(p, border));
+    let empty = |p: &Pyramid| p.levels.iter().flatten().filter(|full| !**full).count() as f64;
+    let law = |reach: f64| sum(&|p| broken_promises(p, reach));
+    Ok(vec![
+        Check::of(STAGE, "cells that differ from the twin")
+            .within((0.0, "1"), all(1))
+            .control("twin without the border", all(0)),
+        Check::of(STAGE, "samples above 0 within an empty cell")
+            .within((0.0, "1"), law(1.0))
+            .control("samples up to two voxels outside the cell", law(3.0))
+            .with("empty_cells", sum(&empty)),
+    ])
+}
+
+fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
+    let mut random = Random::new(23);
+    let mut made = Vec::new();
+    for size in SIZES {
+        let grid = plain(size);
+        let mut voxels = random_voxels(&mut random, &grid, SHARE);
+        // One at the end of every axis, where sizes leave something over.
+        if let Some(last) = voxels.last_mut() {
+            *last = true;
+        }
+        let volume = Voxels::new(&rig.resources, "verify voxels", &grid, true);
+        let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full) * 255).collect();
+        volume.write(&rig.resources, &values);
+        made.push((volume, voxels));
+    }
+    let volumes: Vec<Voxels> = made.iter().map(|(volume, _)| volume.clone()).collect();
+    rig.run(&[&Mips::new(&rig.resources, &volumes)?])?;
+    let pyramid = |(volume, voxels): (Voxels, Vec<bool>)| {
+        let count = volume.texture.mip_level_count();
+        let level = |level| {
+            let texels = read_volume(rig.gpu, &volume.texture, level)?.data;
+            Ok(texels.into_iter().map(|v| v > 0.5).collect())
+        };
+        let levels = (1..count).map(level).collect::<Result<_, GpuError>>()?;
+        Ok(Pyramid { grid: volume.grid, voxels, levels })
+    };
+    made.into_iter().map(pyramid).collect()
+}
+
+/// The cell of a level that holds a voxel.
+fn cell_of(voxel: [u32; 3], grid: &Grid, level: u32) -> [u32; 3] {
+    let size = level_cells(grid, level);
+    [0, 1, 2].map(|k| (voxel[k] >> level).min(size[k] - 1))
+}
+
+fn against_twin(pyramid: &Pyramid, border: i64) -> f64 {
+    let grid = &pyramid.grid;
+    let twin = |level: u32| {
+        let size = plain(level_cells(grid, level));
+        let mut full = vec![false; size.count() as usize];
+        for (voxel, _) in cells(grid).zip(&pyramid.voxels).filter(|(_, full)| **full) {
+            for near in around(voxel, grid, border) {
+                full[size.index(cell_of(near, grid, level)) as usize] = true;
+            }
+        }
+        full
+    };
+    let levels = pyramid.levels.iter().zip(1..);
+    levels.map(|(found, level)| differing(found, &twin(level))).sum()
+}
+
+/// Voxels of the grid within `border` of another one.
+fn around(voxel: [u32; 3], grid: &Grid, border: i64) -> impl Iterator<Item = [u32; 3]> + use<> {
+    let n = grid.cells.map(i64::from);
+    let at = voxel.map(i64::from);
+    let range = move |k: usize| (at[k] - border).max(0)..=(at[k] + border).min(n[k] - 1);
+    range(2).flat_map(move |z| {
+        range(1).flat_map(move |y| range(0).map(move |x| [x, y, z].map(|c| c as u32)))
+    })
+}
+
+/// Full voxels that a sample reads that lies in an empty cell: trilinear samples within a cell reach less than one voxel beyond
+/// it, `reach` 1.
+fn broken_promises(pyramid: &Pyramid, reach: f64) -> f64 {
+    let grid = &pyramid.grid;
+    let mut broken = 0;
+    for (full, level) in pyramid.levels.iter().zip(1..) {
+        let size = plain(level_cells(grid, level));
+        let empty: Vec<[u32; 3]> =
+            cells(&size).zip(full).filter_map(|(cell, full)| (!full).then_some(cell)).collect();
+        for (voxel, _) in cells(grid).zip(&pyramid.voxels).filter(|(_, full)| **full) {
+            let near = |cell: &&[u32; 3]| {
+                (0..3).all(|k| {
+                    let low = f64::from(cell[k] << level);
+                    let is_last = cell[k] + 1 == size.cells[k];
+                    let high =
+                        f64::from(if is_last { grid.cells[k] } else { (cell[k] + 1) << level });
+                    let center = f64::from(voxel[k]) + 0.5;
+                    center > low - reach && center < high + reach
+                })
+            };
+            broken += empty.iter().filter(near).count();
+        }
+    }
+    broken as f64
+}
