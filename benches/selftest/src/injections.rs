@@ -129,7 +129,7 @@ pub fn every(injections: &[Injection], size: Size, read: Read<'_>) -> Result<Cha
 
 /// A change of the host that no stage uses: a function, data and a long text, which move everything behind them.
 pub fn unrelated(read: Read<'_>) -> Result<Changes, String> {
-    const FILE: &str = "src/statistics.rs";
+    const FILE: &str = "src/base/statistics.rs";
     const CODE: &str = r#"
 /// Changes nothing that is measured.
 #[used]
