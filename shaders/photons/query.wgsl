@@ -46,7 +46,7 @@ fn traced(start: Start) -> Answer {
     let met = meet_water(ray);
     let entry = met.position_m;
     let behind = dot(entry - ray.origin_m, ray.direction) < 0.0;
-    if behind || !water::inside(entry.xz) || (!aimed && shaded(entry)) {
+    if behind || !met.entered || (!aimed && shaded(entry)) {
         return Answer(Photon(entry, MISSED, entry, 0.0), vec3(0.0), 0.0);
     }
     let refracted = refract(ray.direction, met.normal, 1.0 / frame.refractive_index);

@@ -85,7 +85,7 @@ fn trace(
     let ray = light_ray(ndc);
     let met = meet_water(ray);
     let entry = met.position_m;
-    if !water::inside(entry.xz) || (settings.masked != 0u && !in_mask(mask, ndc)) {
+    if !met.entered || (settings.masked != 0u && !in_mask(mask, ndc)) {
         return Photon(entry, MISSED, entry, 0.0);
     }
     let refracted = refract(ray.direction, met.normal, 1.0 / frame.refractive_index);

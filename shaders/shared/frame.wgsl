@@ -40,6 +40,13 @@ struct Frame {
     // Of a height map: size of the tile, and place of its first sample, x and z.
     height_tile_m: vec2<f32>,
     height_origin_m: vec2<f32>,
+    // How far the surface is from y = 0 at most.
+    water_bound_m: f32,
+    // Horizontal length of a step of the search for a ray's entry, and most steps.
+    water_step_m: f32,
+    water_steps: f32,
+    // Tangent of the angle to the vertical up to which Newton's method finds a ray's entry.
+    water_newton_slant: f32,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

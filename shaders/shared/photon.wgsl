@@ -17,9 +17,13 @@ struct Photon {
 const MISSED: f32 = -1.0;
 const OUTSIDE: f32 = -2.0;
 const ON_ITS_WAY: f32 = -3.0;
-// Newton steps for the ray against the height field. Each squares the error, which starts at the wave's amplitude times
-// the ray's slope: the third step is below f32 resolution, so its slope serves for the normal.
+// Newton steps for a steep ray against the height field. Each squares the error, which starts at the wave's amplitude times
+// the ray's slope: the third step is below f32 resolution, so its slope serves for the normal. Host twin: src/stages/entry.rs.
 const SURFACE_STEPS: i32 = 3;
+// Steps of safeguarded Newton within a marching step.
+const REFINEMENTS: i32 = 8;
+// Components of a direction below this count as this: what is divided by them stays finite.
+const LEAST_COMPONENT: f32 = 1e-9;
 
 struct Ray {
     origin_m: vec3<f32>,
@@ -40,10 +44,15 @@ fn light_ray(ndc: vec2<f32>) -> Ray {
 struct Entry {
     position_m: vec3<f32>,
     normal: vec3<f32>,
+    // Whether the ray enters the water's rectangle from above.
+    entered: bool,
 }
 
-// Where the ray meets the water.
+// Where the ray enters the water first. Steep rays meet the waves once, and Newton's method finds it from the resting water.
 fn meet_water(ray: Ray) -> Entry {
+    if length(ray.direction.xz) > frame.water_newton_slant * abs(ray.direction.y) {
+        return first_entry(ray);
+    }
     var t = -ray.origin_m.y / ray.direction.y;
     var h = vec3(0.0);
     for (var i = 0; i < SURFACE_STEPS; i++) {
@@ -51,7 +60,73 @@ fn meet_water(ray: Ray) -> Entry {
         h = water::surface(p.xz);
         t += (h.x - p.y) / (ray.direction.y - dot(h.yz, ray.direction.xz));
     }
-    return Entry(ray.origin_m + t * ray.direction, water::normal(h.yz));
+    let position = ray.origin_m + t * ray.direction;
+    return Entry(position, water::normal(h.yz), water::inside(position.xz));
+}
+
+// A place on a ray: its height above the water, the change of that along the ray, and the water's slope.
+struct Above {
+    t: f32,
+    height_m: f32,
+    rate: f32,
+    slope: vec2<f32>,
+}
+
+fn above_water(ray: Ray, t: f32) -> Above {
+    let p = ray.origin_m + t * ray.direction;
+    let h = water::surface(p.xz);
+    return Above(t, p.y - h.x, ray.direction.y - dot(h.yz, ray.direction.xz), h.yz);
+}
+
+// Linear search between the planes of crest and trough within the water's rectangle. A step with both ends above the water is also
+// looked at where the ray is lowest over it, by the changes at its ends: waves are smooth within a step.
+fn first_entry(ray: Ray) -> Entry {
+    let tiny = abs(ray.direction) < vec3(LEAST_COMPONENT);
+    let direction = select(ray.direction, vec3(LEAST_COMPONENT), tiny);
+    let half_size = vec3(frame.water_half_size_m.x, frame.water_bound_m, frame.water_half_size_m.y);
+    let to_center = vec3(frame.water_center_m.x, 0.0, frame.water_center_m.y) - ray.origin_m;
+    let reach = abs(half_size / direction);
+    let near = to_center / direction - reach;
+    let far = to_center / direction + reach;
+    let begin = max(max(near.x, near.y), max(near.z, 0.0));
+    let length_m = min(min(far.x, far.y), far.z) - begin;
+    let steps = clamp(ceil(length_m * length(direction.xz) / frame.water_step_m), 1.0, frame.water_steps);
+    let within = Ray(ray.origin_m + begin * direction, direction);
+    var before = above_water(within, 0.0);
+    for (var i = 1.0; i <= steps && length_m > 0.0; i += 1.0) {
+        let after = above_water(within, i / steps * length_m);
+        var behind = after;
+        if after.height_m > 0.0 && before.rate < 0.0 && after.rate > 0.0 {
+            behind = above_water(within, mix(before.t, after.t, before.rate / (before.rate - after.rate)));
+        }
+        if before.height_m > 0.0 && behind.height_m <= 0.0 {
+            return refined(within, before, behind);
+        }
+        before = after;
+    }
+    return Entry(ray.origin_m + to_center.y / direction.y * direction, vec3(0.0, 1.0, 0.0), false);
+}
+
+// Newton's method between a place above the water and one below, which both close in; a step that leaves them is halved instead.
+fn refined(ray: Ray, before: Above, behind: Above) -> Entry {
+    var low = before.t;
+    var high = behind.t;
+    var t = mix(low, high, before.height_m / (before.height_m - behind.height_m));
+    var slope = behind.slope;
+    for (var i = 0; i < REFINEMENTS; i++) {
+        let place = above_water(ray, t);
+        slope = place.slope;
+        if place.height_m > 0.0 {
+            low = t;
+        } else {
+            high = t;
+        }
+        t -= place.height_m / place.rate;
+        if !(t >= low && t <= high) {
+            t = 0.5 * (low + high);
+        }
+    }
+    return Entry(ray.origin_m + t * ray.direction, water::normal(slope), true);
 }
 
 fn in_mask(mask: texture_2d<f32>, ndc: vec2<f32>) -> bool {

@@ -28,7 +28,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let ray = light_ray(ndc);
     let entry = meet_water(ray);
     // Photons that geometry above the water stops are dropped.
-    let alive = water::inside(entry.position_m.xz) && in_mask(shadow_mask, ndc);
+    let alive = entry.entered && in_mask(shadow_mask, ndc);
     let refracted = refract(ray.direction, entry.normal, 1.0 / frame.refractive_index);
     transfers[index] = Transfer(entry.position_m, select(NEVER, FIRST, alive), refracted, 0.0);
     var weight = angular_weight(entry.position_m);

@@ -93,10 +93,14 @@ pub struct Tile {
     heights_m: Vec<f64>,
     tile_m: DVec2,
     origin_m: DVec2,
+    bound_m: f64,
+    steepest: f64,
 }
 
 /// Greatest factor by which a Catmull–Rom spline overshoots along an axis: Σ|w| at the middle is 1.25.
 const OVERSHOOT: f64 = 1.25 * 1.25;
+/// The same of its slope: −1/8, 5/4 and −1/8 of the differences along the axis at the middle, and 1.25 across.
+const SLOPE_OVERSHOOT: f64 = 1.5 * 1.25;
 
 /// Weights of the four samples about a place `f` of the way from the second to the third.
 fn weights(f: f64) -> [f64; 4] {
@@ -125,12 +129,24 @@ impl Tile {
         if rows * columns != heights_m.len() || rows == 0 {
             return Err(format!("{} heights do not fill rows of {columns}", heights_m.len()));
         }
+        let tile_m = DVec2::from(map.tile_m);
+        let highest = heights_m.iter().fold(0.0, |most: f64, h| most.max(h.abs()));
+        let rises = (0..heights_m.len()).map(|at| {
+            let (row, column) = (at / columns, at % columns);
+            let right = heights_m[row * columns + (column + 1) % columns];
+            let below = heights_m[(row + 1) % rows * columns + column];
+            (DVec2::new(right, below) - heights_m[at]).abs()
+        });
+        let per_m = DVec2::new(columns as f64, rows as f64) / tile_m;
+        let steepest = SLOPE_OVERSHOOT * (rises.fold(DVec2::ZERO, DVec2::max) * per_m).length();
         Ok(Tile {
             rows,
             columns,
-            heights_m,
-            tile_m: DVec2::from(map.tile_m),
+            tile_m,
             origin_m: DVec2::from(map.origin_m),
+            bound_m: OVERSHOOT * highest,
+            steepest,
+            heights_m,
         })
     }
 
@@ -161,7 +177,12 @@ impl Tile {
 
     /// Bound of the elevation's magnitude, metres.
     pub fn bound_m(&self) -> f64 {
-        OVERSHOOT * self.heights_m.iter().fold(0.0, |most: f64, h| most.max(h.abs()))
+        self.bound_m
+    }
+
+    /// Bound of the slope.
+    pub fn steepest(&self) -> f64 {
+        self.steepest
     }
 
     /// Smaller distance between neighbouring samples, metres.
@@ -223,6 +244,7 @@ mod tests {
             assert!((at.x - height).abs() < 2e-4, "{at} for {height}");
             assert!((DVec2::new(at.y, at.z) - slope).length() < 4e-3, "{at} for {slope}");
             assert!(at.x.abs() <= tile.bound_m());
+            assert!(at.y.hypot(at.z) <= tile.steepest());
         }
     }
 

@@ -3,6 +3,7 @@
 use encase::ShaderType;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 
+use super::entry::EntrySearch;
 use super::kit::{Bind, Buffer, Group, Resources, host_bytes};
 use super::photon::PhotonEnergy;
 use super::{Stage, StageInfo};
@@ -50,6 +51,10 @@ shader_struct! {
         pub camera_under_water: u32,
         pub height_tile_m: Vec2,
         pub height_origin_m: Vec2,
+        pub water_bound_m: f32,
+        pub water_step_m: f32,
+        pub water_steps: f32,
+        pub water_newton_slant: f32,
     }
 }
 
@@ -110,6 +115,7 @@ impl View {
         let camera = self.camera.view_projection(self.aspect());
         let water = &self.water;
         let map = &water.height_map;
+        let search = EntrySearch::new(water);
         let mirror = DMat4::from_scale(DVec3::new(1.0, -1.0, 1.0));
         FrameUniforms {
             camera_view_projection: camera.as_mat4(),
@@ -142,6 +148,10 @@ impl View {
             camera_under_water: u32::from(self.camera.position_m[1] < 0.0),
             height_tile_m: DVec2::from(map.tile_m).as_vec2(),
             height_origin_m: DVec2::from(map.origin_m).as_vec2(),
+            water_bound_m: search.bound_m as f32,
+            water_step_m: search.step_m as f32,
+            water_steps: search.steps as f32,
+            water_newton_slant: search.newton_slant as f32,
         }
     }
 
@@ -160,6 +170,7 @@ pub struct Shared {
     /// Value of WATER in shaders that import `fathom::water`.
     water: i32,
     water_turns: u64,
+    entry_turns: u64,
     fresnel: bool,
     photons: PhotonEnergy,
 }
@@ -178,11 +189,8 @@ impl Shared {
                 WaterModel::Waves => 1,
                 WaterModel::HeightMap => 2,
             },
-            water_turns: match view.water.model {
-                WaterModel::Circular | WaterModel::Directional => 0,
-                WaterModel::Waves => view.water.waves.len() as u64 + 1,
-                WaterModel::HeightMap => HEIGHT_MAP_TURNS,
-            },
+            water_turns: water_turns(&view.water),
+            entry_turns: EntrySearch::new(&view.water).turns(&view.water, &view.light_frame()),
             fresnel: view.water.fresnel,
             photons: PhotonEnergy::new(view),
         }
@@ -198,6 +206,11 @@ impl Shared {
         self.water_turns
     }
 
+    /// Turns of loops in which a photon of the light finds its entry into the water, at most.
+    pub fn entry_turns(&self) -> u64 {
+        self.entry_turns
+    }
+
     /// What shaders that weigh photons are compiled with.
     pub fn fresnel_def(&self) -> (&'static str, i32) {
         ("FRESNEL", i32::from(self.fresnel))
@@ -211,6 +224,15 @@ impl Shared {
 
 /// Rows of four samples that a height map is interpolated from, and the loop's end.
 const HEIGHT_MAP_TURNS: u64 = 5;
+
+/// Turns of loops that a height of the water takes.
+pub(super) fn water_turns(water: &Water) -> u64 {
+    match water.model {
+        WaterModel::Circular | WaterModel::Directional => 0,
+        WaterModel::Waves => water.waves.len() as u64 + 1,
+        WaterModel::HeightMap => HEIGHT_MAP_TURNS,
+    }
+}
 
 /// The texture that `shaders/shared/water.wgsl` reads.
 fn water_texels(resources: &Resources<'_>, water: &Water) -> wgpu::Texture {

@@ -8,6 +8,7 @@ pub mod bilateral;
 pub mod caustics;
 pub mod compose;
 pub mod counters;
+mod entry;
 pub mod frame;
 pub mod gbuffer;
 pub mod geometry;

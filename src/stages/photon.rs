@@ -186,16 +186,13 @@ impl TraceUniforms {
         self.grid * self.grid * self.side * self.side
     }
 
-    /// Turns of loops of a cell at most, where a height of the water takes `water`.
-    fn turns(&self, water: u64) -> u64 {
-        let photon = 1 + SURFACE_STEPS * (1 + water) + u64::from(self.iterations) + 2;
+    /// Turns of loops of a cell at most, where a photon's entry into the water takes `entry`.
+    fn turns(&self, entry: u64) -> u64 {
+        let photon = entry + u64::from(self.iterations) + 2;
         let side = u64::from(self.side);
         (side * (side * photon + 2)).saturating_add(1)
     }
 }
-
-/// Steps towards the water's surface, as in `shaders/shared/photon.wgsl`.
-const SURFACE_STEPS: u64 = 3;
 
 /// What `caustics/trace` and `godrays/trace` are.
 pub struct Tracing {
@@ -221,7 +218,7 @@ impl Tracing {
         let name = info.name;
         resources.turns(
             &format!("{name}, subdivision × iterations"),
-            settings.turns(shared.water_turns()),
+            settings.turns(shared.entry_turns()),
         );
         let side = if dynamic { 0 } else { settings.side as i32 };
         let defs = [("SIDE", side), shared.water_def()];

@@ -5,12 +5,12 @@ use glam::DVec3;
 use super::photons::{Family, exact, in_frustum, settings, trace};
 
 use super::{Case, Check, Checks, Result, Rig, largest, rig};
-use crate::reference::photons::Landing;
+use crate::reference::photons::{Landing, PhotonGrid};
 use crate::reference::quantities::{CONVERGED_M, StoredPhoton, quantile};
 use crate::reference::rays::Tracer;
-use crate::scene::{Bounds, Camera, LightFrame, LightKind, Mesh, Object, Scene};
+use crate::scene::{Bounds, Camera, LightFrame, LightKind, Mesh, Object, Scene, Water};
 use crate::stages::caustics;
-use crate::stages::photon::{PhotonEstimator, TraceUniforms};
+use crate::stages::photon::{MISSED, PhotonEstimator, TraceUniforms};
 
 const DEPTH_M: f64 = 5.0;
 /// Half the width of the floor and of the water: where light of 80° enters, most of it sees no floor straight ahead.
@@ -26,6 +26,12 @@ const MIDDLE: DVec3 = DVec3::new(1.7, -2.5, 0.4);
 const LAMP_M: f64 = 6.0;
 /// Amplitude of waves, whose length is 1.5 m.
 const WAVES_M: f64 = 0.02;
+/// Amplitude of waves as steep as those of scene `plane`: 12°.
+const STEEP_WAVES_M: f64 = 0.05;
+/// Light that meets steep waves more than once, or nearly.
+const GRAZING: [f64; 3] = [60.0, 70.0, 80.0];
+/// Share of the photons that enter the water more than [`CONVERGED_M`] from the exact place: where a ray touches a crest, 32-bit floats decide.
+const ENTER_WRONG: f64 = 1e-3;
 /// Cells per side of the photon grid, four photons a cell.
 const CELLS: u32 = 32;
 /// Median distance of a photon's end from the exact one.
@@ -104,6 +110,9 @@ pub fn cases() -> Vec<Case> {
         .collect();
     cases.push(case("point light".to_owned(), Setup { kind: LightKind::Point, ..still }));
     cases.push(case("waves".to_owned(), Setup { amplitude_m: WAVES_M, ..still }));
+    cases.push(Case::new(STAGE, "light of 60° to 80°, steep waves", move |rig| {
+        Setup { amplitude_m: STEEP_WAVES_M, ..still }.grazing(rig)
+    }));
     cases.push(Case::new(STAGE, "light of 0° to 60°, the paper's estimator", move |rig| {
         let angles = &ANGLES[..7];
         let median_m = |traced| still.most(rig, angles, traced, |ends| ends.median_m);
@@ -154,16 +163,42 @@ impl Setup {
     /// The photons of this setup, and exact ones over a floor.
     fn against(&self, rig: &Rig<'_>, degrees: f64, traced: Traced, floor: Floor) -> Result<Ends> {
         let scene = self.scene(degrees)?;
-        let uniforms = TraceUniforms {
-            estimator: traced.estimator as u32,
-            iterations: traced.iterations,
-            bottom_m: scene.bounds.min.y as f32 - 0.01,
-            ..settings(CELLS, 2)
-        };
-        let (photons, frame) = trace(rig, &scene, Family::Caustics, uniforms, false)?;
-        let tracer = Tracer::new(&floor.objects())?;
-        let landings = exact(&frame, &scene.water, &tracer, [CELLS, 4])?;
+        let (photons, landings, frame) = pairs(rig, &scene, traced, floor)?;
         Ok(Ends::new(&photons, &landings, &frame))
+    }
+
+    /// In grazing light: where photons land, which are lost, and where they enter the water.
+    fn grazing(&self, rig: &Rig<'_>) -> Checks {
+        let what = "light of 60° to 80°, steep waves";
+        let (mut ends, mut wrong, mut newtons) = (Vec::new(), Vec::new(), Vec::new());
+        for degrees in GRAZING {
+            let scene = self.scene(degrees)?;
+            let (photons, landings, frame) = pairs(rig, &scene, SECANT, self.floor)?;
+            let newton = PhotonGrid::new(CELLS, 4)?;
+            let newton = (0..newton.count()).map(|index| {
+                let [x, y] = newton.ndc(index);
+                Some(three_newton_steps(&scene.water, frame.ray(x, y)))
+            });
+            let entries =
+                photons.iter().map(|p| (p.residual_m != f64::from(MISSED)).then_some(p.entry));
+            wrong.push(enter_wrong(entries, &landings));
+            newtons.push(enter_wrong(newton, &landings));
+            ends.push(Ends::new(&photons, &landings, &frame));
+        }
+        let most = |figure: fn(&Ends) -> f64| largest(ends.iter().map(figure));
+        let paper = self.ends(rig, CONTROL_DEG, PAPER_SIX)?;
+        let perturbed = "the paper's estimator at 70°, 6 iterations";
+        Ok(vec![
+            Check::of(STAGE, format!("{what}: largest share that enters off the first place"))
+                .within((ENTER_WRONG, "1"), largest(wrong))
+                .control("three steps of Newton's method at 80°", newtons[GRAZING.len() - 1]),
+            Check::of(STAGE, format!("{what}: largest median |hit − exact|"))
+                .within((MEDIAN_M, "m"), most(|ends| ends.median_m))
+                .control(perturbed, paper.median_m),
+            Check::of(STAGE, format!("{what}: largest share lost in the light's frustum"))
+                .within((LOST, "1"), most(|ends| ends.lost))
+                .control(perturbed, paper.lost),
+        ])
     }
 
     fn checks(&self, rig: &Rig<'_>, what: &str) -> Checks {
@@ -220,6 +255,52 @@ const SECANT: Traced = Traced { estimator: PhotonEstimator::Secant, iterations: 
 const PAPER_SIX: Traced = Traced { estimator: PhotonEstimator::Paper, iterations: 6 };
 /// Enough at 60°.
 const PAPER_MANY: Traced = Traced { estimator: PhotonEstimator::Paper, iterations: 20 };
+
+/// The photons of a scene, and the exact ones over a floor.
+fn pairs(
+    rig: &Rig<'_>,
+    scene: &Scene,
+    traced: Traced,
+    floor: Floor,
+) -> Result<(Vec<StoredPhoton>, Vec<Landing>, LightFrame)> {
+    let uniforms = TraceUniforms {
+        estimator: traced.estimator as u32,
+        iterations: traced.iterations,
+        bottom_m: scene.bounds.min.y as f32 - 0.01,
+        // Nothing stands above the water, and the mask has texels of up to 0.7 m at the water's rim.
+        masked: 0,
+        ..settings(CELLS, 2)
+    };
+    let (photons, frame) = trace(rig, scene, Family::Caustics, uniforms, false)?;
+    let landings = exact(&frame, &scene.water, &Tracer::new(&floor.objects())?, [CELLS, 4])?;
+    Ok((photons, landings, frame))
+}
+
+/// Of the photons that enter the water the share that enters more than [`CONVERGED_M`] from the exact place, or not at all.
+fn enter_wrong(entries: impl Iterator<Item = Option<DVec3>>, landings: &[Landing]) -> f64 {
+    let off = entries.zip(landings).filter_map(|(entry, landing)| {
+        let exact = match landing {
+            Landing::Landed(landed) => landed.entry.position,
+            Landing::Leaves { entry, .. } => entry.position,
+            Landing::Blocked | Landing::MissesWater => return None,
+        };
+        Some(entry.is_none_or(|entry| (entry - exact).length() > CONVERGED_M))
+    });
+    let off: Vec<bool> = off.collect();
+    off.iter().filter(|off| **off).count() as f64 / off.len() as f64
+}
+
+/// Where three steps of Newton's method from the resting water take a ray.
+fn three_newton_steps(water: &Water, (origin, direction): (DVec3, DVec3)) -> DVec3 {
+    let from_rest = -origin.y / direction.y;
+    let t = (0..3).fold(from_rest, |t, _| {
+        let p = origin + t * direction;
+        let slope = water.gradient(p.x, p.z);
+        let across = slope.x * direction.x + slope.y * direction.z;
+        t + (water.height(p.x, p.z) - p.y) / (direction.y - across)
+    });
+    origin + t * direction
+}
 
 fn least(numbers: impl Iterator<Item = f64>) -> f64 {
     numbers.fold(f64::INFINITY, f64::min)

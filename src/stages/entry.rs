@@ -1,0 +1,96 @@
+//! How a ray finds where it enters the water: host twin of `meet_water` in `shaders/shared/photon.wgsl`.
+
+use std::f64::consts::TAU;
+
+use super::frame::water_turns;
+use crate::scene::{LightFrame, Water, WaterModel, shortest_wave_m};
+
+/// Largest slope of the water times the tangent of the ray's angle to the vertical at which Newton's method is enough. At 1 a ray can touch
+/// a wave a second time. From 0.5 a wave of length λ leaves q³ / 2(1 − q) = 0.125 of λ/2π after a step, and 3e-5 of it after the third.
+const NEWTON_SLOPE: f64 = 0.5;
+/// Marching steps per wave. A dip between two steps is then followed by a parabola to (2π/16)⁴/384 = 6e-5 of its amplitude.
+const STEPS_PER_WAVE: f64 = 16.0;
+/// Lattice cells of the finest noise octave in one noise tile (two octaves over 8 cells). Two cells make a wave.
+const FINEST_NOISE_CELLS: f64 = 16.0;
+const CELLS_PER_WAVE: f64 = 2.0;
+/// Samples of a height map that a wave takes which its spline follows.
+const SAMPLES_PER_WAVE: f64 = 4.0;
+/// Room above crests and below troughs, so that a search begins in the air also with rounding.
+const BOUND_ROOM: f64 = 1.001;
+/// Most steps of a search: 64 of them cross four waves.
+const MOST_STEPS: u64 = 64;
+/// Most turns of a search, which leaves others to what follows in the same invocation.
+const MOST_TURNS: u64 = 40_000;
+/// As in the shader.
+const NEWTON_STEPS: u64 = 3;
+const REFINEMENTS: u64 = 8;
+
+/// How rays search for the surface of a water.
+pub struct EntrySearch {
+    pub bound_m: f64,
+    /// Horizontal length of a step.
+    pub step_m: f64,
+    pub steps: u64,
+    /// Tangent of the angle to the vertical up to which Newton's method is enough.
+    pub newton_slant: f64,
+}
+
+impl EntrySearch {
+    pub fn new(water: &Water) -> Self {
+        let (wave_m, slope) = shape(water);
+        Self {
+            bound_m: water.bound_m() * BOUND_ROOM,
+            step_m: wave_m / STEPS_PER_WAVE,
+            steps: (MOST_TURNS / step_turns(water)).min(MOST_STEPS),
+            newton_slant: (NEWTON_SLOPE / slope).min(f64::from(f32::MAX)),
+        }
+    }
+
+    /// Turns of loops for any photon of a light, at most.
+    pub fn turns(&self, water: &Water, light: &LightFrame) -> u64 {
+        let slant = slant(light);
+        let height = 1 + water_turns(water);
+        if slant <= self.newton_slant {
+            return 1 + NEWTON_STEPS * height;
+        }
+        let steps = (2.0 * self.bound_m * slant / self.step_m).ceil() as u64;
+        height + steps.clamp(1, self.steps) * step_turns(water) + 1 + REFINEMENTS * height + 1
+    }
+}
+
+/// Two heights of the water: at the step's end, and where the ray is lowest between.
+fn step_turns(water: &Water) -> u64 {
+    1 + 2 * water_turns(water)
+}
+
+/// Length of the shortest wave, metres, and a bound of the slope.
+fn shape(water: &Water) -> (f64, f64) {
+    match (water.model, &water.tile) {
+        (WaterModel::Waves, _) => {
+            let slopes = water.waves.iter().map(|w| w.amplitude_m.abs() * w.vector().length());
+            (shortest_wave_m(&water.waves), slopes.sum())
+        }
+        (WaterModel::HeightMap, Some(tile)) => {
+            (SAMPLES_PER_WAVE * tile.spacing_m(), tile.steepest())
+        }
+        _ => {
+            let wave = (1.0 - water.noise) * water.wavenumber_per_m();
+            let noise_m = CELLS_PER_WAVE * water.noise_tile_m / FINEST_NOISE_CELLS;
+            let shortest_m = match water.noise {
+                0.0 => water.wavelength_m,
+                _ => water.wavelength_m.min(noise_m),
+            };
+            (shortest_m, water.amplitude_m * (wave + water.noise * TAU / noise_m))
+        }
+    }
+}
+
+/// Largest tangent to the vertical of a light's rays: at a corner of its frustum.
+fn slant(light: &LightFrame) -> f64 {
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
+    let tangents = corners.map(|[x, y]| {
+        let direction = light.ray(x, y).1;
+        direction.x.hypot(direction.z) / (-direction.y).max(f64::MIN_POSITIVE)
+    });
+    tangents.into_iter().fold(0.0, f64::max)
+}
