@@ -30,7 +30,7 @@ const WAVES_M: f64 = 0.02;
 const STEEP_WAVES_M: f64 = 0.05;
 /// Light that meets steep waves more than once, or nearly.
 const GRAZING: [f64; 3] = [60.0, 70.0, 80.0];
-/// Share of the photons that enter the water more than [`MEDIAN_M`] from the exact place: at a touch of a crest 32-bit floats decide.
+/// Share of the photons that enter the water more than [`CONVERGED_M`] from the exact place: where a ray touches a crest, 32-bit floats decide.
 const ENTER_WRONG: f64 = 1e-3;
 /// Cells per side of the photon grid, four photons a cell.
 const CELLS: u32 = 32;
@@ -267,6 +267,8 @@ fn pairs(
         estimator: traced.estimator as u32,
         iterations: traced.iterations,
         bottom_m: scene.bounds.min.y as f32 - 0.01,
+        // Nothing stands above the water, and the mask has texels of up to 0.7 m at the water's rim.
+        masked: 0,
         ..settings(CELLS, 2)
     };
     let (photons, frame) = trace(rig, scene, Family::Caustics, uniforms, false)?;
@@ -274,7 +276,7 @@ fn pairs(
     Ok((photons, landings, frame))
 }
 
-/// Of the photons that enter the water the share that enters more than [`MEDIAN_M`] from the exact place, or not at all.
+/// Of the photons that enter the water the share that enters more than [`CONVERGED_M`] from the exact place, or not at all.
 fn enter_wrong(entries: impl Iterator<Item = Option<DVec3>>, landings: &[Landing]) -> f64 {
     let off = entries.zip(landings).filter_map(|(entry, landing)| {
         let exact = match landing {
@@ -282,7 +284,7 @@ fn enter_wrong(entries: impl Iterator<Item = Option<DVec3>>, landings: &[Landing
             Landing::Leaves { entry, .. } => entry.position,
             Landing::Blocked | Landing::MissesWater => return None,
         };
-        Some(entry.is_none_or(|entry| (entry - exact).length() > MEDIAN_M))
+        Some(entry.is_none_or(|entry| (entry - exact).length() > CONVERGED_M))
     });
     let off: Vec<bool> = off.collect();
     off.iter().filter(|off| **off).count() as f64 / off.len() as f64
