@@ -125,27 +125,35 @@ mod tests {
         path.file_stem().unwrap().to_str().unwrap()
     }
 
+    /// What stands before the bracket that closes a list.
+    fn list(text: &str) -> &str {
+        let mut depth = 1;
+        let end = text.find(|c: char| {
+            depth += i32::from(c == '{') - i32::from(c == '}');
+            depth == 0
+        });
+        &text[..end.unwrap_or(text.len())]
+    }
+
     /// Modules of this crate that a file imports, by `crate::NAME` or in a list `crate::{NAME::…, NAME}`.
     fn imported(text: &str) -> Vec<String> {
         let code = text.lines().filter(|line| !line.trim_start().starts_with("//")).join("\n");
+        let code = code.replace("super::super::", "crate::");
+        let first = |path: &str| -> String {
+            path.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
+        };
         let mut names = Vec::new();
-        for after in code.replace("super::super::", "crate::").split("crate::").skip(1) {
-            let mut depth = 0;
-            let list = after.strip_prefix('{').map(|list| {
-                list.split(|c: char| {
-                    depth += i32::from(c == '{') - i32::from(c == '}');
-                    depth < 0 || depth == 0 && c == ','
-                })
-            });
-            let first = |path: &str| -> String {
-                path.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
+        for after in code.split("crate::").skip(1) {
+            let Some(all) = after.strip_prefix('{').map(list) else {
+                names.push(first(after));
+                continue;
             };
-            match list {
-                Some(mut list) => {
-                    names.extend(list.by_ref().take_while(|p| !p.starts_with(';')).map(first))
-                }
-                None => names.push(first(after)),
-            }
+            let mut depth = 0;
+            let items = all.split(|c: char| {
+                depth += i32::from(c == '{') - i32::from(c == '}');
+                depth == 0 && c == ','
+            });
+            names.extend(items.map(first));
         }
         names
     }
