@@ -1,6 +1,7 @@
 //! Every report that is made from the records of a run or of a comparison. The same records give the same bytes.
 //! Adding one costs a file and an entry in `OF_RUNS` or `OF_COMPARISONS`.
 
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use itertools::Itertools;
@@ -15,7 +16,7 @@ use crate::record::{self, Reading, Record};
 use crate::report::page::{self, ComparisonOnPage, Page};
 use crate::report::{
     Artifact, Exported, Exporter, FrameChoice, LeftOut, OF_RUNS, OfRun, ReportError, ReportView,
-    Written, of_view,
+    RunExporter, Written,
 };
 use crate::text;
 
@@ -127,7 +128,30 @@ pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportErro
     }
     let left_out = LeftOut::lines(&folder.join(RECORDS), &reading.damaged);
     let view = ReportView { left_out, ..ReportView::new(&reading.records, Some(folder)) };
-    of_view(&view).map(|files| put(folder, files?)).flatten_ok().collect()
+    let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
+    let put = |exporter: &RunExporter| match exporter.export {
+        OfRun::Rows(rows) => put_rows(folder, exporter.file, |file| rows(&view, file)),
+        _ => put(folder, exporter.run(&view, &FrameChoice::default())?.files()),
+    };
+    written.map(put).flatten_ok().collect()
+}
+
+/// Writes one file into a folder, row by row.
+fn put_rows(
+    folder: &Path,
+    name: &str,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<Vec<PathBuf>, ExportError> {
+    let path = folder.join(name);
+    let written = Folder::make(folder).and_then(|opened| {
+        opened.write_with(name, |file| {
+            let mut file = BufWriter::new(file);
+            write(&mut file)?;
+            file.flush()
+        })
+    });
+    written.map_err(|source| ExportError::Write { path: path.clone(), source })?;
+    Ok(vec![path])
 }
 
 /// What a folder gives to a page.

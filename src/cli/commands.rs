@@ -308,7 +308,8 @@ pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
 
 pub fn verify(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
-    let checks = verifying::verify(&gpu, &catalog.cases(), filter.as_deref())?;
+    let checks =
+        verifying::verify(&gpu, &catalog.cases(), filter.as_deref(), |ended| tell::note(ended))?;
     tell::answer(verifying::Table(&checks));
     let sound = checks.iter().all(verifying::Check::is_sound);
     Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })

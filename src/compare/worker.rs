@@ -264,7 +264,8 @@ impl Device {
         match pipeline.judge(&mut Judge { gpu: &self.gpu, scene, known: &mut known, asked: &[] }) {
             Ok(judged) => {
                 exact.quantities.extend(judged.quantities);
-                exact.errors = judged.errors.iter().map(|e| (e.name.clone(), e.value)).collect();
+                exact.errors =
+                    judged.errors.iter().map(|e| (e.name.to_string(), e.value)).collect();
                 exact.judged = judged.errors;
             }
             Err(error) => exact.notes.push(format!("errors not computed: {error}")),

@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 use crate::{CellPlan, Experiment, StageName, lookup, parse_axis};
 use fathom_base::statistics;
 use fathom_record::{
-    Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Note,
-    NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, SetUp, ShaderChecks, StageRecord,
-    Surrounding, Work,
+    Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Named,
+    Note, NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, SetUp, ShaderChecks,
+    StageRecord, Surrounding, Work,
 };
 
 const SAMPLES: usize = 15;
@@ -165,7 +165,7 @@ pub fn measure(experiment: &Experiment, plan: &CellPlan, random: &mut Pcg64) -> 
         frame: frame(total, random),
         stages,
         allocated_bytes: (number("view.width") * number("view.height") * 40.0) as u64,
-        quantities: quantities(plan, experiment, photons, number("water.amplitude_m")),
+        quantities: quantities(plan, experiment, photons, number("water.amplitude_m")).into(),
         errors: Vec::new(),
         warm_up_frames: 3,
         ..Measured::default()
@@ -236,14 +236,14 @@ fn invented(name: &str, ms: f64, random: &mut Pcg64) -> StageRecord {
 
 pub fn timed(stage: &str, clock: Clock, samples_ns: Vec<f64>, work: Work) -> StageRecord {
     StageRecord {
-        stage: stage.to_owned(),
+        stage: stage.into(),
         clock,
         time: statistics::estimate(&samples_ns),
         samples_ns,
         fenced: None,
         work,
         least_work: None,
-        counters: BTreeMap::new(),
+        counters: Named::default(),
         ceiling: None,
     }
 }

@@ -190,14 +190,14 @@ impl Contents {
             side,
             configuration: configuration.to_owned(),
             allocated_bytes: measured.allocated_bytes,
-            errors: measured.errors.iter().map(|e| (e.name.clone(), e.value)).collect(),
+            errors: measured.errors.iter().map(|e| (e.name.to_string(), e.value)).collect(),
             judged: measured.errors.clone(),
-            quantities: measured.quantities.clone(),
+            quantities: measured.quantities.to_map(),
             notes: Vec::new(),
         }));
         for stage in &measured.stages {
             let cell = CellId::new(configuration, &stage.stage);
-            let counters = self.same_driver.then(|| stage.counters.clone());
+            let counters = self.same_driver.then(|| stage.counters.to_map());
             self.lines.push(Compared::Exact(ExactFigures {
                 side,
                 cell: cell.clone(),

@@ -43,7 +43,8 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
         quantities.into_iter().partition(|(_, value)| value.is_finite());
     let (errors, unusable_errors): (Vec<_>, Vec<_>) =
         errors.into_iter().partition(|error| error.value.is_finite());
-    let unusable = unusable.into_keys().chain(unusable_errors.into_iter().map(|error| error.name));
+    let unusable =
+        unusable.into_keys().chain(unusable_errors.into_iter().map(|error| error.name.to_string()));
     notes.extend(unusable.map(|name| {
         Note::new(NoteKind::NotFinite, format!("{name} left out: it is not a finite number"))
     }));
@@ -55,7 +56,7 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
         stages: stage_records(&samples, facts.pipeline, facts.counters),
         frame,
         allocated_bytes: facts.pipeline.allocated_bytes(),
-        quantities,
+        quantities: quantities.into(),
         repeated,
         errors,
         warm_up_frames: samples.warm_up_frames,
@@ -136,14 +137,14 @@ pub(super) fn stage_record(
         None => stage.ns.clone(),
     };
     StageRecord {
-        stage: stage.name.clone(),
+        stage: stage.name.as_str().into(),
         clock: stage.clock,
         time: statistics::estimate(&samples_ns),
         samples_ns,
         fenced,
         work,
         least_work: (least != work).then_some(least),
-        counters,
+        counters: counters.into(),
         ceiling: None,
     }
 }

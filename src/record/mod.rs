@@ -23,6 +23,7 @@ mod kinds;
 mod lines;
 mod lock;
 pub mod machine;
+mod names;
 pub mod nan;
 pub mod output;
 mod params;
@@ -47,6 +48,7 @@ pub use lines::{
 };
 pub use lock::{FolderLock, LOCK, LockError};
 pub use machine::{MachineState, ThrottleReason, Throttling};
+pub use names::{Name, Named};
 pub use params::Params;
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 pub use shard::{MOST_SHARDS, Part, Selection, Shard};
@@ -297,7 +299,7 @@ pub struct Measured {
     /// GPU memory that the pipeline allocated for this cell, bytes.
     pub allocated_bytes: u64,
     /// Rates of missed photons, means and the like: `name → value`, the unit in the name.
-    pub quantities: BTreeMap<String, f64>,
+    pub quantities: Named<f64>,
     /// Quantities that were measured once for each repetition of the cell with another seed or offset: `name → values`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub repeated: BTreeMap<String, Vec<f64>>,
@@ -360,7 +362,7 @@ impl Measured {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageRecord {
     /// The stage's name: `FAMILY/STEM`.
-    pub stage: String,
+    pub stage: Name,
     pub clock: Clock,
     /// Nanoseconds, frame by frame. In a fenced stage none is below its `resolution_ns`: a sample of that value says "at most".
     pub samples_ns: Vec<f64>,
@@ -374,8 +376,8 @@ pub struct StageRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub least_work: Option<Work>,
     /// Pipeline statistics, where the adapter counts them.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub counters: BTreeMap<String, u64>,
+    #[serde(default, skip_serializing_if = "Named::is_empty")]
+    pub counters: Named<u64>,
     /// How near it comes to the adapter's limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ceiling: Option<CeilingShare>,

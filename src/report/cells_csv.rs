@@ -2,9 +2,11 @@
 //! The quantities of a cell stand in its first row only: they are many, and the same for all its stages.
 //! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::spreadsheet`].
 
+use std::io::{self, Write};
+
 use itertools::Itertools;
 
-use super::{Entry, Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
+use super::{Entry, Exporter, OfRun, ReportView, RunExporter, Written};
 use fathom_base::statistics::median;
 use fathom_base::text;
 use fathom_record::{
@@ -17,7 +19,7 @@ pub const EXPORTER: RunExporter = Exporter {
     about: "one row per cell and stage",
     file: "cells.csv",
     written: Written::WithEveryReport,
-    export: OfRun::One(export),
+    export: OfRun::Rows(export),
 };
 
 const OF_CELL: &str =
@@ -28,22 +30,18 @@ const OF_FRAME: &str = "frame_untimed_median_ns frame_untimed_low_ns frame_untim
     accounting_error timing_cost allocated_bytes warm_up_frames rejected_frames \
     machine_samples throttled_samples throttle_reasons quantities";
 
-fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
+fn export(view: &ReportView<'_>, to: &mut dyn Write) -> io::Result<()> {
     let names = |names: &str| names.split(' ').map(str::to_owned).collect::<Vec<String>>();
     let work = Work::NAMES.iter().map(ToString::to_string).collect();
     let header = [names(OF_CELL), names(OF_STAGE), work, names(OF_FRAME)].concat();
-    let mut writer =
-        csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
+    let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(to);
     let entries = view.sections.iter().flat_map(|section| &section.entries);
     let columns = header.len();
     let rows = entries.flat_map(|entry| rows(entry, columns));
     for row in std::iter::once(header).chain(rows) {
-        // Writing to memory does not fail, and all rows are of one length.
-        let _ = writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)));
+        writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)))?;
     }
-    let bytes = writer.into_inner().unwrap_or_default();
-    // Made of text alone.
-    Ok(String::from_utf8(bytes).unwrap_or_default())
+    writer.flush()
 }
 
 fn rows(entry: &Entry<'_>, columns: usize) -> Vec<Vec<String>> {
@@ -86,7 +84,7 @@ fn cell_fields(entry: &Entry<'_>, status: &str, reason: &str) -> Vec<String> {
 
 fn stage_fields(stage: &StageRecord) -> Vec<String> {
     let clock = serde_json::to_value(stage.clock).unwrap_or_default();
-    let mut fields = vec![stage.stage.clone(), clock.as_str().unwrap_or_default().to_owned()];
+    let mut fields = vec![stage.stage.to_string(), clock.as_str().unwrap_or_default().to_owned()];
     fields.extend(time_fields(stage));
     fields.extend(stage.work.fields().map(|(_, count)| count.to_string()));
     fields
@@ -149,11 +147,17 @@ mod tests {
     use fathom_experiments::fixtures;
     use fathom_record::Record;
 
+    fn exported(records: &[Record]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        export(&ReportView::new(records, None), &mut bytes).unwrap();
+        bytes
+    }
+
     #[test]
     fn every_row_has_every_column() {
         let records = fixtures::run();
-        let text = export(&ReportView::new(&records, None)).unwrap();
-        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let text = exported(&records);
+        let mut reader = csv::Reader::from_reader(&text[..]);
         assert_eq!(reader.headers().unwrap().len(), 38);
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         assert!(rows.len() > 20);
@@ -164,8 +168,8 @@ mod tests {
     fn quantities_stand_once_for_each_cell() {
         let records = fixtures::run();
         let view = ReportView::new(&records, None);
-        let text = export(&view).unwrap();
-        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let text = exported(&records);
+        let mut reader = csv::Reader::from_reader(&text[..]);
         let rows = reader.records().map(Result::unwrap);
         let told = rows.filter(|row| row[37].contains('=')).count();
         let with_figures = view.measured().filter(|(_, measured)| !measured.figures().is_empty());
@@ -182,8 +186,8 @@ mod tests {
         let state = |throttle| MachineState { throttle, ..MachineState::default() };
         use fathom_record::ThrottleReason::{GpuIdle, SwPowerCap};
         measured.unwrap().frame.machine = vec![state(vec![GpuIdle]), state(vec![SwPowerCap])];
-        let text = export(&ReportView::new(&records, None)).unwrap();
-        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let text = exported(&records);
+        let mut reader = csv::Reader::from_reader(&text[..]);
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         let told = |row: &csv::StringRecord| [34, 35, 36].map(|column| row[column].to_owned());
         let measured = rows.iter().filter(|row| &row[8] == "measured").map(told);

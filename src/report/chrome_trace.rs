@@ -130,7 +130,13 @@ fn stages(frame: &ChosenFrame<'_>) -> Vec<Event> {
         let end_ns = begin_ns + frame.stage_ns(stage).max(0.0);
         let (begin, end) = (whole_ns(begin_ns), whole_ns(end_ns));
         begin_ns = end_ns;
-        Track::of(stage).event(stage.stage.clone(), "stage", begin, end, stage_args(frame, stage))
+        Track::of(stage).event(
+            stage.stage.to_string(),
+            "stage",
+            begin,
+            end,
+            stage_args(frame, stage),
+        )
     };
     frame.measured.stages.iter().map(place).collect()
 }

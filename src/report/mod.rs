@@ -27,8 +27,10 @@ pub use github_benchmark::EXPORTER as GITHUB_BENCHMARK;
 pub use junit::EXPORTER as JUNIT;
 pub use page::EXPORTER as PAGE;
 pub use plots::{EXPORTER as PLOTS, ROOFLINES};
-use std::path::Path;
 pub use summary::{EXPORTER as SUMMARY, in_short};
+
+use std::io::{self, Write};
+use std::path::Path;
 
 use fathom_record::Record;
 use itertools::Itertools;
@@ -85,6 +87,8 @@ pub type RunExporter = Exporter<OfRun>;
 pub enum OfRun {
     /// The text of one file.
     One(fn(&ReportView<'_>) -> Result<String, ReportError>),
+    /// The text of one file, written row by row: that of a large run fills memory.
+    Rows(fn(&ReportView<'_>, &mut dyn Write) -> io::Result<()>),
     /// A file for each experiment or pipeline.
     Several(fn(&ReportView<'_>) -> Result<Vec<Artifact>, ReportError>),
     /// The text of one file about one frame.
@@ -124,6 +128,12 @@ impl RunExporter {
     ) -> Result<Exported, ReportError> {
         Ok(match self.export {
             OfRun::One(export) => self.one(export(view)?),
+            OfRun::Rows(export) => {
+                let mut bytes = Vec::new();
+                // Writing to memory does not fail.
+                let _ = export(view, &mut bytes);
+                Exported::One(Artifact { name: self.file.to_owned(), bytes })
+            }
             OfRun::Several(export) => Exported::Several(export(view)?),
             OfRun::Frame(export) => self.one(export(&view.frame(choice)?)),
         })
@@ -136,11 +146,9 @@ pub const OF_RUNS: [RunExporter; 9] =
 
 /// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
 pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>, ReportError> {
-    of_view(&ReportView::new(records, folder)).flatten_ok().collect()
-}
-
-/// The files of one exporter after the other, each made when it is asked for: those of a large run fill memory.
-pub fn of_view(view: &ReportView<'_>) -> impl Iterator<Item = Result<Vec<Artifact>, ReportError>> {
+    let view = ReportView::new(records, folder);
     let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
-    written.map(|exporter| exporter.run(view, &FrameChoice::default()).map(Exported::files))
+    let files =
+        |exporter: &RunExporter| exporter.run(&view, &FrameChoice::default()).map(Exported::files);
+    written.map(files).flatten_ok().collect()
 }

@@ -36,6 +36,7 @@ mod starts;
 mod voxel;
 
 use std::fmt;
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
@@ -213,8 +214,30 @@ pub fn cases() -> Vec<Case> {
     families.into_iter().flatten().collect()
 }
 
-/// Runs those of `all` cases whose stage or name contains `filter` (all without one). A check that fails is no error.
-pub fn verify(gpu: &Gpu, all: &[Case], filter: Option<&str>) -> Result<Vec<Check>> {
+/// A case that has run.
+pub struct Ended<'a> {
+    pub case: &'a Case,
+    /// From 1.
+    pub number: usize,
+    pub of: usize,
+    pub took: Duration,
+}
+
+impl fmt::Display for Ended<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { case, number, of, took } = self;
+        write!(f, "{number} of {of}: {} {}, {:.1} s", case.stage, case.what, took.as_secs_f64())
+    }
+}
+
+/// Runs those of `all` cases whose stage or name contains `filter` (all without one), and tells `each` when it has ended. A check
+/// that fails is no error.
+pub fn verify(
+    gpu: &Gpu,
+    all: &[Case],
+    filter: Option<&str>,
+    each: impl FnMut(Ended<'_>),
+) -> Result<Vec<Check>> {
     let chosen: Vec<&Case> =
         all.iter().filter(|case| filter.is_none_or(|f| case.matches(f))).collect();
     if chosen.is_empty() {
@@ -223,27 +246,29 @@ pub fn verify(gpu: &Gpu, all: &[Case], filter: Option<&str>) -> Result<Vec<Check
             known: known_stages(all),
         });
     }
-    run_all(gpu, &chosen)
+    run_all(gpu, &chosen, each)
 }
 
 /// Runs the cases of these stages; none for a stage that has none. A check that fails is no error.
 pub fn verify_stages(gpu: &Gpu, all: &[Case], stages: &[String]) -> Result<Vec<Check>> {
     let chosen: Vec<&Case> =
         all.iter().filter(|case| stages.iter().any(|stage| stage == case.stage)).collect();
-    run_all(gpu, &chosen)
+    run_all(gpu, &chosen, |_| ())
 }
 
 /// Runs each case so that what the GPU reports late becomes this case's error.
-fn run_all(gpu: &Gpu, cases: &[&Case]) -> Checks {
+fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(Ended<'_>)) -> Checks {
     let rig = Rig::new(gpu);
     let mut checks = Vec::new();
-    for case in cases {
+    for (number, case) in (1..).zip(cases) {
+        let begin = Instant::now();
         let mut found = Ok(Vec::new());
         gpu.scoped(|| {
             found = (case.run)(&rig);
             Ok(())
         })?;
         checks.extend(found?);
+        each(Ended { case, number, of: cases.len(), took: begin.elapsed() });
     }
     Ok(checks)
 }

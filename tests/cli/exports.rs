@@ -30,13 +30,13 @@ fn estimate(median: f64) -> Estimate {
 /// A frame of one stage and as long gaps.
 fn measured() -> Measured {
     let stage = StageRecord {
-        stage: "compose".to_owned(),
+        stage: "compose".into(),
         clock: Clock::Timestamp,
         samples_ns: SAMPLES_NS.to_vec(),
         time: estimate(2e6),
         fenced: None,
         work: Work { fragments: 64, ..Work::default() },
-        counters: [].into(),
+        counters: fathom::record::Named::default(),
         ceiling: None,
         least_work: None,
     };

@@ -25,14 +25,14 @@ fn cell(number: usize, ns: f64) -> Record {
     let (samples_ns, time) = samples(ns);
     let (untimed_samples_ns, untimed) = samples(2.0 * ns);
     let stage = StageRecord {
-        stage: "caustics/trace".to_owned(),
+        stage: "caustics/trace".into(),
         clock: Clock::ProcessCpu,
         samples_ns,
         time,
         fenced: None,
         work: Work::default(),
         least_work: None,
-        counters: [].into(),
+        counters: fathom::record::Named::default(),
         ceiling: None,
     };
     let measured = Measured {

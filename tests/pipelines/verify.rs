@@ -14,7 +14,8 @@ use super::{built, gpu, prepared};
 
 #[test]
 fn every_check_is_sound() {
-    let checks = verify(&gpu(), &Catalog::builtin().cases(), None).expect("all cases run");
+    let checks = verify(&gpu(), &Catalog::builtin().cases(), None, |case| println!("{case}"))
+        .expect("all cases run");
     println!("{}", Table(&checks));
     let unsound: Vec<_> = checks.iter().filter(|check| !check.is_sound()).cloned().collect();
     assert!(unsound.is_empty(), "\n{}", Table(&unsound));
@@ -22,7 +23,7 @@ fn every_check_is_sound() {
 
 #[test]
 fn an_unknown_filter_names_the_stages() {
-    let error = verify(&gpu(), &Catalog::builtin().cases(), Some("cuastics")).unwrap_err();
+    let error = verify(&gpu(), &Catalog::builtin().cases(), Some("cuastics"), |_| ()).unwrap_err();
     assert!(matches!(error, VerifyError::NoMatch { .. }));
     assert!(error.to_string().contains("caustics/trace"), "{error}");
 }
@@ -39,7 +40,7 @@ fn photons_of_a_built_pipeline_have_their_errors() {
     params.godrays.grid = 20;
     let figures = |pipeline: &Underwater| -> BTreeMap<String, f64> {
         let judged = pipeline.landing_errors(&gpu, &scene).unwrap();
-        judged.errors.into_iter().map(|error| (error.name, error.value)).collect()
+        judged.errors.into_iter().map(|error| (error.name.to_string(), error.value)).collect()
     };
     let mut pipeline = built::<Underwater>(&gpu, &scene, &params);
     let sound = figures(&pipeline);

@@ -23,7 +23,7 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
             ..FrameRecord::default()
         },
         stages: vec![stage],
-        quantities: BTreeMap::from([("error".to_owned(), ms)]),
+        quantities: BTreeMap::from([("error".to_owned(), ms)]).into(),
         ..Measured::default()
     };
     Cell {
@@ -290,7 +290,7 @@ fn families_of_stages_are_summed_frame_by_frame() {
     other.samples_ns.reverse();
     for (stage, reversed) in [("f/a", false), ("f/b", true)] {
         let mut record = if reversed { other.clone() } else { measured.stages[0].clone() };
-        record.stage = stage.to_owned();
+        record.stage = stage.into();
         measured.stages.push(record);
     }
     let measured = cell.measured().unwrap();
@@ -312,7 +312,7 @@ fn a_time_below_the_clock_s_resolution_is_no_figure() {
     let mut cell = cell(&[], 4.0, &mut random);
     let measured = cell.measured_mut().unwrap();
     let mut short = measured.stages[0].clone();
-    short.stage = "f/short".to_owned();
+    short.stage = "f/short".into();
     // Half of the differences are negative.
     let wall_ns = |frame: usize| 60e3 + if frame.is_multiple_of(2) { 5e3 } else { -5e3 };
     let fenced = Fenced {
@@ -325,7 +325,7 @@ fn a_time_below_the_clock_s_resolution_is_no_figure() {
     short.fenced = Some(fenced);
     assert!(short.samples_ns.iter().all(|ns| *ns == 50e3));
     let mut long = measured.stages[0].clone();
-    long.stage = "f/long".to_owned();
+    long.stage = "f/long".into();
     measured.stages.extend([short, long]);
     let measured = cell.measured().unwrap();
     let read = |text: &str| text.parse::<Measure>().unwrap().read(&cell, measured);

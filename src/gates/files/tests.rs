@@ -17,14 +17,14 @@ fn run(adapter: &str) -> Record {
 /// A cell whose stages all last so long.
 fn measured(stages: &[&str], ns: f64) -> Outcome {
     let stage = |stage: &&str| StageRecord {
-        stage: (*stage).to_owned(),
+        stage: (*stage).into(),
         clock: record::Clock::Timestamp,
         samples_ns: vec![ns; 5],
         time: record::Estimate::default(),
         fenced: None,
         work: record::Work::default(),
         least_work: None,
-        counters: BTreeMap::new(),
+        counters: record::Named::default(),
         ceiling: None,
     };
     Outcome::Measured(Box::new(Measured {

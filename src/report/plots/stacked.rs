@@ -126,7 +126,7 @@ fn coloured(figures: &[(&Cell, &Measured)]) -> Vec<String> {
         let total: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
         for stage in &measured.stages {
             let share = stage.time.median / total;
-            match shares.iter_mut().find(|(name, _)| *name == stage.stage) {
+            match shares.iter_mut().find(|(name, _)| stage.stage == *name) {
                 Some((_, most)) => *most = most.max(share),
                 None => shares.push((&stage.stage, share)),
             }
@@ -141,7 +141,7 @@ impl Bar {
         let mut parts = vec![0.0; stages.len() + 1];
         // A time below the clock's resolution has no length.
         for stage in measured.stages.iter().filter(|s| s.is_resolved()) {
-            let place = stages.iter().position(|name| *name == stage.stage);
+            let place = stages.iter().position(|name| stage.stage == *name);
             parts[place.unwrap_or(stages.len())] += stage.time.median / NS_PER_MS;
         }
         let frame = &measured.frame;

@@ -47,7 +47,7 @@ fn row(stage: &StageShare<'_>) -> [String; 4] {
     let bound = if stage.stage.is_resolved() { "" } else { "< " };
     [
         String::new(),
-        stage.stage.stage.clone(),
+        stage.stage.stage.to_string(),
         format::stage_ms(stage.stage),
         format!("{bound}{}", facts::share(&stage.share)),
     ]
