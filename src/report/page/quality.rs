@@ -1,6 +1,7 @@
 //! Quality against time: of settings that solve the same task, the error and the time of the frame, and which are the best.
 
 use std::cmp::Reverse;
+use std::collections::BTreeSet;
 
 use indexmap::IndexMap;
 use itertools::Itertools;
@@ -65,6 +66,8 @@ struct Comparison<'a> {
     task: Task<'a>,
     error: &'a ErrorFigure,
     settings: Vec<Setting<'a>>,
+    /// Axes by which the settings differ.
+    varying: BTreeSet<&'a str>,
 }
 
 fn write(page: &Page<'_>) -> Option<Markup> {
@@ -183,7 +186,8 @@ fn compare<'a>(
     let mut settings: Vec<Setting<'_>> = settings.collect();
     let fronts: Vec<bool> = settings.iter().map(|one| is_front(one, &settings)).collect();
     settings.iter_mut().zip(fronts).for_each(|(one, front)| one.front = front);
-    Some(Comparison { task, error, settings })
+    let varying = varying(&settings);
+    Some(Comparison { task, error, settings, varying })
 }
 
 /// Of the errors that all cells have and that differ between them, the first of the stage that runs last.
@@ -251,15 +255,16 @@ fn error_title(error: &ErrorFigure) -> String {
     }
 }
 
-/// Its settings differ in this axis.
-fn varies(one: &Comparison<'_>, axis: &str) -> bool {
-    let values = one.settings.iter().map(|setting| setting.cell.axes.get(axis).map(label_text));
-    values.unique().count() > 1
+fn varying<'a>(settings: &[Setting<'a>]) -> BTreeSet<&'a str> {
+    let axes = settings.iter().flat_map(|setting| setting.cell.axes.keys()).map(String::as_str);
+    let value = |setting: &Setting<'_>, axis: &str| setting.cell.axes.get(axis).map(label_text);
+    let differ = |axis: &&str| !settings.iter().map(|setting| value(setting, axis)).all_equal();
+    axes.unique().filter(differ).collect()
 }
 
 /// The axes by which its settings differ, in words.
 fn setting_text(one: &Comparison<'_>, setting: &Setting<'_>) -> String {
-    let axes = setting.cell.axes.iter().filter(|(name, _)| varies(one, name));
+    let axes = setting.cell.axes.iter().filter(|(name, _)| one.varying.contains(name.as_str()));
     setting::in_words(axes)
 }
 
@@ -272,7 +277,10 @@ fn conditions(one: &Comparison<'_>) -> String {
         let size = sides.map(|(width, height)| format!("{width}x{height}"));
         value.as_str().is_some_and(|text| text == cell.scene || Some(text) == size.as_deref())
     };
-    let shared = cell.axes.iter().filter(|(name, value)| !varies(one, name) && !is_told(value));
+    let shared = cell
+        .axes
+        .iter()
+        .filter(|(name, value)| !one.varying.contains(name.as_str()) && !is_told(value));
     let size = sides.map(|(width, height)| format!("{width} × {height} px"));
     let parts = [Some(cell.scene.clone()), size, Some(setting::in_words(shared))];
     parts.into_iter().flatten().filter(|part| !part.is_empty()).join(", ")

@@ -195,8 +195,9 @@ struct Load {
     /// Columns of the largest triangle, and of all huge ones.
     most_columns: u64,
     huge_columns: u64,
-    /// Of lines, whose planes bound no column: all voxels of the columns that they pass.
-    line_turns: u64,
+    /// Those that are lines, whose planes bound no column, and the most turns of one: all voxels of the columns that it passes.
+    lines: u64,
+    most_line_turns: u64,
 }
 
 impl Load {
@@ -219,7 +220,9 @@ impl Load {
             // One that is shorter than it might be is large and not huge.
             load.large += u64::from(columns > SMALL_COLUMNS.into());
             if size.is_line && columns > SMALL_COLUMNS.into() {
-                load.line_turns += 2 * (long + short) * (long + COLUMN_TURNS);
+                load.lines += 1;
+                let turns = 2 * (long + short) * (long + COLUMN_TURNS);
+                load.most_line_turns = load.most_line_turns.max(turns);
             }
         }
         load
@@ -234,7 +237,7 @@ impl Load {
         let huge = self.huge.div_ceil(layers);
         let huge_columns = self.huge_columns.min(huge.saturating_mul(self.most_columns));
         let all = GROUP * u64::from(LARGE_GROUPS);
-        2 + self.line_turns
+        2 + self.lines.min(large + huge) * self.most_line_turns
             + large * (1 + COLUMN_TURNS * share(columns, GROUP))
             + huge * (1 + 2 * COLUMN_TURNS)
             + COLUMN_TURNS * (huge_columns / all)
@@ -244,5 +247,26 @@ impl Load {
     fn layers(&self) -> u64 {
         let mut numbers = (0..16).map(|power| 1u64 << power);
         numbers.find(|layers| self.turns(*layers) <= MOST_LOOP_TURNS).unwrap_or(1 << 15)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The poles of a ball: no layer makes one line shorter, and each workgroup takes few.
+    #[test]
+    fn many_short_lines_take_few_layers() {
+        let poles = Load {
+            large: 9216,
+            lines: 192,
+            most_columns: 100,
+            most_line_turns: 2 * (11 + 11) * (11 + COLUMN_TURNS),
+            ..Load::default()
+        };
+        let layers = poles.layers();
+        assert!(layers <= 2 && poles.turns(layers) <= MOST_LOOP_TURNS, "{layers}");
+        let long = Load { lines: 1, large: 1, most_line_turns: 2 * MOST_LOOP_TURNS, ..poles };
+        assert!(long.turns(long.layers()) > MOST_LOOP_TURNS, "a line that is too long passes");
     }
 }
