@@ -6,8 +6,8 @@ use fathom::harness::plan::{Request, plan};
 use fathom::harness::subject::{Subject, Subjects};
 use fathom::record::Profile;
 
-use super::common::{fathom, refused, sets};
 use super::gpu;
+use crate::common::{fathom, refused, sets};
 
 const GIB: u64 = 1 << 30;
 

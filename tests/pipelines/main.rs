@@ -1,9 +1,13 @@
-//! Whole pipelines on the adapter at hand: what they draw, what they tell, what they ask for, and the checks of their stages.
+//! The GPU layer, scenes and whole pipelines on the adapter at hand: what they draw, what they tell, what they ask for, and the checks of their stages.
 
+mod audit;
 mod capacity;
 #[path = "../common/mod.rs"]
 mod common;
+mod gpu;
 mod hsao;
+mod scenes;
+mod stage_lists;
 mod verify;
 mod volume_ao;
 mod voxelize;

@@ -2,16 +2,14 @@
 #![cfg(unix)]
 
 mod cluster;
-#[path = "../common/mod.rs"]
-mod common;
 mod fake;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
+use crate::common::{cells, experiment_files, fathom};
 use cluster::{Cluster, NODES, wait};
-use common::{cells, experiment_files, fathom};
 use fathom::record::Cell;
 
 /// Experiments of the run, each of two cells.

@@ -1,11 +1,9 @@
 //! `fathom query photons` and given water, as a user meets them.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
+use crate::common::{fathom, refused};
 use assert_cmd::prelude::*;
-use common::{fathom, refused};
 use fathom::npy;
 
 struct Table {

@@ -33,7 +33,7 @@ fn child() {
 
 fn audit_on(manifest: &Path) -> Found {
     let output = Command::new(std::env::current_exe().expect("a test knows its path"))
-        .args(["--exact", "child", "--ignored", "--nocapture"])
+        .args(["--exact", "audit::child", "--ignored", "--nocapture"])
         .env("VK_DRIVER_FILES", manifest)
         .env("VK_ICD_FILENAMES", manifest)
         .env("WGPU_BACKEND", "vulkan")

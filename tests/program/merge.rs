@@ -1,14 +1,12 @@
 //! Shards of a run, measured and merged, against the run.
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use common::{cells, experiment_files, fathom, hostile, measured};
+use crate::common::{cells, experiment_files, fathom, hostile, measured};
 use fathom::experiments::Experiment;
 use fathom::harness::plan::{self, Request};
 use fathom::harness::shard;
@@ -237,7 +235,7 @@ fn killed_at_any_moment_it_leaves_all_or_nothing() {
     let largest = whole.iter().map(|(_, bytes)| bytes.len() as u64).max().unwrap();
     for moment in 0..MOMENTS {
         let blocks = largest * moment / MOMENTS / 512;
-        let killed = common::killed_beyond(blocks, &merge(&folders, &out)).output().unwrap();
+        let killed = crate::common::killed_beyond(blocks, &merge(&folders, &out)).output().unwrap();
         assert_eq!(killed.status.code(), None, "{killed:?}");
         assert!(!out.exists(), "moment {moment}");
         inputs_are_left();

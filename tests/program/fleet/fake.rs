@@ -8,8 +8,8 @@ use std::process::{Command, Output};
 use tempfile::TempDir;
 
 use super::cluster::wait;
-use super::common::fathom;
 use super::{begin, ended, signal};
+use crate::common::fathom;
 
 /// Numbers its jobs from 41 and keeps the arguments of each.
 const SBATCH: &str = r#"[ "$1" != --version ] || exit 0

@@ -1,8 +1,6 @@
 //! `fathom history` from the command line, with both databases.
 #![cfg(target_os = "linux")]
 
-#[path = "../common/mod.rs"]
-mod common;
 mod made;
 mod planted;
 mod server;
@@ -11,8 +9,8 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use common::hostile::HOSTILE;
-use common::{fathom, refused, stderr};
+use crate::common::hostile::HOSTILE;
+use crate::common::{fathom, refused, stderr};
 use fathom::record::Record;
 use made::{CELLS, FIGURES_OF_A_CELL, Repository};
 use nix::sys::signal::Signal;
@@ -178,8 +176,8 @@ fn otava_reads(folder: &Path, runs: usize) {
 fn takes_hostile_names_as_text(folder: &Path, place: &str) {
     let repository = Repository::new(&folder.join("hostile"), 1);
     let here = &repository.folder;
-    let path =
-        made::folder(here, "run", common::hostile::records().as_bytes()).join("records.jsonl");
+    let path = made::folder(here, "run", crate::common::hostile::records().as_bytes())
+        .join("records.jsonl");
     let mut records = fathom::record::read_good(&path).unwrap().records;
     let text = |records: &[Record]| -> String {
         records.iter().map(|record| serde_json::to_string(record).unwrap() + "\n").collect()
@@ -299,7 +297,7 @@ impl Target for SqliteFile {
     /// Neither the file nor its journal can grow beyond the limit. A tenth less than the growth: pages of runs are not filled alike.
     fn add_and_kill(&mut self, command: Command, share: f64) {
         let bytes = share * (self.bytes as f64 + 0.9 * self.growth as f64);
-        let killed = common::killed_beyond(bytes as u64 / 512, &command).output().unwrap();
+        let killed = crate::common::killed_beyond(bytes as u64 / 512, &command).output().unwrap();
         assert_eq!(killed.status.signal(), Some(Signal::SIGXFSZ as i32), "{share}: {killed:?}");
     }
 

@@ -1,12 +1,10 @@
 //! The adapter's limits as users see them. What is tested here holds on a machine of any speed and load: that an answer agrees with
 //! itself. The laws themselves are tested on modelled clocks (`gpu::ceilings::tests`, `harness::ceilings`).
 
-mod common;
-
 use std::path::Path;
 use std::process::Command;
 
-use common::{cells, fathom, records, small};
+use crate::common::{cells, fathom, records, small};
 use fathom::record::ceilings::Bounded;
 use fathom::record::{Ceiling, CeilingShare, Outcome, Record, Run, StageRecord};
 use serde_json::Value;

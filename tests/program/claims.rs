@@ -1,12 +1,10 @@
 //! Sentences with a known answer, tested by a whole run whose times are replaced by those of a modelled clock: false ones are
 //! contradicted and true ones supported. Of the run's own times only what holds on any machine is tested.
-//! `FATHOM_PLANTED_RUNS=20 cargo test --test claims` draws the model's noise more often.
-
-mod common;
+//! `FATHOM_PLANTED_RUNS=20 cargo test --test program claims` draws the model's noise more often.
 
 use std::path::Path;
 
-use common::{cells, fathom, records};
+use crate::common::{cells, fathom, records};
 use fathom::experiments::{Experiment, Verdict};
 use fathom::record::{Cell, Clock, Outcome, Record, StageRecord};
 use fathom::statistics::estimate;

@@ -1,11 +1,9 @@
 //! A run beside processes that keep every core busy. What it measures depends on them; that no time is zero or less, and that each
 //! follows from what the clock read, does not. `harness::sample::tests::busy` has the scheduler on a modelled busy machine.
 
-mod common;
-
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use common::{cells, fathom};
+use crate::common::{cells, fathom};
 use fathom::record::{Clock, Outcome, StageRecord};
 use fathom::statistics;
 

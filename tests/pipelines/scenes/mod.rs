@@ -1,7 +1,7 @@
 //! The built-in scenes, and the files that users bring: scenes, meshes and volumes. Bad ones give one clear line.
 
 mod built_in;
-#[path = "../common/files.rs"]
+#[path = "../../common/files.rs"]
 mod files;
 mod meshes;
 mod volumes;

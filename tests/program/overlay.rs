@@ -1,11 +1,9 @@
 //! One page of several folders: runs beside each other, comparisons, and records that cannot be read.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use common::fathom;
+use crate::common::fathom;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -124,9 +122,9 @@ fn what_cannot_be_read_is_left_out_and_named_with_its_reason() {
 fn nothing_to_show_is_one_clear_line() {
     let folders = Folders::new();
     let missing = folders.0.path().join("missing");
-    common::refused(&folders.report(&[&missing]), "missing/records.jsonl");
+    crate::common::refused(&folders.report(&[&missing]), "missing/records.jsonl");
     let text = folders.put("text", &["my notes".to_owned()]);
-    common::refused(&folders.report(&[&text, &missing]), "holds no sound record");
+    crate::common::refused(&folders.report(&[&text, &missing]), "holds no sound record");
     let two = fathom().arg("report").args([&text, &missing]).output().unwrap();
-    common::refused(&two, "say with --out where to write it");
+    crate::common::refused(&two, "say with --out where to write it");
 }

@@ -2,14 +2,11 @@
 //! names. Without Chromium these tests say that they were skipped.
 
 mod browser;
-#[path = "../common/mod.rs"]
-mod common;
-
 use std::path::{Path, PathBuf};
 
+use crate::common::fathom;
+use crate::common::hostile;
 use browser::{Browser, Display, NARROW, WIDE, axe};
-use common::fathom;
-use common::hostile;
 use serde_json::Value;
 use tempfile::TempDir;
 

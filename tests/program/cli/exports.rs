@@ -13,8 +13,8 @@ use predicates::prelude::*;
 use predicates::str::{contains, starts_with};
 use serde_json::{Map, Value, json};
 
-use super::common::fathom;
 use super::refused;
+use crate::common::fathom;
 
 const SAMPLES_NS: [f64; 3] = [2e6, 1e6, 4e6];
 

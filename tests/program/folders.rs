@@ -1,15 +1,13 @@
 //! Folders of measured data under two processes, kills and damage: nothing that was measured is lost or given to another run.
 #![cfg(unix)]
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use common::{cells, measured, refused, small, stderr};
+use crate::common::{cells, measured, refused, small, stderr};
 use fathom::record::{self, Addition, Cell, FramePair, Record, SampleLine, StageTime};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -27,7 +25,7 @@ fn repetitions() -> u64 {
 
 /// A run of two small cells that never reach their precision.
 fn run(out: &Path, arguments: &[&str]) -> Command {
-    let mut command = common::fathom();
+    let mut command = crate::common::fathom();
     command
         .args(["run", "uw-waves", "--no-ceilings", "--precision", "1e-9"])
         .args(["--axis", "water=circular", "--axis", "water.amplitude_m=0.0,0.1", "--out"])
@@ -194,7 +192,7 @@ fn records_that_vanish_in_mid_run_are_rescued_and_the_run_says_so() {
 }
 
 fn fathom(arguments: &[&str]) -> Output {
-    common::fathom().args(arguments).output().unwrap()
+    crate::common::fathom().args(arguments).output().unwrap()
 }
 
 #[test]
@@ -261,7 +259,7 @@ fn reports_are_written_through_no_link_and_no_pipe() {
     let place = tempfile::tempdir().unwrap();
     let out = place.path().join("out");
     recorded(&out);
-    let report = || ended(common::fathom().arg("report").arg(&out));
+    let report = || ended(crate::common::fathom().arg("report").arg(&out));
     stderr(&report(), 0);
     let written = names(&out);
     assert!(
@@ -302,7 +300,7 @@ fn files_that_a_user_names_are_replaced_only_if_they_are_regular() {
     pipe(&path("pipe"));
     fs::write(path("old.csv"), "old").unwrap();
     let export = |to: &str| {
-        let mut export = common::fathom();
+        let mut export = crate::common::fathom();
         export.args(["export", "csv"]).arg(path("out")).arg("-o").arg(path(to));
         ended(&mut export)
     };
@@ -312,10 +310,10 @@ fn files_that_a_user_names_are_replaced_only_if_they_are_regular() {
     assert!(fs::read_to_string(path("old.csv")).unwrap().contains("uw-waves"));
     assert_eq!(fs::read_to_string(&precious).unwrap(), "keep");
     pipe(&path("pipe.png"));
-    let mut render = common::fathom();
+    let mut render = crate::common::fathom();
     render.args(["render", "tank"]).args(small()).arg("-o").arg(path("pipe.png"));
     refused(&ended(&mut render), "`pipe.png` is a pipe or a device");
-    let mut compare = common::fathom();
+    let mut compare = crate::common::fathom();
     compare.arg("compare").arg("--base-bin").arg(path("pipe")).arg("--out").arg(path("compared"));
     refused(&ended(&mut compare), "it is a pipe or a device");
 }
@@ -328,7 +326,7 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
     let measured = run(&out, &["--budget", "2"]).output().unwrap();
     stderr(&measured, 0);
     assert_eq!(cells(&out).len(), 2);
-    stderr(&common::fathom().arg("report").arg(&out).output().unwrap(), 0);
+    stderr(&crate::common::fathom().arg("report").arg(&out).output().unwrap(), 0);
 }
 
 /// Every text of a run's records by its place in them: what the machine or its user says, and what fathom says itself.
@@ -383,8 +381,8 @@ fn records_tell_neither_the_host_nor_where_the_user_keeps_files() {
     let home = place.path().join("home of jo");
     let (work, out) = (home.join("work"), home.join("runs/first"));
     fs::create_dir_all(&work).unwrap();
-    let experiments = common::experiment_files(&home, 1);
-    let mut command = common::fathom();
+    let experiments = crate::common::experiment_files(&home, 1);
+    let mut command = crate::common::fathom();
     command.current_dir(&work).env("HOME", &home);
     command.arg("run").args(&experiments).args(["--no-ceilings", "--budget", "2"]);
     command.arg("--out").arg(&out);

@@ -350,7 +350,7 @@ fn child_without_drivers() {
 #[test]
 fn without_an_adapter_the_packages_are_named() {
     let output = Command::new(std::env::current_exe().expect("a test knows its path"))
-        .args(["--exact", "child_without_drivers", "--ignored", "--nocapture"])
+        .args(["--exact", "gpu::child_without_drivers", "--ignored", "--nocapture"])
         .env("VK_DRIVER_FILES", "/nonexistent.json")
         .env("VK_ICD_FILENAMES", "/nonexistent.json")
         .env("WGPU_BACKEND", "vulkan")

@@ -1,15 +1,13 @@
 //! The command line as a user meets it. What measures runs on the default adapter, a software one at least.
 
-mod common;
-#[path = "cli/exports.rs"]
 mod exports;
 
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 
+use crate::common::{cells, fathom, measured, records, small};
 use assert_cmd::prelude::*;
-use common::{cells, fathom, measured, records, small};
 use fathom::record::{NoteKind, Outcome, Record};
 use itertools::Itertools;
 use predicates::prelude::*;
@@ -19,7 +17,7 @@ use predicates::str::contains;
 #[track_caller]
 fn refused(arguments: &[&str], reason: &str) {
     let output = fathom().args(arguments).output().unwrap();
-    common::refused(&output, reason);
+    crate::common::refused(&output, reason);
     assert!(output.stdout.is_empty(), "{arguments:?}");
 }
 
@@ -256,7 +254,7 @@ fn a_dump_says_what_its_columns_are() {
     let mut dump = fathom();
     dump.args(["dump", "caustics/trace", "-o"]).arg(folder.path()).args(small());
     dump.assert().success();
-    let array = common::array(&folder.path().join("caustics-trace-photons.npy"));
+    let array = crate::common::array(&folder.path().join("caustics-trace-photons.npy"));
     let about = std::fs::read(folder.path().join("caustics-trace-photons.json")).unwrap();
     let about: serde_json::Value = serde_json::from_slice(&about).unwrap();
     assert_eq!(array.shape, [16 * 16 * 4, 13]);
@@ -281,7 +279,7 @@ fn a_volume_is_dumped_with_its_grid() {
         });
         found.unwrap()
     };
-    let array = common::array(&file("npy"));
+    let array = crate::common::array(&file("npy"));
     let about: serde_json::Value =
         serde_json::from_slice(&std::fs::read(file("json")).unwrap()).unwrap();
     assert_eq!(about["axes"], serde_json::json!(["z", "y", "x"]));

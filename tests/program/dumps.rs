@@ -1,8 +1,6 @@
 //! Dumps hold what is needed to use them: the caustics buffer's sum is computed again from the photons, the camera's depth
 //! and the descriptions alone.
 
-mod common;
-
 use std::path::Path;
 
 use fathom::gpu::{Gpu, Options};
@@ -26,7 +24,7 @@ impl Dump {
     fn read(folder: &Path, stem: &str) -> Dump {
         let text = std::fs::read_to_string(folder.join(format!("{stem}.json"))).unwrap();
         Dump {
-            array: common::array(&folder.join(format!("{stem}.npy"))),
+            array: crate::common::array(&folder.join(format!("{stem}.npy"))),
             about: serde_json::from_str(&text).unwrap(),
         }
     }
@@ -73,7 +71,7 @@ fn dumps(gpu: &Gpu, set: &str) -> Dumps {
     // The paper's squares, of photons on a regular grid.
     let small = "view.width=200 view.height=200 caustics.grid=64 caustics.buffer=[128,128] \
         caustics.coverage=square caustics.jitter=0 godrays.grid=8";
-    let sets = common::sets(&format!("{small} {set}"));
+    let sets = crate::common::sets(&format!("{small} {set}"));
     let subject = Subjects::default().subject("underwater", "plane", &sets).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for stage in ["caustics/trace", "caustics/splat", "caustics/filter", "scene/gbuffer"] {

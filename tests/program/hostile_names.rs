@@ -1,12 +1,10 @@
 //! One set of hostile names through everything that is written of records: Markdown, SVG, CSV, terminal, JUnit, JSON.
 
-mod common;
-
 use std::path::Path;
 use std::process::Output;
 
-use common::fathom;
-use common::hostile::{HOSTILE, PICTURE, records};
+use crate::common::fathom;
+use crate::common::hostile::{HOSTILE, PICTURE, records};
 use serde_json::Value;
 
 #[track_caller]

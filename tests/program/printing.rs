@@ -1,16 +1,14 @@
 //! Standard streams that cannot be written to: nothing is lost but what was printed, and nothing panics.
 #![cfg(unix)]
 
-mod common;
-
 use std::fs::OpenOptions;
 use std::io::Read;
 use std::process::{Command, Output, Stdio};
 
-use common::{cells, refused, small};
+use crate::common::{cells, refused, small};
 
 fn fathom(arguments: &[&str]) -> Command {
-    let mut command = common::fathom();
+    let mut command = crate::common::fathom();
     command.args(arguments);
     command
 }

@@ -1,0 +1,18 @@
+//! The program as a user meets it: its commands, the folders that they write, a fleet, a history, the page in a browser.
+
+mod busy_machine;
+mod ceilings;
+mod claims;
+mod cli;
+#[path = "../common/mod.rs"]
+mod common;
+mod dumps;
+mod fleet;
+mod folders;
+mod history;
+mod hostile_names;
+mod merge;
+mod overlay;
+mod page;
+mod printing;
+mod queries;
