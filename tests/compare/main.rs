@@ -8,4 +8,5 @@ mod folders;
 mod gate;
 mod processes;
 mod script;
+mod stored;
 mod told;
