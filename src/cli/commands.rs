@@ -20,6 +20,7 @@ use crate::harness::{
     sheet, verify as verifying,
 };
 use crate::parameter::{self, Allowed};
+use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::report::{self, ReportView};
 use crate::scene::{SceneFile, assets};
@@ -377,11 +378,7 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
 }
 
 /// Writes a figure's files. Its part of a sheet of many comes back.
-fn write_figure(
-    folder: &Path,
-    figure: &Figure,
-    panels: &[Rendered],
-) -> anyhow::Result<image::RgbImage> {
+fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::Result<RgbImage> {
     for (panel, number) in panels.iter().zip(0..) {
         picture::write_to(
             &panel.picture.explained(),
