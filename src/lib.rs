@@ -33,6 +33,7 @@
 
 #![warn(clippy::dbg_macro, clippy::print_stderr, clippy::print_stdout)]
 
+#[cfg(feature = "bench")]
 pub mod bench;
 pub mod cli;
 pub mod exporters;

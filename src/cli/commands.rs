@@ -4,8 +4,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::bench::{self, StageBench};
-use crate::compare::cells::Gates;
 use crate::compare::worker;
 use crate::experiments::Experiment;
 use crate::folder::{self, Folder};
@@ -27,7 +25,6 @@ use crate::scene::{SceneFile, assets};
 use crate::{exporters, private, quiet, record, stages, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
-use criterion::Criterion;
 
 use super::{
     AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs, SubjectArgs,
@@ -498,14 +495,24 @@ fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(exporters::write(&output.folder, reading)?)
 }
 
+#[cfg(feature = "bench")]
 pub fn bench(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {
-    let gates = Gates::load(None, catalog.gates)?.filtered(&filter.unwrap_or_default())?;
+    use crate::bench::{StageBench, gate_cells};
+    let gates = crate::compare::cells::Gates::load(None, catalog.gates)?
+        .filtered(&filter.unwrap_or_default())?;
     let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
     let clock = gpu::audit(&gpu)?;
-    let mut stages = StageBench::new(gpu, clock.plan, Criterion::default())?;
-    bench::gate_cells(catalog, &mut stages, gates)?;
+    let mut stages = StageBench::new(gpu, clock.plan, criterion::Criterion::default())?;
+    gate_cells(catalog, &mut stages, gates)?;
     stages.finish();
     Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(not(feature = "bench"))]
+pub fn bench(_: &Catalog, _: Option<String>, _: &AdapterArgs) -> Outcome {
+    anyhow::bail!(
+        "this build of fathom holds no criterion: build it with `cargo build --release --locked --features bench`"
+    )
 }
 
 pub fn worker(catalog: &Catalog, args: AdapterArgs) -> Outcome {
