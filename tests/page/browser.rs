@@ -142,12 +142,22 @@ impl Service {
              Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n{body}"
         );
         connection.write_all(request.as_bytes()).unwrap();
-        let mut answer = String::new();
-        connection.read_to_string(&mut answer).unwrap();
-        let (head, body) = answer.split_once("\r\n\r\n").expect("an answer of HTTP");
-        let mut answer: Value = serde_json::from_str(body).unwrap();
+        let mut answer = BufReader::new(connection);
+        let head: Vec<String> = answer
+            .by_ref()
+            .lines()
+            .map(Result::unwrap)
+            .take_while(|line| !line.is_empty())
+            .collect();
+        let header = |line: &String| {
+            let (name, value) = line.split_once(':')?;
+            name.eq_ignore_ascii_case("content-length").then(|| value.trim().parse().unwrap())
+        };
+        // ChromeDriver leaves the connection open.
+        let length = head.iter().find_map(header).expect("the answer's length");
+        let mut answer: Value = serde_json::from_reader(answer.take(length)).unwrap();
         let value = answer["value"].take();
-        let is_done = head.split(' ').nth(1) == Some("200");
+        let is_done = head[0].split(' ').nth(1) == Some("200");
         if is_done { Ok(value) } else { Err(value.to_string()) }
     }
 }
