@@ -255,8 +255,9 @@ fn a_rendered_file_is_a_picture_of_the_asked_size() {
     fathom().args(["render", "plane", "-o"]).arg(&path).args(small()).assert().success();
     assert_eq!(picture(&path).size(), [64, 64]);
     let other = folder.path().join("plane.jpg");
-    let arguments = ["render", "plane", "-o", other.to_str().unwrap()].into_iter().chain(small());
-    refused(&arguments.collect_vec(), "their names end in `.png`");
+    let mut arguments = vec!["render", "plane", "-o", other.to_str().unwrap()];
+    arguments.extend(small());
+    refused(&arguments, "their names end in `.png`");
 }
 
 #[test]
