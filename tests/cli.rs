@@ -255,9 +255,8 @@ fn a_rendered_file_is_a_picture_of_the_asked_size() {
     fathom().args(["render", "plane", "-o"]).arg(&path).args(small()).assert().success();
     assert_eq!(picture(&path).size(), [64, 64]);
     let other = folder.path().join("plane.jpg");
-    let mut arguments = vec!["render", "plane", "-o", other.to_str().unwrap()];
-    arguments.extend(small());
-    refused(&arguments, "their names end in `.png`");
+    let arguments = ["render", "plane", "-o", other.to_str().unwrap()];
+    refused(&[&arguments[..], &small().collect_vec()].concat(), "their names end in `.png`");
 }
 
 #[test]
