@@ -10,6 +10,7 @@ bench: setup
 test: export CARGO_INCREMENTAL = 0
 test: setup-test
 	cargo fmt --all --check
+	scripts/licences.sh
 	cargo clippy --locked --workspace --all-targets -- -D warnings
 	cargo test --locked --workspace
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps

@@ -30,7 +30,7 @@ want valgrind
 [ "${1:-}" != test ] || {
     want mesa-vulkan-drivers; want chromium-common
     want chromium; want chromium-driver
-    want slurm-wlm; want munge; want postgresql
+    want slurm-wlm; want munge; want postgresql; want openssl
 }
 
 install() {

@@ -33,6 +33,7 @@
 
 #![warn(clippy::dbg_macro, clippy::print_stderr, clippy::print_stdout)]
 
+#[cfg(feature = "bench")]
 pub mod bench;
 pub mod cli;
 pub mod exporters;
@@ -50,6 +51,7 @@ pub use fathom_gpu as gpu;
 pub use fathom_harness as harness;
 pub use fathom_harness::catalog::Catalog;
 pub use fathom_history as history;
+pub use fathom_picture as picture;
 pub use fathom_pipelines as pipelines;
 pub use fathom_record as record;
 pub use fathom_reference as reference;

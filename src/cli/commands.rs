@@ -4,8 +4,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::bench::{self, StageBench};
-use crate::compare::cells::Gates;
 use crate::compare::worker;
 use crate::experiments::Experiment;
 use crate::folder::{self, Folder};
@@ -20,13 +18,13 @@ use crate::harness::{
     sheet, verify as verifying,
 };
 use crate::parameter::{self, Allowed};
+use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::report::{self, ReportView};
 use crate::scene::{SceneFile, assets};
 use crate::{exporters, private, quiet, record, stages, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
-use criterion::Criterion;
 
 use super::{
     AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs, SubjectArgs,
@@ -378,11 +376,7 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
 }
 
 /// Writes a figure's files. Its part of a sheet of many comes back.
-fn write_figure(
-    folder: &Path,
-    figure: &Figure,
-    panels: &[Rendered],
-) -> anyhow::Result<image::RgbImage> {
+fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::Result<RgbImage> {
     for (panel, number) in panels.iter().zip(0..) {
         picture::write_to(
             &panel.picture.explained(),
@@ -502,14 +496,24 @@ fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(exporters::write(&output.folder, reading)?)
 }
 
+#[cfg(feature = "bench")]
 pub fn bench(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {
-    let gates = Gates::load(None, catalog.gates)?.filtered(&filter.unwrap_or_default())?;
+    use crate::bench::{StageBench, gate_cells};
+    let gates = crate::compare::cells::Gates::load(None, catalog.gates)?
+        .filtered(&filter.unwrap_or_default())?;
     let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
     let clock = gpu::audit(&gpu)?;
-    let mut stages = StageBench::new(gpu, clock.plan, Criterion::default())?;
-    bench::gate_cells(catalog, &mut stages, gates)?;
+    let mut stages = StageBench::new(gpu, clock.plan, criterion::Criterion::default())?;
+    gate_cells(catalog, &mut stages, gates)?;
     stages.finish();
     Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(not(feature = "bench"))]
+pub fn bench(_: &Catalog, _: Option<String>, _: &AdapterArgs) -> Outcome {
+    anyhow::bail!(
+        "this build of fathom holds no criterion: build it with `cargo build --release --locked --features bench`"
+    )
 }
 
 pub fn worker(catalog: &Catalog, args: AdapterArgs) -> Outcome {

@@ -99,7 +99,7 @@ pub struct PlaceArgs {
     /// File of SQLite, or URL of a PostgreSQL database [default: FATHOM_HISTORY, or reports/history.sqlite]
     #[arg(long, value_name = "PATH|URL")]
     pub db: Option<String>,
-    /// Reach a PostgreSQL server on another host, though password and records are not encrypted on their way
+    /// Reach a PostgreSQL server without TLS: password and records are not encrypted on their way to another host
     #[arg(long)]
     pub unencrypted: bool,
 }

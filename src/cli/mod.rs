@@ -150,7 +150,7 @@ pub enum Command {
             130 interrupted, with everything measured so far stored."
     )]
     Compare(Box<CompareArgs>),
-    /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion
+    /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion. Needs a build with the feature `bench`
     Bench {
         /// Only cells whose names hold this: `pool caustics/trace`, `caustics`
         filter: Option<String>,

@@ -6,8 +6,7 @@ use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
 use embedded_graphics::pixelcolor::{Rgb888, RgbColor};
 use embedded_graphics::prelude::{DrawTarget, Drawable, OriginDimensions, Pixel, Point, Size};
 use embedded_graphics::text::{Baseline, Text};
-use image::RgbImage;
-use image::imageops;
+use fathom_picture::RgbImage;
 
 pub struct Canvas(pub RgbImage);
 
@@ -31,7 +30,7 @@ impl DrawTarget for Canvas {
                 && x < self.0.width()
                 && y < self.0.height()
             {
-                self.0.put_pixel(x, y, image::Rgb([color.r(), color.g(), color.b()]));
+                self.0.set_pixel(x, y, [color.r(), color.g(), color.b()]);
             }
         }
         Ok(())
@@ -41,11 +40,11 @@ impl DrawTarget for Canvas {
 impl Canvas {
     /// White.
     pub fn new(width: u32, height: u32) -> Self {
-        Self(RgbImage::from_pixel(width, height, image::Rgb([255; 3])))
+        Self(RgbImage::filled(width, height, [255; 3]))
     }
 
     pub fn put(&mut self, picture: &RgbImage, x: u32, y: u32) {
-        imageops::replace(&mut self.0, picture, x.into(), y.into());
+        self.0.put(picture, x, y);
     }
 
     /// Lines of black text, the first one's top at `y`.

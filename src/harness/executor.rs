@@ -5,7 +5,7 @@ use std::fmt::Display;
 use std::path::Path;
 use std::time::{Instant, SystemTime};
 
-use image::RgbImage;
+use fathom_picture::RgbImage;
 
 use super::difference::References;
 use super::journal::{CellName, Journal};

@@ -1,14 +1,13 @@
 //! A pipeline's final image, as a PNG file.
 
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use image::{ImageFormat, RgbImage};
 use thiserror::Error;
 
 use super::scale;
 use fathom_base::folder::{self, Folder};
 use fathom_gpu::{Gpu, GpuError, read_texture};
+use fathom_picture::{Effort, EncodeError, RgbImage};
 use fathom_pipelines::{AnyPipeline, JudgeError};
 
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
@@ -21,7 +20,9 @@ pub enum PictureError {
     #[error(transparent)]
     Judge(#[from] JudgeError),
     #[error("cannot write {}: {source}", path.display())]
-    Format { path: PathBuf, source: image::ImageError },
+    Encode { path: PathBuf, source: EncodeError },
+    #[error("cannot write {}: pictures are PNG files, so their names end in `.png`", path.display())]
+    NotPng { path: PathBuf },
     #[error("cannot write {}: {source}", path.display())]
     Write { path: PathBuf, source: std::io::Error },
 }
@@ -56,7 +57,7 @@ pub fn reduced(
     let pixel = |x: u32, y: u32| {
         let square = (0..factor).flat_map(|j| (0..factor).map(move |i| (i, j)));
         let texels = square.map(|(i, j)| pixels.texel(x * factor + i, y * factor + j));
-        image::Rgb(mean(texels, gamma))
+        mean(texels, gamma)
     };
     Ok(RgbImage::from_fn(pixels.width / factor, pixels.height / factor, pixel))
 }
@@ -72,14 +73,15 @@ fn mean<'t>(texels: impl Iterator<Item = &'t [f32]>, gamma: f32) -> [u8; 3] {
     std::array::from_fn(byte)
 }
 
-/// Writes a picture within a folder, in the format of its name's ending.
+/// Writes a picture within a folder, as PNG.
 pub fn write(image: &RgbImage, folder: &Folder, name: &Path) -> Result<(), PictureError> {
     let path = folder.path().join(name);
-    let format = |source| PictureError::Format { path: path.clone(), source };
-    let mut bytes = Cursor::new(Vec::new());
-    let ending = ImageFormat::from_path(name).map_err(format)?;
-    image.write_to(&mut bytes, ending).map_err(format)?;
-    folder.write(name, bytes.get_ref()).map_err(|source| unwritten(&path, source))
+    if !name.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
+        return Err(PictureError::NotPng { path });
+    }
+    let bytes = image.to_png(Effort::Fast);
+    let bytes = bytes.map_err(|source| PictureError::Encode { path: path.clone(), source })?;
+    folder.write(name, &bytes).map_err(|source| unwritten(&path, source))
 }
 
 /// Writes a picture to a path that the user names.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use image::RgbImage;
+use fathom_picture::RgbImage;
 
 use super::picture::{self, PictureError};
 use super::subject::Subject;

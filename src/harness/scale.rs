@@ -2,7 +2,7 @@
 
 use embedded_graphics::mono_font::MonoFont;
 use embedded_graphics::mono_font::iso_8859_1::{FONT_5X7, FONT_9X15};
-use image::{Rgb, RgbImage};
+use fathom_picture::RgbImage;
 
 use super::canvas::Canvas;
 
@@ -20,15 +20,14 @@ fn font(width: u32) -> MonoFont<'static> {
 
 /// The picture with a bar and its labels below.
 pub fn below(picture: &RgbImage) -> RgbImage {
-    let (width, height) = picture.dimensions();
+    let [width, height] = picture.size();
     let font = font(width);
     let text = font.character_size;
     let mut canvas = Canvas::new(width, height + MARGIN_PX * 3 + BAR_PX + text.height);
     canvas.put(picture, 0, 0);
     // The first column is black and the last white.
     let last = (width - 1).max(1);
-    let bar =
-        RgbImage::from_fn(width, BAR_PX, |x, _| Rgb([((255 * x + last / 2) / last) as u8; 3]));
+    let bar = RgbImage::from_fn(width, BAR_PX, |x, _| [((255 * x + last / 2) / last) as u8; 3]);
     let top = height + MARGIN_PX;
     canvas.put(&bar, 0, top);
     for (share, label) in (0..).zip(LABELS) {
@@ -44,15 +43,15 @@ mod tests {
 
     #[test]
     fn the_bar_runs_from_black_to_white_and_each_label_is_written() {
-        let picture = RgbImage::from_pixel(64, 20, Rgb([77; 3]));
+        let picture = RgbImage::filled(64, 20, [77; 3]);
         let out = below(&picture);
-        assert_eq!(out.get_pixel(5, 19), picture.get_pixel(5, 19));
-        let bar = |x: u32| out.get_pixel(x, 20 + MARGIN_PX)[0];
+        assert_eq!(out.pixel(5, 19), picture.pixel(5, 19));
+        let bar = |x: u32| out.pixel(x, 20 + MARGIN_PX)[0];
         assert_eq!([bar(0), bar(63)], [0, 255]);
         assert!((1..64).all(|x| bar(x) > bar(x - 1)));
         let text = 20 + 2 * MARGIN_PX + BAR_PX..out.height();
         let dark = |from: u32, to: u32| {
-            let inked = |x: u32| text.clone().any(|y| *out.get_pixel(x, y) == Rgb([0; 3]));
+            let inked = |x: u32| text.clone().any(|y| out.pixel(x, y) == [0; 3]);
             (from..to).any(inked)
         };
         // Beginning, middle and end, and paper between them.
@@ -64,7 +63,7 @@ mod tests {
 
     #[test]
     fn a_picture_of_one_column_gets_a_bar_too() {
-        let out = below(&RgbImage::new(1, 1));
-        assert_eq!(out.get_pixel(0, 1 + MARGIN_PX)[0], 0);
+        let out = below(&RgbImage::filled(1, 1, [0; 3]));
+        assert_eq!(out.pixel(0, 1 + MARGIN_PX)[0], 0);
     }
 }

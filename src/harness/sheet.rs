@@ -2,8 +2,7 @@
 
 use embedded_graphics::mono_font::MonoFont;
 use embedded_graphics::mono_font::iso_8859_1::{FONT_9X15, FONT_9X18_BOLD};
-use image::RgbImage;
-use image::imageops::{self, FilterType};
+use fathom_picture::{Filter, RgbImage};
 
 use super::canvas::{Canvas, line_height};
 use super::figures::{Figure, Rendered};
@@ -65,7 +64,7 @@ impl Cell {
         let picture = if picture.width() == width {
             picture.clone()
         } else {
-            imageops::resize(picture, width, (height as u32).max(1), FilterType::Lanczos3)
+            picture.scaled([width, (height as u32).max(1)], Filter::Lanczos3)
         };
         let caption = wrapped(&rendered.caption, &PLAIN, width);
         Self { picture: picture::explained(picture, rendered.picture.shows_visibility), caption }
@@ -159,7 +158,7 @@ mod tests {
     }
 
     fn panel(height: u32, shows_visibility: bool) -> Rendered {
-        let image = RgbImage::from_pixel(40, height, image::Rgb([9, 99, 199]));
+        let image = RgbImage::filled(40, height, [9, 99, 199]);
         Rendered { picture: Bare { image, shows_visibility }, caption: "caption".into() }
     }
 
@@ -170,7 +169,7 @@ mod tests {
     }
 
     fn count(sheet: &RgbImage, color: [u8; 3]) -> usize {
-        sheet.pixels().filter(|pixel| pixel.0 == color).count()
+        sheet.pixels().iter().filter(|pixel| **pixel == color).count()
     }
 
     #[test]
@@ -198,7 +197,7 @@ mod tests {
     fn parts_of_a_sheet_do_not_overlap() {
         let sizes = [(400, 90), (2200, 50), (700, 200), (400, 10)];
         let color = |i: usize| [i as u8 + 1, 0, 0];
-        let part = |(i, &(w, h))| RgbImage::from_pixel(w, h, image::Rgb(color(i)));
+        let part = |(i, &(w, h))| RgbImage::filled(w, h, color(i));
         let parts: Vec<_> = sizes.iter().enumerate().map(part).collect();
         let sheet = of_all(&parts);
         for (i, (w, h)) in sizes.into_iter().enumerate() {

@@ -1,8 +1,8 @@
 //! How much ambient occlusion at one surface point changes with the viewer: the variance over views, less that of the random
 //! numbers. VAO §6.1, Fig. 9.
 
+use fathom_picture::RgbImage;
 use glam::{DQuat, DVec3};
-use image::RgbImage;
 use thiserror::Error;
 
 use super::picture::{self, PictureError, explained};
@@ -191,11 +191,11 @@ impl Views {
 fn strip(pictures: &[RgbImage]) -> RgbImage {
     let width = pictures.iter().map(|picture| picture.width() + GAP_PX).sum::<u32>() - GAP_PX;
     let height = pictures.iter().map(RgbImage::height).max().unwrap_or(1);
-    let mut strip = RgbImage::from_pixel(width, height, image::Rgb([255; 3]));
+    let mut strip = RgbImage::filled(width, height, [255; 3]);
     let mut left = 0;
     for picture in pictures {
-        image::imageops::replace(&mut strip, picture, left, 0);
-        left += i64::from(picture.width() + GAP_PX);
+        strip.put(picture, left, 0);
+        left += picture.width() + GAP_PX;
     }
     strip
 }

@@ -1,6 +1,7 @@
 //! The two databases behind one set of statements. Values are bound, never written into a statement.
 
 use super::HistoryError;
+#[cfg(feature = "postgres")]
 use super::postgres::Postgres;
 use super::sqlite::Sqlite;
 use std::fmt;
@@ -20,7 +21,7 @@ pub enum Location {
     /// A PostgreSQL database. Its URL may hold a password, so it is never printed.
     Server {
         url: String,
-        /// The server may be another host, though the connection is not encrypted.
+        /// The connection is not encrypted, also to another host.
         unencrypted: bool,
     },
 }
@@ -179,7 +180,10 @@ pub fn counted(rows: &mut usize) -> Result<(), HistoryError> {
 pub fn open(location: &Location, writable: bool) -> Result<Box<dyn Database>, HistoryError> {
     Ok(match location {
         Location::File(path) => Box::new(Sqlite::open(path, writable)?),
+        #[cfg(feature = "postgres")]
         Location::Server { url, unencrypted } => Box::new(Postgres::connect(url, *unencrypted)?),
+        #[cfg(not(feature = "postgres"))]
+        Location::Server { .. } => return Err(HistoryError::NoPostgres),
     })
 }
 

@@ -10,6 +10,7 @@ pub mod findings;
 pub mod on_page;
 pub mod origin;
 pub mod otava;
+#[cfg(feature = "postgres")]
 mod postgres;
 pub mod run;
 mod scores;
@@ -18,6 +19,8 @@ mod sqlite;
 mod store;
 mod stored;
 pub mod tables;
+#[cfg(feature = "postgres")]
+mod tls;
 
 pub use database::Location;
 pub use findings::{Change, Findings, Size};
@@ -77,8 +80,12 @@ pub enum HistoryError {
          or postgres://USER:PASSWORD@HOST/DATABASE, where a `@`, `/` or `?` of a name or password is %40, %2F or %3F"
     )]
     Place,
-    #[error("{} is on another host, and the connection would not be encrypted: use a socket or a tunnel, or say --unencrypted", text::line(.place))]
+    #[error("{} is on another host, and the URL says that the connection is not encrypted: leave out sslmode=disable, or say --unencrypted", text::line(.place))]
     Unencrypted { place: String },
+    #[error(
+        "this build of fathom cannot reach PostgreSQL: build it with `cargo build --release --locked --features postgres`"
+    )]
+    NoPostgres,
     #[error(
         "a statement gave {what}, and no history holds so much: the database is damaged, or not fathom's; --since takes a part"
     )]

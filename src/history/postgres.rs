@@ -7,13 +7,14 @@ use std::sync::mpsc::{self, RecvTimeoutError, SyncSender};
 use std::time::Duration;
 
 use itertools::Itertools;
-use postgres::config::Host;
+use postgres::config::{Host, SslMode};
 use postgres::fallible_iterator::FallibleIterator;
 use postgres::types::{ToSql, Type};
 use postgres::{Client, Config, NoTls, Row};
 
 use super::HistoryError;
 use super::database::{ColumnTypes, Database, Value, counted};
+use super::tls;
 
 /// How long a server may take to be reached, and to greet.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -47,8 +48,9 @@ impl Postgres {
             _ => return Err(HistoryError::Place),
         };
         let place = place(&config);
-        if !unencrypted && !is_here(&config) {
-            return Err(HistoryError::Unencrypted { place });
+        let encrypted = !unencrypted && is_encrypted(&config, &place)?;
+        if encrypted {
+            config.ssl_mode(SslMode::Require);
         }
         if config.get_connect_timeout().is_none() {
             config.connect_timeout(CONNECT);
@@ -59,14 +61,9 @@ impl Postgres {
         let (greeted, greeting) = mpsc::channel();
         let (jobs, due) = mpsc::channel::<Job>();
         std::thread::spawn(move || {
-            let connected = config.connect(NoTls).and_then(|mut client| {
-                let limit = STATEMENT.as_millis();
-                client.batch_execute(&format!("SET statement_timeout = {limit}"))?;
-                Ok(client)
-            });
-            match connected {
+            match connect(&config, encrypted) {
                 // Nobody listens any more where it took too long.
-                Err(error) => drop(greeted.send(Err(error))),
+                Err(message) => drop(greeted.send(Err(message))),
                 Ok(mut client) if greeted.send(Ok(())).is_ok() => {
                     due.into_iter().for_each(|job| job(&mut client));
                 }
@@ -75,7 +72,7 @@ impl Postgres {
         });
         match greeting.recv_timeout(GREETING) {
             Ok(Ok(())) => Ok(Postgres { place, jobs }),
-            Ok(Err(error)) => Err(unreachable(with_cause(&error))),
+            Ok(Err(message)) => Err(unreachable(message)),
             Err(_) => Err(unreachable(format!("no answer within {} s", GREETING.as_secs()))),
         }
     }
@@ -114,6 +111,26 @@ impl Postgres {
 
     fn batch(&self, statement: &'static str) -> Result<(), HistoryError> {
         self.ask::<()>(|client, _| client.batch_execute(statement), &mut |()| Ok(()))
+    }
+}
+
+/// The client; or why there is none.
+fn connect(config: &Config, encrypted: bool) -> Result<Client, String> {
+    let connected = if encrypted { config.connect(tls::checked()?) } else { config.connect(NoTls) };
+    let limited = connected.and_then(|mut client| {
+        let limit = STATEMENT.as_millis();
+        client.batch_execute(&format!("SET statement_timeout = {limit}"))?;
+        Ok(client)
+    });
+    limited.map_err(|error| with_cause(&error))
+}
+
+/// To another host it is, and to this one where the URL asks for it.
+fn is_encrypted(config: &Config, place: &str) -> Result<bool, HistoryError> {
+    match (config.get_ssl_mode(), is_here(config)) {
+        (SslMode::Disable, false) => Err(HistoryError::Unencrypted { place: place.to_owned() }),
+        (SslMode::Require, _) => Ok(true),
+        (_, here) => Ok(!here),
     }
 }
 

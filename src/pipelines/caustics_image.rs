@@ -6,6 +6,7 @@ use std::rc::Rc;
 use super::occlusion::signed_color;
 use super::settings::Animation;
 use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
+use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
 use fathom_reference::image::Image;
 use fathom_reference::kept::Content;
@@ -100,15 +101,15 @@ impl Compared {
 
     /// The irradiance that was found, or the exact one, in greys: 1 − exp(−E / 3 M), M the mean of the exact one, so that pictures of one
     /// view are toned alike. Not made for a display's gamma: lines of light keep their contrast.
-    pub fn picture(&self, exact: bool) -> image::RgbImage {
+    pub fn picture(&self, exact: bool) -> RgbImage {
         let shown = if exact { &self.exact } else { &self.found };
         let bright = PICTURE_BRIGHT * self.exact.mean();
         let side = PICTURE_WIDTH.div_ceil(shown.width());
         let [width, height] = shown.size().map(|pixels| pixels * side);
-        image::RgbImage::from_fn(width, height, |x, y| {
+        RgbImage::from_fn(width, height, |x, y| {
             let irradiance = shown.clamped((x / side).into(), (y / side).into());
             let value = 1.0 - (-irradiance / bright).exp();
-            image::Rgb([(255.0 * value).round() as u8; 3])
+            [(255.0 * value).round() as u8; 3]
         })
     }
 
@@ -125,9 +126,9 @@ impl Compared {
         let [width, height] = errors.size().map(|side| side * self.block_px);
         let color = |x: u32, y: u32| {
             let error = errors.clamped((x / self.block_px).into(), (y / self.block_px).into());
-            image::Rgb(signed_color(error / PICTURE_FULL))
+            signed_color(error / PICTURE_FULL)
         };
-        let picture = image::RgbImage::from_fn(width, height, color);
+        let picture = RgbImage::from_fn(width, height, color);
         let span = ErrorSpan::new(PICTURE_FULL, errors.data().iter().copied());
         Ok((picture, PictureScale::IrradianceError(span)))
     }

@@ -29,6 +29,7 @@ use thiserror::Error;
 use caustics_image::Compared;
 use fathom_base::parameter::{self, Field, ParamError, Setting};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
+use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, PictureScale, Work};
 use fathom_reference::ReferenceError;
 use fathom_reference::kept::KeptAnswers;
@@ -140,7 +141,7 @@ pub trait Pipeline: Sized + 'static {
 }
 
 /// A picture of errors, and what its colours mean.
-pub type ErrorPicture = (image::RgbImage, PictureScale);
+pub type ErrorPicture = (RgbImage, PictureScale);
 
 /// What [`Pipeline::judge`] works with: the device, the scene, and earlier answers of the references.
 pub struct Judge<'a> {

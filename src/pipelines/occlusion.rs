@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::settings::{Animation, Attenuation, Deform};
 use super::{ErrorPicture, Judge, JudgeError, Judged};
 use fathom_gpu::{Pixels, StageInfo, read_texture};
+use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
 use fathom_reference::ReferenceError;
 use fathom_reference::deform::{Moment, Motion};
@@ -401,7 +402,7 @@ pub(super) fn signed_color(share: f64) -> [u8; 3] {
 }
 
 /// Paints each point's error over the pixels that are nearest to it on the lattice.
-fn paint(question: &Question, points: &[JudgedPoint], errors: &[f64]) -> image::RgbImage {
+fn paint(question: &Question, points: &[JudgedPoint], errors: &[f64]) -> RgbImage {
     const NOTHING: [u8; 3] = [190; 3];
     let [width, height] = question.size_px;
     let apart = |axis: usize| {
@@ -414,12 +415,12 @@ fn paint(question: &Question, points: &[JudgedPoint], errors: &[f64]) -> image::
         steps.get(steps.len() / 2).map_or(1, |step| step + 1)
     };
     let block = [apart(0), apart(1)];
-    let mut picture = image::RgbImage::from_pixel(width, height, image::Rgb(NOTHING));
+    let mut picture = RgbImage::filled(width, height, NOTHING);
     for (point, error) in points.iter().zip(errors) {
         let start: [u32; 2] = std::array::from_fn(|i| point.pixel[i].saturating_sub(block[i] / 2));
         for y in start[1]..(start[1] + block[1]).min(height) {
             for x in start[0]..(start[0] + block[0]).min(width) {
-                picture.put_pixel(x, y, image::Rgb(color(*error)));
+                picture.set_pixel(x, y, color(*error));
             }
         }
     }

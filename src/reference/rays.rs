@@ -1,16 +1,16 @@
 //! Ray casting in f64 over all triangles of a scene.
 
-use bvh::aabb::{Aabb, Bounded};
-use bvh::bounding_hierarchy::{BHShape, BoundingHierarchy};
-use bvh::bvh::{Bvh, BvhNode};
-use bvh::ray::Ray;
 use glam::{DMat4, DVec3};
+use itertools::Itertools;
 
 use super::ReferenceError;
+use super::hierarchy::{self, Aabb, Node};
 use fathom_scene::{Camera, Object};
 
 /// Boxes grow by this share of the scene's size, so that rounding in the slab test loses no flat triangle.
 const BOX_PADDING: f64 = 1e-9;
+/// Of one over a direction of 0.
+const LARGE: f64 = 1e300;
 
 /// The nearest triangle along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,25 +32,12 @@ struct Triangle {
     normals: [DVec3; 3],
     object: usize,
     index: usize,
-    padding: f64,
-    node: usize,
 }
 
-impl Bounded<f64, 3> for Triangle {
-    fn aabb(&self) -> Aabb<f64, 3> {
+impl Triangle {
+    fn bounds(&self, padding: f64) -> Aabb {
         let [a, b, c] = self.corners;
-        let pad = DVec3::splat(self.padding);
-        let [low, high] = [a.min(b).min(c) - pad, a.max(b).max(c) + pad];
-        Aabb::with_bounds(low.to_array().into(), high.to_array().into())
-    }
-}
-
-impl BHShape<f64, 3> for Triangle {
-    fn set_bh_node_index(&mut self, index: usize) {
-        self.node = index;
-    }
-    fn bh_node_index(&self) -> usize {
-        self.node
+        Aabb { low: a.min(b).min(c) - padding, high: a.max(b).max(c) + padding }
     }
 }
 
@@ -60,7 +47,7 @@ type Found = (f64, usize, [f64; 3]);
 /// All triangles of a scene in a bounding volume hierarchy.
 pub struct Tracer {
     triangles: Vec<Triangle>,
-    bvh: Bvh<f64, 3>,
+    nodes: Vec<Node>,
 }
 
 impl Tracer {
@@ -72,20 +59,19 @@ impl Tracer {
         }
         let corners = triangles.iter().flat_map(|t| t.corners);
         let size = corners.fold(0.0f64, |size, p| size.max(p.abs().max_element()));
-        for triangle in &mut triangles {
-            triangle.padding = BOX_PADDING * size;
-        }
-        let bvh = Bvh::build_par(&mut triangles);
-        Ok(Tracer { triangles, bvh })
+        let bounds = triangles.iter().map(|triangle| triangle.bounds(BOX_PADDING * size));
+        let nodes = hierarchy::nodes(&bounds.collect_vec());
+        Ok(Tracer { triangles, nodes })
     }
 
     /// Nearest hit at a distance in (`min_m`, `max_m`) from the origin. `direction` has unit length.
     pub fn cast(&self, origin: DVec3, direction: DVec3, min_m: f64, max_m: f64) -> Option<Hit> {
-        let ray = Ray::new(origin.to_array().into(), direction.to_array().into());
+        // Finite, so that a ray within the plane of a box's side does not divide nothing by nothing.
+        let inverse = direction.recip().clamp(DVec3::splat(-LARGE), DVec3::splat(LARGE));
         let axes = Axes::of(direction);
         let mut best: Option<Found> = None;
         let mut open = Vec::with_capacity(64);
-        if !self.bvh.nodes.is_empty() {
+        if !self.nodes.is_empty() {
             open.push((0.0, 0));
         }
         while let Some((entry, node)) = open.pop() {
@@ -93,23 +79,22 @@ impl Tracer {
             if entry > limit {
                 continue;
             }
-            match &self.bvh.nodes[node] {
-                BvhNode::Leaf { shape_index, .. } => {
-                    let corners = &self.triangles[*shape_index].corners;
+            match &self.nodes[node] {
+                Node::Leaf(shape) => {
+                    let corners = &self.triangles[*shape].corners;
                     if let Some((distance, weights)) = axes.intersect(origin, corners)
                         && distance > min_m
                         && distance < limit
                     {
-                        best = Some((distance, *shape_index, weights));
+                        best = Some((distance, *shape, weights));
                     }
                 }
-                BvhNode::Node {
-                    child_l_index, child_l_aabb, child_r_index, child_r_aabb, ..
-                } => push_nearest_last(
-                    &ray,
-                    [(child_l_aabb, *child_l_index), (child_r_aabb, *child_r_index)],
-                    &mut open,
-                ),
+                Node::Inner(children) => {
+                    let met = children.map(|(bounds, child)| {
+                        bounds.entry(origin, inverse).map(|entry| (entry, child))
+                    });
+                    push_nearest_last(met, &mut open);
+                }
             }
         }
         best.map(|found| self.hit(origin, direction, found))
@@ -132,15 +117,9 @@ impl Tracer {
     }
 }
 
-/// Pushes the children that the ray meets, the nearer one last, so that it is opened first.
-fn push_nearest_last(
-    ray: &Ray<f64, 3>,
-    children: [(&Aabb<f64, 3>, usize); 2],
-    open: &mut Vec<(f64, usize)>,
-) {
-    let [a, b] = children
-        .map(|(aabb, index)| ray.intersection_slice_for_aabb(aabb).map(|(near, _)| (near, index)));
-    match (a, b) {
+/// Pushes the children that the ray meets, with their distances, the nearer one last, so that it is opened first.
+fn push_nearest_last(children: [Option<(f64, usize)>; 2], open: &mut Vec<(f64, usize)>) {
+    match children.into() {
         (Some(a), Some(b)) if a.0 < b.0 => open.extend([b, a]),
         (a, b) => open.extend(a.into_iter().chain(b)),
     }
@@ -166,8 +145,6 @@ fn collect(object: &Object, number: usize, out: &mut Vec<Triangle>) -> Result<()
                 normals: [a.1, b.1, c.1],
                 object: number,
                 index,
-                padding: 0.0,
-                node: 0,
             });
         }
     }

@@ -5,19 +5,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
-use palette::color_difference::Wcag21RelativeContrast;
-use palette::{IntoColor, Oklch, Srgb};
 
 /// Degrees between the hues of families that follow each other in the alphabet: the golden angle, so that any number of
 /// families is spread evenly and neighbours are far apart.
-const HUE_STEP_DEG: f32 = 137.508;
+const HUE_STEP_DEG: f64 = 137.508;
 /// Hue of the first family, degrees: blue.
-const FIRST_HUE_DEG: f32 = 250.0;
+const FIRST_HUE_DEG: f64 = 250.0;
 /// Perceived lightness of a family's stages (Oklab, 0 black to 1 white): all of them stand out against white and against black.
-const LIGHTNESS: [f32; 5] = [0.60, 0.76, 0.50, 0.68, 0.56];
+const LIGHTNESS: [f64; 5] = [0.60, 0.76, 0.50, 0.68, 0.56];
 /// Degrees by which the hue of a family's stages moves each time the list of lightness values begins again.
-const SHIFT_DEG: f32 = 22.0;
-const CHROMA: f32 = 0.125;
+const SHIFT_DEG: f64 = 22.0;
+const CHROMA: f64 = 0.125;
 
 /// Of what is no stage of the GPU, and of stages that are unknown.
 pub const NEUTRAL: Color = Color(150, 150, 150);
@@ -36,12 +34,22 @@ impl Color {
     /// The colour of text on it, black or white: the one with the higher contrast, which is 4.5 or more (WCAG 2.1, 1.4.3).
     pub fn ink(self) -> Color {
         let [black, white] = [Color(0, 0, 0), Color(255, 255, 255)];
-        let contrast = |ink: Color| self.srgb().relative_contrast(ink.srgb());
-        if contrast(black) > contrast(white) { black } else { white }
+        if self.contrast(black) > self.contrast(white) { black } else { white }
     }
 
-    fn srgb(self) -> Srgb {
-        Srgb::new(self.0, self.1, self.2).into_format()
+    /// Contrast ratio (WCAG 2.1).
+    fn contrast(self, other: Color) -> f64 {
+        let [a, b] = [self, other].map(Color::luminance);
+        (a.max(b) + 0.05) / (a.min(b) + 0.05)
+    }
+
+    /// Relative luminance (WCAG 2.1).
+    fn luminance(self) -> f64 {
+        let linear = |value: u8| {
+            let value = f64::from(value) / 255.0;
+            if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+        };
+        0.2126 * linear(self.0) + 0.7152 * linear(self.1) + 0.0722 * linear(self.2)
     }
 }
 
@@ -55,7 +63,7 @@ impl StageColors {
         let families = names.into_iter().chunk_by(|name| family(name));
         let mut colors = BTreeMap::new();
         for (place, (_, stages)) in families.into_iter().enumerate() {
-            let hue = FIRST_HUE_DEG + HUE_STEP_DEG * place as f32;
+            let hue = FIRST_HUE_DEG + HUE_STEP_DEG * place as f64;
             let colored = stages.enumerate();
             colors.extend(colored.map(|(index, name)| (name.to_owned(), color(hue, index))));
         }
@@ -78,12 +86,29 @@ fn family(stage: &str) -> &str {
     stage.split_once('/').map_or(stage, |(family, _)| family)
 }
 
-fn color(hue_deg: f32, index: usize) -> Color {
-    let turns = (index / LIGHTNESS.len()) as f32;
+fn color(hue_deg: f64, index: usize) -> Color {
+    let turns = (index / LIGHTNESS.len()) as f64;
     let hue = hue_deg + SHIFT_DEG * turns;
-    let mixed: Srgb = Oklch::new(LIGHTNESS[index % LIGHTNESS.len()], CHROMA, hue).into_color();
-    let Srgb { red, green, blue, .. } = mixed.into_format::<u8>();
-    Color(red, green, blue)
+    of_oklch(LIGHTNESS[index % LIGHTNESS.len()], CHROMA, hue)
+}
+
+/// A colour of Oklab by lightness, chroma and hue (Ottosson, *A perceptual color space for image processing*, 2020), in sRGB.
+fn of_oklch(lightness: f64, chroma: f64, hue_deg: f64) -> Color {
+    let (sin, cos) = hue_deg.to_radians().sin_cos();
+    let (a, b) = (chroma * cos, chroma * sin);
+    let l = (lightness + 0.3963377774 * a + 0.2158037573 * b).powi(3);
+    let m = (lightness - 0.1055613458 * a - 0.0638541728 * b).powi(3);
+    let s = (lightness - 0.0894841775 * a - 1.2914855480 * b).powi(3);
+    let byte = |linear: f64| {
+        let curved = 1.055 * linear.powf(1.0 / 2.4) - 0.055;
+        let value = if linear <= 0.0031308 { 12.92 * linear } else { curved };
+        (255.0 * value.clamp(0.0, 1.0)).round() as u8
+    };
+    Color(
+        byte(4.0767416621 * l - 3.3077115913 * m + 0.2309699292 * s),
+        byte(-1.2684380046 * l + 2.6097574011 * m - 0.3413193965 * s),
+        byte(-0.0041960863 * l - 0.7034186147 * m + 1.7076147010 * s),
+    )
 }
 
 #[cfg(test)]
@@ -122,7 +147,7 @@ mod tests {
         let colors = StageColors::new(STAGES);
         for stage in STAGES {
             let color = colors.of(stage);
-            let contrast = color.srgb().relative_contrast(color.ink().srgb());
+            let contrast = color.contrast(color.ink());
             assert!(contrast >= 4.5, "{stage}: {contrast}");
         }
         assert_eq!(Color(250, 250, 200).ink(), Color(0, 0, 0));

@@ -70,15 +70,31 @@ pub fn cache() -> Option<PathBuf> {
     Places::of_this_machine().cache
 }
 
+/// The folder for what fathom can make again, by each system's convention.
+fn of_this_user() -> Option<PathBuf> {
+    let absolute = |name: &str| {
+        std::env::var_os(name).map(PathBuf::from).filter(|folder| folder.is_absolute())
+    };
+    let home = std::env::home_dir().filter(|home| !home.as_os_str().is_empty());
+    if cfg!(windows) {
+        let local = absolute("LOCALAPPDATA").or_else(|| Some(home?.join("AppData/Local")));
+        return Some(local?.join("fathom/cache"));
+    }
+    if cfg!(target_os = "macos") {
+        return Some(home?.join("Library/Caches/fathom"));
+    }
+    let cache = absolute("XDG_CACHE_HOME").or_else(|| Some(home?.join(".cache")));
+    Some(cache?.join("fathom"))
+}
+
 impl Places {
     fn of_this_machine() -> Places {
         let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
-        let home = directories::BaseDirs::new().map(|d| d.home_dir().join(".cargo"));
+        let home = std::env::home_dir().map(|home| home.join(".cargo"));
         Places {
-            cache: variable("FATHOM_CACHE").map(PathBuf::from).or_else(|| {
-                let folders = directories::ProjectDirs::from("", "", "fathom")?;
-                Some(folders.cache_dir().join("assets"))
-            }),
+            cache: variable("FATHOM_CACHE")
+                .map(PathBuf::from)
+                .or_else(|| Some(of_this_user()?.join("assets"))),
             cargo_home: variable("CARGO_HOME").map(PathBuf::from).or(home),
             root: PathBuf::from("/"),
         }

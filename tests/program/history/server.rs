@@ -1,7 +1,7 @@
 //! A PostgreSQL server of a test's own, in a temporary folder, on a socket of that folder.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::Shutdown;
+use std::net::{Shutdown, TcpListener};
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use postgres::{Client, NoTls};
 use tempfile::TempDir;
 
-/// Name of the socket in the folder that a URL gives as host, where the port is the usual one.
+/// The usual port, by which the socket is named in the folder that a URL gives as host.
+const PORT: u16 = 5432;
 const SOCKET: &str = ".s.PGSQL.5432";
 /// Ends a test whose server does not start, and decides nothing: it takes a second or two.
 const PATIENCE: Duration = Duration::from_secs(600);
@@ -26,43 +26,60 @@ fn url(folder: &Path, database: &str) -> String {
 pub struct Server {
     process: Child,
     folder: TempDir,
+    programs: PathBuf,
+    port: u16,
 }
 
 impl Server {
     /// None, with a sentence, where PostgreSQL is not installed.
     pub fn start() -> Option<Server> {
-        let Some(programs) = programs() else {
-            println!(
-                "skipped: no PostgreSQL under /usr/lib/postgresql; scripts/setup.sh test installs it"
-            );
-            return None;
-        };
-        let folder = tempfile::tempdir().unwrap();
-        if is_root() {
-            let given = Command::new("chown").arg("postgres").arg(folder.path()).status().unwrap();
-            assert!(given.success());
-        }
-        let data = folder.path().join("data");
-        let mut make = as_postgres(&programs.join("initdb"));
-        make.args(["--auth=trust", "--username=postgres", "--encoding=UTF8", "--no-sync", "-D"])
-            .arg(&data);
-        let made = make.current_dir(folder.path()).output().unwrap();
-        assert!(made.status.success(), "{made:?}");
-        let mut serve = as_postgres(&programs.join("postgres"));
-        serve.arg("-D").arg(&data).arg("-k").arg(folder.path()).args(["-c", "listen_addresses="]);
-        let process =
-            serve.current_dir(folder.path()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
-        let server = Server { process: process.unwrap(), folder };
-        server.wait();
-        Some(server)
+        let (programs, folder) = initialized()?;
+        let server = Server::run(programs, folder, PORT, &["-c", "listen_addresses="]);
+        Some(server.expect("the server starts"))
     }
 
-    fn wait(&self) {
+    /// The same on a port of this host, where it takes TLS alone; and the file of its certificate, which is for this address.
+    pub fn start_with_tls(address: &str) -> Option<(Server, PathBuf)> {
+        let (programs, mut folder) = initialized()?;
+        let data = folder.path().join("data");
+        let certificate = certificate(&data, address);
+        let allowed = "local all all trust\nhostssl all all all trust\n";
+        std::fs::write(data.join("pg_hba.conf"), allowed).unwrap();
+        loop {
+            // Another program may take the port before the server does.
+            let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+            let settings = ["-c", "listen_addresses=127.0.0.1", "-c", "ssl=on"];
+            match Server::run(programs.clone(), folder, port, &settings) {
+                Ok(server) => return Some((server, certificate)),
+                Err(unused) => folder = unused,
+            }
+        }
+    }
+
+    /// The folder comes back if the server ends.
+    fn run(
+        programs: PathBuf,
+        folder: TempDir,
+        port: u16,
+        settings: &[&str],
+    ) -> Result<Server, TempDir> {
+        let mut serve = as_postgres(&programs.join("postgres"));
+        serve.arg("-D").arg(folder.path().join("data")).arg("-k").arg(folder.path());
+        serve.args(["-p", &port.to_string()]).args(settings).current_dir(folder.path());
+        let mut process = serve.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         let start = Instant::now();
-        while Client::connect(&self.url("postgres"), NoTls).is_err() {
+        while !is_ready(&programs, folder.path(), port) {
+            if process.try_wait().unwrap().is_some() {
+                return Err(folder);
+            }
             assert!(start.elapsed() < PATIENCE, "the server does not start");
             std::thread::sleep(Duration::from_millis(50));
         }
+        Ok(Server { process, folder, programs, port })
+    }
+
+    pub fn port(&self) -> u16 {
+        self.port
     }
 
     pub fn url(&self, database: &str) -> String {
@@ -71,13 +88,76 @@ impl Server {
 
     /// The URL of a new, empty database.
     pub fn database(&self, name: &str) -> String {
-        self.client("postgres").batch_execute(&format!("CREATE DATABASE {name}")).unwrap();
+        self.answer("postgres", &format!("CREATE DATABASE {name}"));
         self.url(name)
     }
 
-    pub fn client(&self, database: &str) -> Client {
-        Client::connect(&self.url(database), NoTls).unwrap()
+    /// Rows that a statement gives, their values parted by `|`.
+    pub fn answer(&self, database: &str, statement: &str) -> String {
+        let mut ask = psql(&self.programs, self.folder.path(), self.port, database);
+        let answer = ask.args(["-c", statement]).output().unwrap();
+        assert!(answer.status.success(), "{answer:?}");
+        String::from_utf8(answer.stdout).unwrap()
     }
+
+    /// A certificate that no server here has.
+    pub fn other_certificate(folder: &Path) -> PathBuf {
+        let folder = folder.join("other");
+        std::fs::create_dir(&folder).unwrap();
+        certificate_by(Command::new("openssl"), &folder, "0.0.0.0")
+    }
+}
+
+/// The server's programs and a folder that holds its data; none, with a sentence, where PostgreSQL is not installed.
+fn initialized() -> Option<(PathBuf, TempDir)> {
+    let Some(programs) = programs() else {
+        println!(
+            "skipped: no PostgreSQL under /usr/lib/postgresql; scripts/setup.sh test installs it"
+        );
+        return None;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    if is_root() {
+        let given = Command::new("chown").arg("postgres").arg(folder.path()).status().unwrap();
+        assert!(given.success());
+    }
+    let mut make = as_postgres(&programs.join("initdb"));
+    make.args(["--auth=trust", "--username=postgres", "--encoding=UTF8", "--no-sync", "-D"])
+        .arg(folder.path().join("data"));
+    let made = make.current_dir(folder.path()).output().unwrap();
+    assert!(made.status.success(), "{made:?}");
+    Some((programs, folder))
+}
+
+fn psql(programs: &Path, folder: &Path, port: u16, database: &str) -> Command {
+    let mut command = Command::new(programs.join("psql"));
+    command.args(["-XqAt", "-U", "postgres", "-d", database, "-p", &port.to_string(), "-h"]);
+    command.arg(folder);
+    command
+}
+
+fn is_ready(programs: &Path, folder: &Path, port: u16) -> bool {
+    let asked = psql(programs, folder, port, "postgres").args(["-c", "SELECT 1"]).output();
+    asked.unwrap().status.success()
+}
+
+/// Makes the key and the certificate that a server finds in its folder of data. They are the server's user's.
+fn certificate(folder: &Path, address: &str) -> PathBuf {
+    certificate_by(as_postgres(Path::new("openssl")), folder, address);
+    // Where every user may read it.
+    let copy = folder.with_file_name("server.crt");
+    std::fs::copy(folder.join("server.crt"), &copy).unwrap();
+    copy
+}
+
+fn certificate_by(mut openssl: Command, folder: &Path, address: &str) -> PathBuf {
+    openssl.args(["req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256"]);
+    openssl.args(["-nodes", "-days", "2", "-subj", "/CN=fathom-test", "-keyout", "server.key"]);
+    openssl.args(["-out", "server.crt", "-addext", "basicConstraints=critical,CA:FALSE"]);
+    openssl.args(["-addext", &format!("subjectAltName=IP:{address}")]);
+    let made = openssl.current_dir(folder).output().unwrap();
+    assert!(made.status.success(), "{made:?}");
+    folder.join("server.crt")
 }
 
 impl Drop for Server {

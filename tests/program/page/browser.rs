@@ -1,14 +1,13 @@
 //! A headless Chromium, driven by WebDriver.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use serde_json::{Value, json};
 use tempfile::TempDir;
-use thirtyfour::LoggingPrefsLogLevel;
-use thirtyfour::prelude::*;
 
 /// Chromium without anything that asks the network, and with its sandbox off, as a container has none.
 const ARGUMENTS: [&str; 9] = [
@@ -38,89 +37,137 @@ pub const WIDE: Display = Display { width_px: 1400, dark: false, print: false };
 pub const NARROW: Display = Display { width_px: 380, ..WIDE };
 
 pub struct Browser {
-    pub driver: WebDriver,
-    service: Child,
+    service: Service,
+    /// Path of the session, which each command's path begins with.
+    session: String,
     _profile: TempDir,
 }
 
 impl Browser {
     /// None, with a printed reason, where Chromium or ChromeDriver is not installed.
-    pub async fn open() -> Option<Browser> {
-        let service = Command::new("chromedriver")
-            .arg("--port=0")
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn();
-        let Ok(mut service) = service else {
-            println!("skipped: no chromedriver; install the packages chromium and chromium-driver");
-            return None;
-        };
-        let port = port(&mut service);
+    pub fn open() -> Option<Browser> {
+        let service = Service::start()?;
         let profile = tempfile::tempdir().unwrap();
-        let mut wanted = DesiredCapabilities::chrome();
-        for argument in ARGUMENTS {
-            wanted.add_arg(argument).unwrap();
-        }
-        wanted.add_arg(&format!("--user-data-dir={}", profile.path().display())).unwrap();
-        wanted.set_logging_prefs("browser", LoggingPrefsLogLevel::All).unwrap();
-        let driver = WebDriver::new(format!("http://127.0.0.1:{port}"), wanted).await;
-        let driver =
-            driver.unwrap_or_else(|error| panic!("chromedriver starts no Chromium: {error}"));
-        driver.set_script_timeout(PATIENCE).await.unwrap();
-        Some(Browser { driver, service, _profile: profile })
+        let folder = format!("--user-data-dir={}", profile.path().display());
+        let arguments: Vec<&str> = ARGUMENTS.into_iter().chain([folder.as_str()]).collect();
+        let wanted = json!({
+            "browserName": "chrome",
+            "goog:chromeOptions": { "args": arguments },
+            "goog:loggingPrefs": { "browser": "ALL" },
+        });
+        let wanted = json!({ "capabilities": { "alwaysMatch": wanted } });
+        let opened = service.ask("POST", "/session", &wanted);
+        let opened =
+            opened.unwrap_or_else(|told| panic!("chromedriver starts no Chromium: {told}"));
+        let session = format!("/session/{}", opened["sessionId"].as_str().unwrap());
+        let browser = Browser { service, session, _profile: profile };
+        browser.command("/timeouts", json!({ "script": PATIENCE.as_millis() as u64 }));
+        Some(browser)
+    }
+
+    /// A command of the session.
+    fn command(&self, path: &str, parameters: Value) -> Value {
+        let answer = self.service.ask("POST", &format!("{}{path}", self.session), &parameters);
+        answer.unwrap_or_else(|error| panic!("{error}\n{parameters}"))
     }
 
     /// Opens a file and waits until it is loaded.
-    pub async fn show(&self, page: &Path, display: Display) {
-        self.set(display).await;
-        self.driver.goto(format!("file://{}", page.display())).await.unwrap();
+    pub fn show(&self, page: &Path, display: Display) {
+        self.set(display);
+        self.command("/url", json!({ "url": format!("file://{}", page.display()) }));
     }
 
-    pub async fn set(&self, Display { width_px, dark, print }: Display) {
+    pub fn set(&self, Display { width_px, dark, print }: Display) {
         let size =
             json!({ "width": width_px, "height": 1000, "deviceScaleFactor": 1, "mobile": false });
-        self.devtools("Emulation.setDeviceMetricsOverride", size).await;
+        self.devtools("Emulation.setDeviceMetricsOverride", size);
         let scheme = if dark { "dark" } else { "light" };
         let media = json!({
             "media": if print { "print" } else { "screen" },
             "features": [{ "name": "prefers-color-scheme", "value": scheme }],
         });
-        self.devtools("Emulation.setEmulatedMedia", media).await;
+        self.devtools("Emulation.setEmulatedMedia", media);
     }
 
-    pub async fn devtools(&self, command: &str, parameters: Value) -> Value {
-        self.driver.cdp().send_raw(command, parameters).await.unwrap()
+    pub fn devtools(&self, command: &str, parameters: Value) -> Value {
+        self.command("/goog/cdp/execute", json!({ "cmd": command, "params": parameters }))
     }
 
     /// What a script returns that runs in the page.
-    pub async fn eval(&self, script: &str) -> Value {
-        let result = self.driver.execute(script, vec![]).await;
-        result.unwrap_or_else(|error| panic!("{error}\n{script}")).json().clone()
+    pub fn eval(&self, script: &str) -> Value {
+        self.command("/execute/sync", json!({ "script": script, "args": [] }))
     }
 
     /// The same of a script that ends with a call of its last argument.
-    pub async fn eval_later(&self, script: &str) -> Value {
-        let result = self.driver.execute_async(script, vec![]).await;
-        result.unwrap_or_else(|error| panic!("{error}\n{script}")).json().clone()
+    pub fn eval_later(&self, script: &str) -> Value {
+        self.command("/execute/async", json!({ "script": script, "args": [] }))
     }
 
     /// Messages of the console since the last call: errors of scripts, refused resources, broken policies.
-    pub async fn console(&self) -> Vec<String> {
-        let log = self.driver.browser_log().await.unwrap();
-        log.into_iter().map(|entry| format!("{entry:?}")).collect()
+    pub fn console(&self) -> Vec<String> {
+        let log = self.command("/se/log", json!({ "type": "browser" }));
+        log.as_array().unwrap().iter().map(Value::to_string).collect()
     }
 
-    pub async fn close(self) {
-        self.driver.clone().quit().await.unwrap();
+    pub fn close(self) {
+        self.service.ask("DELETE", &self.session, &json!({})).unwrap();
+    }
+}
+
+/// A ChromeDriver of the test's own.
+struct Service {
+    process: Child,
+    port: u16,
+}
+
+impl Service {
+    fn start() -> Option<Service> {
+        let mut driver = Command::new("chromedriver");
+        let driver = driver.arg("--port=0").stdout(Stdio::piped()).stderr(Stdio::null());
+        let Ok(mut process) = driver.spawn() else {
+            println!("skipped: no chromedriver; install the packages chromium and chromium-driver");
+            return None;
+        };
+        let port = port(&mut process);
+        Some(Service { process, port })
+    }
+
+    /// A request of WebDriver, and the value of its answer; or the error.
+    fn ask(&self, method: &str, path: &str, parameters: &Value) -> Result<Value, String> {
+        let body = parameters.to_string();
+        let length = body.len();
+        let mut connection = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
+        let request = format!(
+            "{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\
+             Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n{body}"
+        );
+        connection.write_all(request.as_bytes()).unwrap();
+        let mut answer = BufReader::new(connection);
+        let head: Vec<String> = answer
+            .by_ref()
+            .lines()
+            .map(Result::unwrap)
+            .take_while(|line| !line.is_empty())
+            .collect();
+        let header = |line: &String| {
+            let (name, value) = line.split_once(':')?;
+            name.eq_ignore_ascii_case("content-length").then(|| value.trim().parse().unwrap())
+        };
+        // ChromeDriver leaves the connection open.
+        let length = head.iter().find_map(header).expect("the answer's length");
+        let mut answer: Value = serde_json::from_reader(answer.take(length)).unwrap();
+        let value = answer["value"].take();
+        let is_done = head[0].split(' ').nth(1) == Some("200");
+        if is_done { Ok(value) } else { Err(value.to_string()) }
     }
 }
 
 /// After a failed test too: ChromeDriver ends its browser when it is asked to end.
-impl Drop for Browser {
+impl Drop for Service {
     fn drop(&mut self) {
-        let asked = Command::new("kill").arg(self.service.id().to_string()).status();
+        let asked = Command::new("kill").arg(self.process.id().to_string()).status();
         if asked.is_ok_and(|status| status.success()) {
-            let _ = self.service.wait();
+            let _ = self.process.wait();
         }
     }
 }

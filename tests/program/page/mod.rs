@@ -49,21 +49,17 @@ fn many() -> String {
 }
 
 /// Runs a test in a browser, if there is one.
-fn in_browser(test: impl AsyncFnOnce(&Browser)) {
-    let runtime =
-        tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
-    runtime.unwrap().block_on(async {
-        if let Some(browser) = Browser::open().await {
-            test(&browser).await;
-            browser.close().await;
-        }
-    });
+fn in_browser(test: impl FnOnce(&Browser)) {
+    if let Some(browser) = Browser::open() {
+        test(&browser);
+        browser.close();
+    }
 }
 
 #[test]
 fn the_reference_page_opens_without_errors_at_every_width_and_mode() {
     let (_folder, page) = page_of(&reference());
-    in_browser(async |browser| {
+    in_browser(|browser| {
         for display in [
             WIDE,
             NARROW,
@@ -71,16 +67,16 @@ fn the_reference_page_opens_without_errors_at_every_width_and_mode() {
             Display { dark: true, ..NARROW },
             Display { print: true, ..WIDE },
         ] {
-            browser.show(&page, display).await;
-            assert_eq!(browser.console().await, Vec::<String>::new(), "{display:?}");
-            fits(browser, display).await;
+            browser.show(&page, display);
+            assert_eq!(browser.console(), Vec::<String>::new(), "{display:?}");
+            fits(browser, display);
         }
     });
 }
 
 /// Nothing but what scrolls by itself is wider than the window, and no type is smaller than 12 px.
-async fn fits(browser: &Browser, display: Display) {
-    let wide = browser.eval("return document.documentElement.scrollWidth - innerWidth").await;
+fn fits(browser: &Browser, display: Display) {
+    let wide = browser.eval("return document.documentElement.scrollWidth - innerWidth");
     assert!(wide.as_f64().unwrap() <= 0.0, "{display:?}: {wide} px too wide");
     let small = browser
         .eval(
@@ -96,25 +92,24 @@ async fn fits(browser: &Browser, display: Display) {
                if (box.width > 0 && size < 11.99) small.add(`${holder.tagName} ${holder.textContent.slice(0, 40)} ${size}`);
              }
              return [...small].slice(0, 5)",
-        )
-        .await;
+        );
     assert_eq!(small, serde_json::json!([]), "{display:?}");
 }
 
 #[test]
 fn cells_are_sorted_filtered_and_opened() {
     let (_folder, page) = page_of(&reference());
-    in_browser(async |browser| {
-        browser.show(&page, WIDE).await;
-        browser.eval("document.getElementById('cell-more').click()").await;
+    in_browser(|browser| {
+        browser.show(&page, WIDE);
+        browser.eval("document.getElementById('cell-more').click()");
         let frames = "return [...document.querySelectorAll('#cell-table tbody tr')].map((row) => row.cells[2])
             .filter((cell) => cell.dataset.v).map((cell) => Number(cell.dataset.v))";
         let click = "[...document.querySelectorAll('#cell-table th button')].find((button) => button.textContent.startsWith('Frame')).click();";
-        let before = numbers(&browser.eval(frames).await);
+        let before = numbers(&browser.eval(frames));
         assert!(!before.is_sorted(), "the plan's order is not that of the times");
-        let rising = numbers(&browser.eval(&format!("{click} {frames}")).await);
+        let rising = numbers(&browser.eval(&format!("{click} {frames}")));
         assert!(rising.is_sorted() && rising.len() == before.len());
-        let falling = numbers(&browser.eval(&format!("{click} {frames}")).await);
+        let falling = numbers(&browser.eval(&format!("{click} {frames}")));
         assert!(falling.is_sorted_by(|a, b| a >= b));
 
         let filtered = browser
@@ -123,8 +118,7 @@ fn cells_are_sorted_filtered_and_opened() {
                  choice.value = 'uw-photons'; choice.dispatchEvent(new Event('change'));
                  const shown = [...document.querySelectorAll('#cell-table tbody tr')];
                  return [shown.length, shown.every((row) => row.dataset.experiment === 'uw-photons'), document.getElementById('cell-count').textContent]",
-            )
-            .await;
+            );
         assert_eq!(filtered[0], 11, "{filtered}");
         assert_eq!(filtered[1], true);
         assert!(filtered[2].as_str().unwrap().starts_with("11 of "), "{filtered}");
@@ -138,10 +132,9 @@ fn cells_are_sorted_filtered_and_opened() {
                  new MutationObserver(shown).observe(table, { childList: true, subtree: true, characterData: true });
                  table.querySelector('tbody tr button.stages').click();
                  shown();",
-            )
-            .await;
+            );
         assert!(opened.as_str().is_some_and(|text| text.contains("caustics/trace")), "{opened}");
-        assert_eq!(browser.console().await, Vec::<String>::new());
+        assert_eq!(browser.console(), Vec::<String>::new());
     });
 }
 
@@ -152,16 +145,14 @@ fn numbers(values: &Value) -> Vec<f64> {
 #[test]
 fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
     let (_folder, page) = page_of(&reference());
-    in_browser(async |browser| {
-        browser.show(&page, WIDE).await;
-        let told = browser
-            .eval(
-                "const mark = document.querySelector('[data-tip]');
+    in_browser(|browser| {
+        browser.show(&page, WIDE);
+        let told = browser.eval(
+            "const mark = document.querySelector('[data-tip]');
                  mark.dispatchEvent(new PointerEvent('pointerover', { bubbles: true }));
                  const tip = document.getElementById('tip');
                  return [tip.hidden, tip.textContent === mark.dataset.tip]",
-            )
-            .await;
+        );
         assert_eq!(told, serde_json::json!([false, true]));
         let walked = browser
             .eval(
@@ -173,8 +164,7 @@ fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
                  for (const key of ['ArrowRight', 'ArrowRight', 'ArrowLeft']) { press(key); told.push(tip.textContent); }
                  press('Escape');
                  return [told[0] !== told[1], told[0] === told[2], tip.hidden]",
-            )
-            .await;
+            );
         assert_eq!(walked, serde_json::json!([true, true, true]));
     });
 }
@@ -182,15 +172,14 @@ fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
 #[test]
 fn print_shows_everything_but_the_controls() {
     let (_folder, page) = page_of(&reference());
-    in_browser(async |browser| {
-        browser.show(&page, Display { print: true, ..WIDE }).await;
+    in_browser(|browser| {
+        browser.show(&page, Display { print: true, ..WIDE });
         let shown = browser
             .eval(
                 "const visible = (element) => element.getClientRects().length > 0;
                  return [[...document.querySelectorAll('nav, .controls, button.copy')].some(visible),
                          [...document.querySelectorAll('main > section')].every(visible)]",
-            )
-            .await;
+            );
         assert_eq!(shown, serde_json::json!([false, true]));
     });
 }
@@ -199,26 +188,24 @@ fn print_shows_everything_but_the_controls() {
 fn axe_finds_no_serious_fault() {
     let Some(axe) = axe() else { return };
     let (_folder, page) = page_of(&reference());
-    in_browser(async |browser| {
+    in_browser(|browser| {
         for display in [WIDE, NARROW, Display { dark: true, ..WIDE }] {
-            browser.show(&page, display).await;
-            let found = serious(browser, &axe).await;
+            browser.show(&page, display);
+            let found = serious(browser, &axe);
             assert_eq!(found, serde_json::json!([]), "{display:?}");
         }
         // What it must find: an image without a text, and grey on grey.
-        browser
-            .eval(
-                "document.querySelector('main').insertAdjacentHTML('afterbegin',
+        browser.eval(
+            "document.querySelector('main').insertAdjacentHTML('afterbegin',
                    '<img src=\"data:,\"><p style=\"color:#bbb;background:#fff\">faint words</p>')",
-            )
-            .await;
-        let found = serious(browser, &axe).await.to_string();
+        );
+        let found = serious(browser, &axe).to_string();
         assert!(found.contains("image-alt") && found.contains("color-contrast"), "{found}");
     });
 }
 
 /// Faults of axe-core's two gravest kinds, each with the first elements that have it.
-async fn serious(browser: &Browser, axe: &str) -> Value {
+fn serious(browser: &Browser, axe: &str) -> Value {
     let script = format!(
         "{axe};
          const done = arguments[arguments.length - 1];
@@ -227,23 +214,22 @@ async fn serious(browser: &Browser, axe: &str) -> Value {
            .map((fault) => [fault.id, fault.nodes.slice(0, 3).map((node) => node.html.slice(0, 200))])),
            (error) => done([String(error)]));"
     );
-    browser.eval_later(&script).await
+    browser.eval_later(&script)
 }
 
 #[test]
 fn hostile_names_run_no_script() {
     let (_folder, page) = page_of(&hostile::records());
-    in_browser(async |browser| {
-        browser.show(&page, WIDE).await;
+    in_browser(|browser| {
+        browser.show(&page, WIDE);
         // A dialog that a name opens would make this fail.
         let found = browser
             .eval(
                 "return [document.scripts.length, document.querySelectorAll('main script, main iframe, main object, main [onerror]').length,
                          document.body.textContent.includes('<script>alert(1)</script>')]",
-            )
-            .await;
+            );
         assert_eq!(found, serde_json::json!([2, 0, true]));
-        assert_eq!(browser.console().await, Vec::<String>::new());
+        assert_eq!(browser.console(), Vec::<String>::new());
         // The page's policy holds where escaping would not: an injected handler does not run.
         let ran = browser
             .eval_later(
@@ -253,8 +239,7 @@ fn hostile_names_run_no_script() {
                  window.done = () => done(true);
                  document.addEventListener('securitypolicyviolation', (event) => event.effectiveDirective.startsWith('script-src') && done(false));
                  image.innerHTML = '<img src=\"data:,x\" onerror=\"window.done()\">';",
-            )
-            .await;
+            );
         assert_eq!(ran, false);
     });
 }
@@ -264,9 +249,9 @@ fn two_thousand_cells_are_sorted_and_filtered() {
     let (_folder, page) = page_of(&many());
     let bytes = std::fs::metadata(&page).unwrap().len();
     assert!(bytes < 5_000_000, "{bytes} bytes");
-    in_browser(async |browser| {
-        browser.show(&page, WIDE).await;
-        assert_eq!(browser.console().await, Vec::<String>::new());
+    in_browser(|browser| {
+        browser.show(&page, WIDE);
+        assert_eq!(browser.console(), Vec::<String>::new());
         let sorted = browser
             .eval(
                 "const button = [...document.querySelectorAll('#cell-table th button')].find((button) => button.textContent.startsWith('Frame'));
@@ -278,8 +263,7 @@ fn two_thousand_cells_are_sorted_and_filtered() {
                  const few = document.querySelectorAll('#cell-table tbody tr').length;
                  document.getElementById('cell-more').click();
                  return [document.querySelectorAll('#cell-table tbody tr').length, took, paint, few]",
-            )
-            .await;
+            );
         assert_eq!((&sorted[0], &sorted[3]), (&MANY.into(), &200.into()));
         println!(
             "{bytes} bytes; sorting took {} ms, the first paint came after {} ms",

@@ -1,22 +1,19 @@
 //! A run's picture files as `data:` URIs, with limits: records and files may come from anyone.
 
-use std::io::Cursor;
 use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::imageops;
-use image::{ImageFormat, ImageReader, Limits, RgbImage};
 
 use fathom_base::folder::Folder;
+use fathom_picture::{Effort, Filter, RgbImage};
 use fathom_record::{Picture, PictureKind};
 
 /// Largest file that is read, bytes.
 const MAX_FILE: u64 = 16 << 20;
 /// Largest side of a picture that is decoded, pixels, and the memory that this may take.
 const MAX_SIDE_PX: u32 = 8192;
-const MAX_MEMORY: u64 = 64 << 20;
+const MAX_MEMORY: usize = 64 << 20;
 /// Pixels of all pictures that are decoded: 2,000 cells of 300 × 300 pixels.
 const MAX_PIXELS: u64 = 180_000_000;
 /// Longest side of a picture on the page, pixels: larger ones are scaled down.
@@ -66,13 +63,8 @@ impl Embedder {
         }
         let bytes = Folder::open(folder).and_then(|folder| folder.bytes(name, MAX_FILE));
         let bytes = bytes.map_err(|error| error.to_string())?;
-        let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
-        let mut limits = Limits::default();
-        limits.max_image_width = Some(MAX_SIDE_PX);
-        limits.max_image_height = Some(MAX_SIDE_PX);
-        limits.max_alloc = Some(MAX_MEMORY);
-        reader.limits(limits);
-        let picture = reader.decode().map_err(|error| error.to_string())?.into_rgb8();
+        let picture = RgbImage::from_png(&bytes, MAX_SIDE_PX, MAX_MEMORY);
+        let picture = picture.map_err(|error| error.to_string())?;
         self.pixels += u64::from(picture.width()) * u64::from(picture.height());
         Ok(picture)
     }
@@ -85,18 +77,16 @@ fn reduced(picture: RgbImage) -> RgbImage {
         return picture;
     }
     let scaled = |side: u32| (side * MOST_SIDE_PX / longest).max(1);
-    imageops::resize(&picture, scaled(width), scaled(height), imageops::FilterType::Triangle)
+    picture.scaled([width, height].map(scaled), Filter::Triangle)
 }
 
 /// As WebP, or as PNG where that is smaller.
 fn smallest(picture: &RgbImage, quality: f32) -> Result<(&'static str, Vec<u8>), String> {
     let [width, height] = [picture.width(), picture.height()];
-    let webp = webp::Encoder::from_rgb(picture, width, height).encode_simple(false, quality);
+    let webp =
+        webp::Encoder::from_rgb(picture.bytes(), width, height).encode_simple(false, quality);
     let webp = webp.map_err(|error| format!("it cannot be compressed: {error:?}"))?;
-    let mut png = Vec::new();
-    let adaptive =
-        PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive);
-    picture.write_with_encoder(adaptive).map_err(|error| error.to_string())?;
+    let png = picture.to_png(Effort::Balanced).map_err(|error| error.to_string())?;
     let is_png = png.len() < webp.len();
     Ok(if is_png { ("image/png", png) } else { ("image/webp", webp.to_vec()) })
 }

@@ -1,10 +1,9 @@
 use std::path::Path;
 
-use image::{Rgb, RgbImage};
-
 use super::*;
 use crate::ReportView;
 use fathom_experiments::fixtures;
+use fathom_picture::{Effort, RgbImage};
 use fathom_record::Record;
 
 fn picture(path: &str, scale: Option<PictureScale>) -> Picture {
@@ -29,8 +28,9 @@ fn written(records: &[Record], folder: Option<&Path>) -> String {
 }
 
 fn save(folder: &Path, name: &str, [width, height]: [u32; 2]) {
-    let noise = |x: u32, y: u32| Rgb([x as u8, y as u8, (x * 31 + y * 17) as u8]);
-    RgbImage::from_fn(width, height, noise).save(folder.join(name)).unwrap();
+    let noise = |x: u32, y: u32| [x as u8, y as u8, (x * 31 + y * 17) as u8];
+    let bytes = RgbImage::from_fn(width, height, noise).to_png(Effort::Fast).unwrap();
+    std::fs::write(folder.join(name), bytes).unwrap();
 }
 
 #[test]

@@ -1,0 +1,172 @@
+//! A bounding volume hierarchy, split by the surface-area heuristic over buckets (Wald, *On fast construction of SAH-based bounding
+//! volume hierarchies*, RT 2007).
+
+use glam::DVec3;
+use itertools::{Itertools, partition};
+
+const BUCKETS: usize = 8;
+/// Subtrees of more shapes are built by several threads.
+const PARALLEL: usize = 4096;
+
+#[derive(Clone, Copy)]
+pub struct Aabb {
+    pub low: DVec3,
+    pub high: DVec3,
+}
+
+impl Aabb {
+    const EMPTY: Self = Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
+
+    fn joined(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    fn center(&self) -> DVec3 {
+        (self.low + self.high) / 2.0
+    }
+
+    /// Half the surface.
+    fn area(&self) -> f64 {
+        let [x, y, z] = (self.high - self.low).to_array();
+        x * y + y * z + z * x
+    }
+
+    /// Distance at which a ray enters the box, 0 from inside, by one over its direction, which is finite.
+    pub fn entry(&self, origin: DVec3, inverse: DVec3) -> Option<f64> {
+        let (a, b) = ((self.low - origin) * inverse, (self.high - origin) * inverse);
+        let (near, far) = (a.min(b).max_element().max(0.0), a.max(b).min_element());
+        (near <= far).then_some(near)
+    }
+}
+
+/// A shape by its index, or two nodes by theirs, with their boxes.
+#[derive(Clone, Copy)]
+pub enum Node {
+    Leaf(usize),
+    Inner([(Aabb, usize); 2]),
+}
+
+/// The nodes over shapes with these boxes, the root first; none without shapes.
+pub fn nodes(boxes: &[Aabb]) -> Vec<Node> {
+    let mut shapes = (0..boxes.len()).collect_vec();
+    let mut nodes = vec![Node::Leaf(0); (2 * boxes.len()).saturating_sub(1)];
+    if !boxes.is_empty() {
+        build(boxes, &mut shapes, 0, &mut nodes);
+    }
+    nodes
+}
+
+/// The subtree over these shapes: twice as many nodes less one, of which the first has the index `start`.
+fn build(boxes: &[Aabb], shapes: &mut [usize], start: usize, nodes: &mut [Node]) {
+    if let [shape] = shapes {
+        nodes[0] = Node::Leaf(*shape);
+        return;
+    }
+    let count = shapes.len();
+    let middle = split(boxes, shapes);
+    let (left, right) = shapes.split_at_mut(middle);
+    let (left_start, right_start) = (start + 1, start + 2 * middle);
+    nodes[0] =
+        Node::Inner([(around(boxes, left), left_start), (around(boxes, right), right_start)]);
+    let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
+    let mut build_left = || build(boxes, left, left_start, left_nodes);
+    let mut build_right = || build(boxes, right, right_start, right_nodes);
+    if count > PARALLEL {
+        rayon::join(build_left, build_right);
+    } else {
+        build_left();
+        build_right();
+    }
+}
+
+fn around(boxes: &[Aabb], shapes: &[usize]) -> Aabb {
+    shapes.iter().fold(Aabb::EMPTY, |all, shape| all.joined(boxes[*shape]))
+}
+
+/// Reorders at least two shapes so that the first ones become one child; how many these are.
+fn split(boxes: &[Aabb], shapes: &mut [usize]) -> usize {
+    let centers = shapes.iter().map(|shape| boxes[*shape].center());
+    let (low, high) = centers
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), center| {
+            (low.min(center), high.max(center))
+        });
+    let axis = (high - low).max_position();
+    let scale = BUCKETS as f64 / (high - low)[axis];
+    if !scale.is_finite() {
+        return shapes.len() / 2;
+    }
+    let bucket = |shape: &usize| {
+        let along = (boxes[*shape].center() - low)[axis] * scale;
+        (along as usize).min(BUCKETS - 1)
+    };
+    let mut filled = [(Aabb::EMPTY, 0); BUCKETS];
+    for shape in shapes.iter() {
+        let (bounds, count) = &mut filled[bucket(shape)];
+        *bounds = bounds.joined(boxes[*shape]);
+        *count += 1;
+    }
+    // The first and the last bucket hold a shape each, so neither side is empty.
+    let cost = |side: &[(Aabb, usize)]| {
+        let bounds = side.iter().fold(Aabb::EMPTY, |all, (bounds, _)| all.joined(*bounds));
+        bounds.area() * side.iter().map(|(_, count)| *count as f64).sum::<f64>()
+    };
+    let costs = (1..BUCKETS).map(|end| cost(&filled[..end]) + cost(&filled[end..]));
+    let best = 1 + costs.position_min_by(f64::total_cmp).unwrap_or(0);
+    partition(&mut *shapes, |shape| bucket(shape) < best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn boxes(centers: impl Iterator<Item = DVec3>) -> Vec<Aabb> {
+        centers.map(|c| Aabb { low: c - DVec3::ONE, high: c + DVec3::ONE }).collect()
+    }
+
+    /// Each shape is one leaf, within the boxes of all nodes above it.
+    fn is_sound(boxes: &[Aabb]) {
+        let nodes = nodes(boxes);
+        let mut found = vec![0; boxes.len()];
+        let mut open = vec![(0, Vec::new())];
+        while let Some((node, above)) = open.pop() {
+            match nodes[node] {
+                Node::Leaf(shape) => {
+                    found[shape] += 1;
+                    let holds = |b: &Aabb| {
+                        b.low.cmple(boxes[shape].low).all() && b.high.cmpge(boxes[shape].high).all()
+                    };
+                    assert!(above.iter().all(holds));
+                }
+                Node::Inner(children) => open.extend(children.map(|(bounds, child)| {
+                    (child, above.iter().copied().chain([bounds]).collect())
+                })),
+            }
+        }
+        assert!(found.iter().all(|count| *count == 1));
+    }
+
+    #[test]
+    fn every_shape_is_a_leaf_within_its_boxes() {
+        let spread = |i: i32| DVec3::new(f64::from(i * i % 101), f64::from(i % 7), f64::from(i));
+        for count in [1, 2, 3, 100, 10_000] {
+            is_sound(&boxes((0..count).map(spread)));
+            is_sound(&boxes((0..count).map(|_| DVec3::ONE)));
+        }
+        assert!(nodes(&[]).is_empty());
+    }
+
+    #[test]
+    fn a_ray_enters_a_box_where_it_meets_it() {
+        let bounds = Aabb { low: DVec3::NEG_ONE, high: DVec3::ONE };
+        let large = DVec3::splat(1e300);
+        let entry =
+            |origin: DVec3, along: DVec3| bounds.entry(origin, along.recip().clamp(-large, large));
+        assert_eq!(entry(DVec3::new(-3.0, 0.5, 0.0), DVec3::X), Some(2.0));
+        assert_eq!(entry(DVec3::ZERO, DVec3::Y), Some(0.0));
+        assert_eq!(entry(DVec3::new(-3.0, 0.5, 0.0), DVec3::NEG_X), None);
+        assert_eq!(entry(DVec3::new(-3.0, 1.5, 0.0), DVec3::X), None);
+        // Along sides and an edge.
+        assert_eq!(entry(DVec3::new(-3.0, 1.0, 0.0), DVec3::X), Some(2.0));
+        assert_eq!(entry(DVec3::new(-3.0, -1.0, 1.0), DVec3::X), Some(2.0));
+    }
+}
