@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use jiff::Timestamp;
 use thiserror::Error;
 
 use super::catalog::Catalog;
@@ -267,7 +266,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
     Run {
         schema: SCHEMA,
         fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
-        started_at: calendar::rfc3339(Timestamp::now()),
+        started_at: calendar::now(),
         profile,
         command: options.command.clone(),
         adapter: record::Adapter {
