@@ -9,7 +9,7 @@ mod machine;
 mod sampling;
 mod session;
 
-pub use audit::{Audit, audit, audit_cpu_time, audit_table};
+pub use audit::{Audit, audit, audit_all, audit_cpu_time, audit_table};
 pub use counters::{StageCounters, count};
 pub use device::{WatchedDevice, describe};
 pub use error::{ClockError, DeviceError};

@@ -23,7 +23,7 @@ pub use error::GpuError;
 pub use fathom_clock::{
     Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, Fault, FrameSample,
     FrameTimer, HostClock, HostTime, MachineReader, StageCounters, StageSample, StageScope,
-    SubmitCost, Targets, audit, audit_cpu_time, audit_table, count,
+    SubmitCost, Targets, audit, audit_all, audit_cpu_time, audit_table, count,
 };
 pub use layout::{BoundStruct, Member, StructLayout};
 pub use limits::Demand;

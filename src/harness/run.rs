@@ -134,7 +134,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         None => Held::create(options.out.as_deref(), &gpu.adapter.name, profile)?,
     };
     let now = spent.since(now, SetUp::Scenes);
-    let audit = audit(&gpu)?;
+    let audit = gpu::audit_all(&gpu).map_err(GpuError::from)?;
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard, ..header(options, &gpu, &audit, profile, seed) };
@@ -165,18 +165,6 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     measurement.begin(&damage, &ids)?;
     measurement.measure(&planned)?;
     measurement.end(start, kept)
-}
-
-/// Audits the clocks. Chosen is the CPU time of the process where the driver has one core and that clock is sound; else timestamps and the host clock.
-pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
-    let one_core = Conditions::here().cores.len() == 1;
-    let (by_cpu, plan) = if one_core { gpu::audit_cpu_time(gpu)? } else { (Vec::new(), None) };
-    if let Some(plan) = plan {
-        return Ok(Audit { rows: by_cpu, plan });
-    }
-    let mut audit = gpu::audit(gpu)?;
-    audit.rows.extend(by_cpu);
-    Ok(audit)
 }
 
 /// A folder is gone on with as the part of the run that it was begun as.

@@ -32,7 +32,7 @@ use self::verdict::{Audited, Series, factor, judge, median};
 use super::frame::{ClockPlan, FrameSample, FrameTimer, HostClock, Probe, StageSample, SubmitCost};
 use super::{DeviceError, TimedStage as _, WatchedDevice};
 use fathom_base::statistics;
-use fathom_record::{AuditRow, Clock, PassKind, Surrounding};
+use fathom_record::{AuditRow, Clock, Conditions, PassKind, Surrounding};
 
 const KINDS: [PassKind; 3] = [PassKind::Render, PassKind::Compute, PassKind::Copy];
 /// Length of a pass at N work: on a software adapter, and on a GPU. Long beside the jitter of a
@@ -82,6 +82,22 @@ pub fn audit(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
     rows.sort_by_key(|row| KINDS.iter().position(|kind| *kind == row.pass));
     let plan = planned(&rows, bench.submissions.cost());
     Ok(Audit { rows, plan })
+}
+
+/// Audits all clocks. Chosen is the CPU time of the process where it has one core and that clock is sound; else timestamps and the
+/// host clock.
+///
+/// # Errors
+/// A fault of the device.
+pub fn audit_all(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
+    let one_core = Conditions::here().cores.len() == 1;
+    let (by_cpu, plan) = if one_core { audit_cpu_time(gpu)? } else { (Vec::new(), None) };
+    if let Some(plan) = plan {
+        return Ok(Audit { rows: by_cpu, plan });
+    }
+    let mut audit = audit(gpu)?;
+    audit.rows.extend(by_cpu);
+    Ok(audit)
 }
 
 /// Timestamps for the kinds of pass of which all rows are sound.

@@ -2,47 +2,28 @@
 
 mod pass;
 mod records;
+mod sampled;
 mod told;
 
 pub use pass::TimedPass;
+pub use sampled::Sampling;
 
 use std::time::Instant;
 
-use super::{
-    Audit, ClockError, FrameSample, FrameTimer, MachineReader, Samples, Stopped, WarmUp,
-    WatchedDevice, audit, fault, frame_pair,
-};
-use fathom_record::{Addition, Cell, PassKind};
+use self::sampled::Sampled;
+use super::{Audit, ClockError, FrameTimer, MachineReader, WatchedDevice, audit_all};
+use fathom_record::{Cell, PassKind};
 
 /// Features of the device that timestamps need.
 const FEATURES: wgpu::Features =
     wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
 /// Passes of a frame that can have timestamps.
 const MOST_PASSES: u32 = 1024;
-/// Pairs of frames at the first look at their precision, and at the last: as fathom's own runs.
-const LEAST_PAIRS: usize = 12;
-const MOST_PAIRS: usize = 192;
 
 /// The features of this adapter that timestamps need, for `required_features` of the device. Without them every pass is timed by a
 /// fenced host clock.
 pub fn features(adapter: &wgpu::Adapter) -> wgpu::Features {
     adapter.features() & FEATURES
-}
-
-/// When a cell has enough samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sampling {
-    /// Half the width of the frame time's 95 % interval over its median.
-    pub precision: f64,
-    /// Seconds after which no more frames are asked for, once there are 12 pairs.
-    pub budget_s: f64,
-}
-
-impl Default for Sampling {
-    /// 2 %, 30 s.
-    fn default() -> Self {
-        Self { precision: 0.02, budget_s: 30.0 }
-    }
 }
 
 /// An audited clock around the frames of a program, and what was sampled of them.
@@ -55,11 +36,11 @@ pub struct FrameClock {
     timer: FrameTimer,
     machine: Option<MachineReader>,
     sampling: Sampling,
-    current: Sampled,
+    sampled: Sampled,
+    /// When the current cell began.
+    begun: Instant,
     cells: Vec<Cell>,
     totals: Totals,
-    /// Number of the next pair of frames of the run.
-    round: u32,
 }
 
 /// Times of the whole run.
@@ -68,30 +49,6 @@ struct Totals {
     begun: Instant,
     audit_s: f64,
     frames_ns: f64,
-}
-
-/// What was sampled since the last cell ended.
-struct Sampled {
-    samples: Samples,
-    warm_up: WarmUp,
-    timed: Option<FrameSample>,
-    untimed_ns: Option<f64>,
-    begun: Instant,
-    /// Pairs at which the precision is looked at next.
-    target: usize,
-}
-
-impl Sampled {
-    fn begin() -> Self {
-        Self {
-            samples: Samples { stopped: Stopped::Interrupted, ..Samples::default() },
-            warm_up: WarmUp::default(),
-            timed: None,
-            untimed_ns: None,
-            begun: Instant::now(),
-            target: LEAST_PAIRS,
-        }
-    }
 }
 
 impl FrameClock {
@@ -106,7 +63,7 @@ impl FrameClock {
     ) -> Result<Self, ClockError> {
         let (started_at, begun) = (fathom_record::calendar::now(), Instant::now());
         let gpu = WatchedDevice::new(adapter, device.clone(), queue.clone());
-        let audit = audit(&gpu)?;
+        let audit = audit_all(&gpu)?;
         let timer = FrameTimer::new(&gpu, audit.plan, MOST_PASSES)?;
         let audit_s = begun.elapsed().as_secs_f64();
         Ok(Self {
@@ -115,10 +72,10 @@ impl FrameClock {
             audit,
             timer,
             sampling: Sampling::default(),
-            current: Sampled::begin(),
+            sampled: Sampled::begin(0),
+            begun: Instant::now(),
             cells: Vec::new(),
             totals: Totals { started_at, begun, audit_s, frames_ns: 0.0 },
-            round: 0,
         })
     }
 
@@ -137,71 +94,15 @@ impl FrameClock {
     /// More frames are needed: fewer than 12 pairs were sampled, or the frame time is not precise yet and there is time. Frames
     /// rendered beyond that are sampled as well.
     pub fn wants_frame(&mut self) -> bool {
-        let Sampled { samples, begun, target, .. } = &mut self.current;
-        let pairs = samples.pairs();
-        let late = begun.elapsed().as_secs_f64() > self.sampling.budget_s;
-        if samples.verdict_on_rejections().is_some() {
-            return false;
-        }
-        if pairs < LEAST_PAIRS || !late && pairs < *target {
-            return true;
-        }
-        let precise = samples.relative_half_width() <= self.sampling.precision;
-        samples.stopped = match (precise, late) {
-            (true, _) => Stopped::Precise,
-            (_, true) => Stopped::OutOfTime,
-            _ if pairs >= MOST_PAIRS => Stopped::EnoughPairs,
-            _ => {
-                *target *= 2;
-                return true;
-            }
-        };
-        false
+        let late = self.begun.elapsed().as_secs_f64() > self.sampling.budget_s;
+        self.sampled.wants_frame(self.sampling.precision, late)
     }
 
     /// Begins a frame. It ends with [`Frame::submit`].
     pub fn frame(&mut self) -> Frame<'_> {
         self.timer.begin();
-        let timed = self.times_next();
+        let timed = self.sampled.times_next();
         Frame { clock: self, timed, names: Vec::new() }
-    }
-
-    /// The kind of frame that a pair begins with is that of a Thue–Morse sequence, so that a steady drift favours neither.
-    fn times_next(&self) -> bool {
-        let Sampled { warm_up, timed, untimed_ns, .. } = &self.current;
-        if !warm_up.is_over() {
-            return warm_up.is_timed();
-        }
-        match (timed, untimed_ns) {
-            (None, None) => self.round.count_ones().is_multiple_of(2),
-            (timed, _) => timed.is_none(),
-        }
-    }
-
-    fn add(&mut self, timed: Option<FrameSample>, wall_ns: f64) {
-        self.totals.frames_ns += wall_ns;
-        let Sampled { samples, warm_up, timed: of_pair, untimed_ns, .. } = &mut self.current;
-        if !warm_up.is_over() {
-            warm_up.add(wall_ns);
-            if warm_up.is_over() {
-                samples.warm_up_frames = warm_up.frames();
-                samples.unsteady = !warm_up.is_steady();
-            }
-            return;
-        }
-        match timed {
-            Some(frame) => *of_pair = Some(frame),
-            None => *untimed_ns = Some(wall_ns),
-        }
-        if let (Some(frame), Some(ns)) = (&*of_pair, *untimed_ns) {
-            let rejected = fault(frame, ns, &samples.stages);
-            let mut pair = frame_pair(frame, ns, (self.round, records::unix_s()));
-            pair.machine = self.machine.as_ref().and_then(MachineReader::read);
-            let pair = rejected.is_none().then_some(pair);
-            samples.add(&Addition { rejected, pair, ..Addition::default() });
-            (*of_pair, *untimed_ns) = (None, None);
-            self.round += 1;
-        }
     }
 }
 
@@ -296,15 +197,19 @@ impl Frame<'_> {
     /// sampled.
     pub fn submit(self, encoder: wgpu::CommandEncoder) -> Result<(), ClockError> {
         let Self { clock, timed, names } = self;
-        let FrameClock { gpu, timer, .. } = &mut *clock;
-        if timed {
+        let FrameClock { gpu, timer, machine, sampled, totals, .. } = clock;
+        let state = || machine.as_ref().and_then(MachineReader::read);
+        let wall_ns = if timed {
             let frame = timer.run_timed(gpu, encoder, &names)?;
             let envelope_ns = frame.envelope_ns;
-            clock.add(Some(frame), envelope_ns);
+            sampled.add_timed(frame, state);
+            envelope_ns
         } else {
             let wall_ns = timer.run_untimed(gpu, encoder)?;
-            clock.add(None, wall_ns);
-        }
+            sampled.add_untimed(wall_ns, state);
+            wall_ns
+        };
+        totals.frames_ns += wall_ns;
         Ok(())
     }
 

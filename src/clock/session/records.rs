@@ -1,12 +1,12 @@
 //! What was measured, as records that `fathom report`, `fathom compare` and `fathom history` read.
 
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::Instant;
 
 use itertools::Itertools;
 
 use super::{FEATURES, FrameClock, Sampled};
-use crate::{ClockError, frame_record, sampling_notes, stage_record};
+use crate::{ClockError, Samples, frame_record, sampling_notes, stage_record};
 use fathom_base::{private, text};
 use fathom_record::output::{FolderKind, OutputError, Taken};
 use fathom_record::{
@@ -17,11 +17,6 @@ use fathom_record::{
 /// Kinds of pass that have a clock of the audit.
 const AUDITED: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
 
-/// Seconds of Unix time.
-pub(super) fn unix_s() -> f64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64())
-}
-
 impl FrameClock {
     /// Makes a cell of what was sampled since the last one, and begins another with a warm-up. `experiment` is the program's name:
     /// lower-case letters, digits and `-`. `cell` tells this cell from its others, such as `size=512,filter=box`, or `base` where
@@ -31,34 +26,35 @@ impl FrameClock {
     /// `experiment` is no such name. The samples are kept.
     pub fn end_cell(&mut self, experiment: &str, cell: &str) -> Result<&Cell, ClockError> {
         text::check_id(experiment).map_err(ClockError::Name)?;
-        let sampled = std::mem::replace(&mut self.current, Sampled::begin());
+        let next = Sampled::begin(self.sampled.round);
+        let samples = std::mem::replace(&mut self.sampled, next).samples;
+        self.begun = Instant::now();
         let axes = cell.split(',').filter_map(|axis| axis.split_once('='));
         self.cells.push(Cell {
             experiment: experiment.to_owned(),
             cell: cell.to_owned(),
             axes: axes.map(|(name, value)| (name.to_owned(), value.into())).collect(),
             pipeline: experiment.to_owned(),
-            scene: String::new(),
+            scene: "none".to_owned(),
             stand_ins: Vec::new(),
             params: Default::default(),
-            outcome: self.outcome(sampled),
+            outcome: self.outcome(&samples),
         });
         Ok(&self.cells[self.cells.len() - 1])
     }
 
-    fn outcome(&self, sampled: Sampled) -> Outcome {
-        let samples = sampled.samples;
+    fn outcome(&self, samples: &Samples) -> Outcome {
         if let Some(reason) = samples.verdict_on_rejections() {
             return Outcome::Failed { reason };
         }
         if samples.pairs() == 0 {
             return Outcome::Failed { reason: "no pair of frames was sampled".to_owned() };
         }
-        let frame = frame_record(&samples);
+        let frame = frame_record(samples);
         let record = |stage| stage_record(stage, Default::default(), Default::default());
         Outcome::Measured(Box::new(Measured {
             stages: samples.stages.iter().map(record).collect(),
-            notes: sampling_notes(&samples, &frame.untimed, self.sampling.precision),
+            notes: sampling_notes(samples, &frame.untimed, self.sampling.precision),
             frame,
             warm_up_frames: samples.warm_up_frames,
             rejected: samples.rejected_frames(),
