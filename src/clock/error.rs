@@ -1,5 +1,7 @@
 //! What can go wrong around a device, and around a measurement on it.
 
+use std::path::PathBuf;
+
 use fathom_record::output::OutputError;
 use thiserror::Error;
 
@@ -37,6 +39,8 @@ pub enum ClockError {
     Device(#[from] DeviceError),
     #[error(transparent)]
     Output(#[from] OutputError),
+    #[error("{} holds records already: choose another folder", path.display())]
+    Occupied { path: PathBuf },
     /// The name goes into names of files.
     #[error("experiment {0}")]
     Name(String),

@@ -72,7 +72,11 @@ impl FrameClock {
     /// # Errors
     /// The folder holds records already, another process writes to it, or it cannot be written to.
     pub fn write(&self, folder: &Path) -> Result<(), ClockError> {
-        let mut held = Taken::free(folder)?.open(FolderKind::Run)?;
+        let taken = Taken::free(folder).map_err(|error| match error {
+            OutputError::Occupied { path } => ClockError::Occupied { path },
+            other => other.into(),
+        })?;
+        let mut held = taken.open(FolderKind::Run)?;
         let cells = self.cells.iter().map(|cell| Record::Cell(Box::new(cell.clone())));
         let records = std::iter::once(Record::Run(Box::new(self.run())))
             .chain(cells)
