@@ -214,8 +214,8 @@ mod tests {
     #[test]
     fn a_link_error_shows_the_source() {
         let error =
-            link(&folders(), "ceilings/read", &[("GROUP_SIZE", -1)]).unwrap_err().to_string();
-        assert!(error.contains("shaders/ceilings/read.wgsl"), "{error}");
+            link(&folders(), "ceilings/atomics", &[("GROUP_SIZE", -1)]).unwrap_err().to_string();
+        assert!(error.contains("shaders/ceilings/atomics.wgsl"), "{error}");
         assert!(error.contains("@workgroup_size(-1)"), "{error}");
         assert!(matches!(link(&folders(), "audit/none", &[]), Err(GpuError::UnknownShader(_))));
     }
