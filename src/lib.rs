@@ -41,6 +41,7 @@ pub use fathom_base::{
     choices, folder, input, npy, parameter, private, process, quiet, settings, statistics, tell,
     text,
 };
+pub use fathom_clock as clock;
 pub use fathom_compare as compare;
 pub use fathom_embedded as embedded;
 pub use fathom_experiments as experiments;
