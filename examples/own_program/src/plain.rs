@@ -14,7 +14,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let taps = std::env::args().nth(1).map_or(Ok(16), |taps| taps.parse())?;
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&Default::default()))?;
-    let descriptor = wgpu::DeviceDescriptor { ..Default::default() };
+    let required_features = wgpu::Features::empty();
+    let descriptor = wgpu::DeviceDescriptor { required_features, ..Default::default() };
     let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))?;
     let passes = Passes::new(&device, &queue, taps);
 

@@ -9,6 +9,7 @@ impl FrameTimer {
     /// Begins a frame. What was opened of another is forgotten.
     pub(crate) fn begin(&mut self) {
         self.recorder.reset();
+        self.refused = None;
     }
 
     /// A pass of this kind comes next in the encoder. Where it must be alone in a submission, the encoder is replaced by an
@@ -20,19 +21,30 @@ impl FrameTimer {
         (stage, kind): (usize, PassKind),
     ) -> Option<(&wgpu::QuerySet, u32)> {
         self.close(gpu, encoder);
+        if self.mode().fences(kind) {
+            self.cut(gpu, encoder, false);
+        }
         let sets = self.queries.as_ref().map_or(&[][..], |queries| &queries.sets);
         let mode = Mode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
-        if mode.fences(kind) {
-            self.recorder.push(replaced(gpu, encoder), false);
-        }
         self.recorder.add(mode, stage, kind).map(|Query { set, first }| (set, first))
     }
 
     /// The pass that was opened last has ended. Where it is alone in a submission, the encoder is replaced.
     pub(crate) fn close(&mut self, gpu: &WatchedDevice, encoder: &mut wgpu::CommandEncoder) {
         if self.in_fenced_pass() {
-            self.recorder.push(replaced(gpu, encoder), true);
+            self.cut(gpu, encoder, true);
         }
+    }
+
+    /// Ends a command buffer with what the encoder holds; the encoder is empty then. A command that is refused now is an error
+    /// of the frame.
+    fn cut(&mut self, gpu: &WatchedDevice, encoder: &mut wgpu::CommandEncoder, fenced: bool) {
+        let ended = gpu.scoped(|| {
+            let next = gpu.device.create_command_encoder(&Default::default());
+            self.recorder.push(std::mem::replace(encoder, next), fenced);
+            Ok(())
+        });
+        self.refused = self.refused.take().or(ended.err());
     }
 
     fn in_fenced_pass(&self) -> bool {
@@ -51,6 +63,9 @@ impl FrameTimer {
         encoder: wgpu::CommandEncoder,
         names: &[&'static str],
     ) -> Result<FrameSample, DeviceError> {
+        if let Some(refused) = self.refused.take() {
+            return Err(refused);
+        }
         gpu.scoped(|| {
             let fenced = self.in_fenced_pass();
             self.recorder.push(encoder, fenced);
@@ -73,9 +88,4 @@ impl FrameTimer {
             Ok(self.recorder.run(gpu)?.by(self.plan.host()))
         })
     }
-}
-
-/// What the encoder holds; it is empty then.
-fn replaced(gpu: &WatchedDevice, encoder: &mut wgpu::CommandEncoder) -> wgpu::CommandEncoder {
-    std::mem::replace(encoder, gpu.device.create_command_encoder(&Default::default()))
 }

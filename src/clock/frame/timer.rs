@@ -91,6 +91,8 @@ pub struct FrameTimer {
     ticks: Vec<Ticks>,
     /// Those of the frame before.
     previous: Vec<Ticks>,
+    /// Why a command buffer of a caller's encoder was refused.
+    pub(super) refused: Option<DeviceError>,
 }
 
 /// Timestamp queries and the buffers they are resolved to.
@@ -117,6 +119,7 @@ impl FrameTimer {
             spans: Vec::new(),
             ticks: Vec::new(),
             previous: Vec::new(),
+            refused: None,
         })
     }
 

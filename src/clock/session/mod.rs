@@ -3,6 +3,8 @@
 mod pass;
 mod records;
 mod sampled;
+#[cfg(test)]
+mod tests;
 mod told;
 
 pub use pass::TimedPass;
@@ -11,7 +13,7 @@ pub use sampled::Sampling;
 use std::time::Instant;
 
 use self::sampled::Sampled;
-use super::{Audit, ClockError, FrameTimer, MachineReader, WatchedDevice, audit_all};
+use super::{Audit, ClockError, DeviceError, FrameTimer, MachineReader, WatchedDevice, audit_all};
 use fathom_record::{Cell, PassKind};
 
 /// Features of the device that timestamps need.
@@ -61,9 +63,16 @@ impl FrameClock {
         device: &wgpu::Device,
         queue: &wgpu::Queue,
     ) -> Result<Self, ClockError> {
-        let (started_at, begun) = (fathom_record::calendar::now(), Instant::now());
         let gpu = WatchedDevice::new(adapter, device.clone(), queue.clone());
-        let audit = audit_all(&gpu)?;
+        Self::audited(gpu, audit_all)
+    }
+
+    fn audited(
+        gpu: WatchedDevice,
+        audit: impl FnOnce(&WatchedDevice) -> Result<Audit, DeviceError>,
+    ) -> Result<Self, ClockError> {
+        let (started_at, begun) = (fathom_record::calendar::now(), Instant::now());
+        let audit = audit(&gpu)?;
         let timer = FrameTimer::new(&gpu, audit.plan, MOST_PASSES)?;
         let audit_s = begun.elapsed().as_secs_f64();
         Ok(Self {

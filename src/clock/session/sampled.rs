@@ -6,7 +6,7 @@ use crate::{FrameSample, Samples, Stopped, WarmUp, fault, frame_pair};
 use fathom_record::{Addition, MachineState};
 
 /// Pairs of frames at the first look at their precision, and at the last: as in fathom's own runs.
-const LEAST_PAIRS: usize = 12;
+pub(super) const LEAST_PAIRS: usize = 12;
 const MOST_PAIRS: usize = 192;
 
 /// When a cell has enough samples.
