@@ -13,6 +13,8 @@ pub use audit::{Audit, audit, audit_all, audit_cpu_time, audit_table};
 pub use counters::{StageCounters, count};
 pub use device::{WatchedDevice, describe};
 pub use error::{ClockError, DeviceError};
+/// What is measured, as records have it.
+pub use fathom_record as record;
 pub use frame::{
     ClockPlan, ColorTarget, CostMeter, DepthTarget, Fault, FrameSample, FrameTimer, HostClock,
     HostTime, StageSample, StageScope, SubmitCost, Targets, TimedStage,
