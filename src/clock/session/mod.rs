@@ -1,11 +1,11 @@
 //! The clock of one program: which frame is timed next, what is sampled, and the records of it.
 
+mod display;
 mod pass;
 mod records;
 mod sampled;
 #[cfg(test)]
 mod tests;
-mod told;
 
 pub use pass::TimedPass;
 pub use sampled::Sampling;
