@@ -7,7 +7,7 @@ use criterion::{Criterion, Throughput};
 use thiserror::Error;
 
 use crate::compare::cells::Gates;
-use crate::gpu::{ClockPlan, FrameTimer, Gpu, GpuError, Stage};
+use crate::gpu::{ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, Stage};
 use crate::harness::MAX_PASSES;
 use crate::harness::catalog::Catalog;
 use crate::harness::subject::{SubjectError, Subjects};
@@ -48,7 +48,8 @@ impl StageBench {
     /// # Errors
     /// What the GPU reports.
     pub fn warm_up(&mut self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
-        self.timer.untimed(&self.gpu, stages).map(drop)
+        self.timer.untimed(&self.gpu, stages)?;
+        Ok(())
     }
 
     /// One stage alone in its frames; faulty readings are taken again, and are an error if they go on. Throughput is in `counted`
@@ -131,8 +132,7 @@ fn stage_ns(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Stage) -> Result<f64,
             return Ok(sample.stages[0].at_least_resolution_ns());
         }
     }
-    Err(GpuError::Internal(format!(
-        "{}: no acceptable reading of the clock in {ATTEMPTS} frames",
-        stage.name()
-    )))
+    let name = stage.name();
+    let message = format!("{name}: no acceptable reading of the clock in {ATTEMPTS} frames");
+    Err(DeviceError::Internal(message).into())
 }

@@ -12,7 +12,7 @@ struct Made {
 @group(0) @binding(0) var<uniform> work: Work;
 @group(0) @binding(1) var<storage, read_write> made: Made;
 
-// The product depends on the turn before. Host twin: src/gpu/audit/turns.rs.
+// The product depends on the turn before. Host twin: src/gpu/turns.rs.
 fn turned(before: Made) -> Made {
     return Made(before.turns + 1u, (before.state ^ (before.state >> 15u)) * 0x2c1b3c6du + 1u);
 }

@@ -1,7 +1,6 @@
 //! What every other crate of fathom stands on: parameters, text, printing, files that a user names, medians with intervals,
-//! child processes, conditions that keep noise down, and the folders that come with the program.
+//! child processes and conditions that keep noise down.
 
-pub mod embedded;
 pub mod folder;
 pub mod input;
 pub mod npy;

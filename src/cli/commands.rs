@@ -294,7 +294,7 @@ pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
         quiet::begin_again();
     }
     let gpu = Gpu::open(&options)?;
-    let answer = ceilings::answer(&gpu, run::audit(&gpu)?.plan)?;
+    let answer = ceilings::answer(&gpu, gpu::audit_all(&gpu)?.plan)?;
     if json {
         tell::answer(serde_json::to_string_pretty(&answer)?);
     } else {

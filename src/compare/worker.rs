@@ -20,7 +20,8 @@ use fathom_base::parameter::ParamError;
 use fathom_base::quiet;
 use fathom_gpu as gpu;
 use fathom_gpu::{
-    ClockPlan, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageSample, SubmitCost,
+    ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageSample,
+    SubmitCost,
 };
 use fathom_harness::MAX_PASSES;
 use fathom_harness::catalog::Catalog;
@@ -109,10 +110,16 @@ enum Refusal {
     Frames(u32),
 }
 
+impl From<DeviceError> for Refusal {
+    fn from(error: DeviceError) -> Self {
+        Self::Gpu(error.into())
+    }
+}
+
 impl Refusal {
     fn reply(self) -> Reply {
         Reply::Fault {
-            fatal: matches!(self, Self::Gpu(GpuError::Lost(_))),
+            fatal: matches!(self, Self::Gpu(GpuError::Device(DeviceError::Lost(_)))),
             absent: self.is_absence(),
             reason: self.to_string(),
         }
@@ -333,11 +340,12 @@ fn find<'a>(
 /// The stage's time; an error where it is below what the clock can tell from none, as a ratio of such times says nothing.
 fn resolved(sample: &StageSample) -> Result<f64, GpuError> {
     sample.is_resolved().then_some(sample.ns).ok_or_else(|| {
-        GpuError::Internal(format!(
+        let message = format!(
             "{}: shorter than the {:.3} ms that the fenced host clock tells from none: choose a larger configuration",
             sample.name,
             sample.resolution_ns * 1e-6
-        ))
+        );
+        DeviceError::Internal(message).into()
     })
 }
 
@@ -360,8 +368,9 @@ fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Stage) -> Result<f64, 
             }
         }
     }
-    Err(GpuError::Internal(format!(
-        "{}: no acceptable reading of the clock in {ATTEMPTS} frames; the last: {last}",
-        stage.name()
-    )))
+    let name = stage.name();
+    let message = format!(
+        "{name}: no acceptable reading of the clock in {ATTEMPTS} frames; the last: {last}"
+    );
+    Err(DeviceError::Internal(message).into())
 }

@@ -15,9 +15,9 @@ pub mod words;
 
 use std::path::{Path, PathBuf};
 
-use fathom_base::embedded::{EXPERIMENTS, Folders};
 use fathom_base::input;
 use fathom_base::text::{did_you_mean, line, nearest};
+use fathom_embedded::{EXPERIMENTS, Folders};
 
 pub use claims::{
     CHANCE, LOOKS, RuledFigure, Ruling, Scaling, Verdict, concerned, groups, least_samples, scaling,

@@ -1,13 +1,13 @@
-//! Choosing and opening an adapter, and turning the faults of its device into errors.
+//! Choosing and opening an adapter.
 
-use std::cell::Cell;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::ops::Deref;
+use std::sync::{Arc, OnceLock};
 
 use super::pipelines::Pipelines;
 use super::shader::Shaders;
-use super::{Capacity, GpuError};
-use fathom_base::embedded::{Folders, SHADERS};
+use super::{Capacity, GpuError, Stage};
+use fathom_clock::{ClockPlan, FrameTimer, SubmitCost, WatchedDevice, describe};
+use fathom_embedded::{Folders, SHADERS};
 use fathom_record as record;
 
 /// Features that are taken when the adapter has them, each with what is lost without it.
@@ -51,37 +51,27 @@ pub struct Options {
 
 /// An open device with all the limits and all the optional features that its adapter offers.
 pub struct Gpu {
-    pub device: wgpu::Device,
-    pub queue: wgpu::Queue,
-    pub adapter: record::Adapter,
-    pub features: wgpu::Features,
-    pub limits: wgpu::Limits,
+    watched: WatchedDevice,
     /// The limits, and on a software adapter those of the machine.
     pub capacity: Capacity,
     /// What this adapter lacks and what that degrades, one sentence each.
     pub notes: Vec<String>,
-    /// Shaders run without wgpu's bounds and loop checks.
-    pub unchecked: bool,
     /// Results of [`Gpu::shader`].
     pub(super) shaders: Shaders,
-    pub(super) pipelines: Pipelines,
+    pub(super) pipelines: Arc<Pipelines>,
     /// It allocates nothing: see [`Gpu::planner`].
     planner: bool,
     pub(super) folders: Folders,
     raw_adapter: wgpu::Adapter,
-    faults: Arc<Mutex<Faults>>,
 }
 
-/// What the device reported outside any error scope.
-#[derive(Default)]
-struct Faults {
-    uncaptured: Vec<wgpu::Error>,
-    lost: Option<String>,
-}
+/// The device, its queue, and what is known of it.
+impl Deref for Gpu {
+    type Target = WatchedDevice;
 
-thread_local! {
-    /// Depth of nested [`Gpu::scoped`] calls on this thread: only the outermost one opens error scopes.
-    static SCOPES: Cell<u32> = const { Cell::new(0) };
+    fn deref(&self) -> &WatchedDevice {
+        &self.watched
+    }
 }
 
 /// An instance of these backends, and the flags that the environment sets on it.
@@ -101,7 +91,7 @@ fn found(backends: wgpu::Backends) -> Vec<Found> {
     let (instance, flags) = instance(backends);
     let mut all = pollster::block_on(instance.enumerate_adapters(backends));
     all.retain(|adapter| adapter.get_info().backend != wgpu::Backend::Noop);
-    all.sort_by_key(|adapter| rank(&adapter.get_info()));
+    all.sort_by_key(rank);
     all.into_iter().map(|adapter| (adapter, flags)).collect()
 }
 
@@ -116,22 +106,16 @@ fn with_gl(mut others: Vec<Found>) -> Vec<Found> {
     others
 }
 
-fn is_software(info: &wgpu::AdapterInfo) -> bool {
-    let name = info.name.to_lowercase();
-    info.device_type == wgpu::DeviceType::Cpu
-        || ["llvmpipe", "lavapipe", "swiftshader", "softpipe"].iter().any(|s| name.contains(s))
-}
-
 /// Hardware before software, discrete before integrated.
-fn rank(info: &wgpu::AdapterInfo) -> (bool, u8) {
-    let kind = match info.device_type {
+fn rank(adapter: &wgpu::Adapter) -> (bool, u8) {
+    let kind = match adapter.get_info().device_type {
         wgpu::DeviceType::DiscreteGpu => 0,
         wgpu::DeviceType::IntegratedGpu => 1,
         wgpu::DeviceType::VirtualGpu => 2,
         wgpu::DeviceType::Other => 3,
         wgpu::DeviceType::Cpu => 4,
     };
-    (is_software(info), kind)
+    (describe(adapter).software, kind)
 }
 
 /// The index of the adapter named or numbered by `asked`.
@@ -141,22 +125,6 @@ fn find(names: &[String], asked: &str) -> Option<usize> {
     match asked.parse::<usize>() {
         Ok(index) if index < names.len() => Some(index),
         _ => by_name,
-    }
-}
-
-fn describe(adapter: &wgpu::Adapter) -> record::Adapter {
-    let info = adapter.get_info();
-    record::Adapter {
-        software: is_software(&info),
-        backend: format!("{:?}", info.backend).to_lowercase(),
-        device_type: format!("{:?}", info.device_type),
-        name: info.name,
-        driver: info.driver,
-        driver_info: info.driver_info,
-        vendor_id: info.vendor,
-        device_id: info.device,
-        timestamp_period_ns: 0.0,
-        host_threads: std::thread::available_parallelism().map_or(1, usize::from),
     }
 }
 
@@ -283,28 +251,21 @@ impl Gpu {
         if !flags.is_empty() {
             notes.push(format!("instance flags from the environment slow every call: {flags:?}"));
         }
-        let mut adapter = describe(&chosen);
-        let (device, queue) = request(&chosen, &adapter, features)?;
-        adapter.timestamp_period_ns = queue.get_timestamp_period();
-        let faults = watch(&device);
-        let (features, limits) = (device.features(), device.limits());
-        let unchecked = options.unchecked;
-        let capacity = Capacity::new(limits.clone(), &adapter, options.allow_large);
+        let (device, queue) = request(&chosen, &describe(&chosen), features)?;
+        let pipelines = Arc::new(Pipelines::default());
+        let known = Arc::clone(&pipelines);
+        // A pipeline made in a scope that caught an error may be invalid.
+        let mut watched = WatchedDevice::new(&chosen, device, queue).watch(move || known.clear());
+        watched.unchecked = options.unchecked;
         Ok(Gpu {
-            device,
-            queue,
-            adapter,
-            features,
-            limits,
-            capacity,
+            capacity: Capacity::new(watched.limits.clone(), &watched.adapter, options.allow_large),
+            watched,
             notes,
-            unchecked,
             shaders: Shaders::default(),
-            pipelines: Pipelines::default(),
+            pipelines,
             planner: false,
             folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),
             raw_adapter: chosen,
-            faults,
         })
     }
 
@@ -325,78 +286,17 @@ impl Gpu {
         self.raw_adapter.get_texture_format_features(format)
     }
 
-    /// Runs `f` and returns the first error the device raised meanwhile, if it raised one: a refused
-    /// call, exhausted memory, an error of the driver, or the loss of the device. May be nested.
+    /// See [`WatchedDevice::scoped`].
     pub fn scoped<T>(&self, f: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
-        self.pending_fault()?;
-        if SCOPES.get() > 0 {
-            return f();
-        }
-        let _depth = Depth::enter();
-        let filters = [
-            wgpu::ErrorFilter::Validation,
-            wgpu::ErrorFilter::OutOfMemory,
-            wgpu::ErrorFilter::Internal,
-        ];
-        let [validation, memory, internal] = filters.map(|f| self.device.push_error_scope(f));
-        let result = f();
-        let captured = [internal, memory, validation].map(|scope| pollster::block_on(scope.pop()));
-        self.pending_fault()?;
-        match captured.into_iter().flatten().next() {
-            Some(error) => {
-                self.pipelines.clear();
-                Err(error.into())
-            }
-            None => result,
-        }
+        self.watched.scoped(f)
     }
 
-    /// Waits until the GPU has done all that was submitted.
-    pub fn wait(&self) -> Result<(), GpuError> {
-        self.wait_for(None)
-    }
-
-    /// Waits for one submission, or for the last.
-    pub(super) fn wait_for(&self, index: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
-        let wait = wgpu::PollType::Wait { submission_index: index, timeout: None };
-        // wgpu panics when the device is lost while it waits.
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
-        if matches!(outcome, Ok(Err(_))) {
-            // A submission was refused. Only the next poll reports that the device is gone.
-            let _ = self.device.poll(wgpu::PollType::Poll);
-        }
-        self.pending_fault()?;
-        match outcome {
-            Ok(Ok(_)) => Ok(()),
-            Ok(Err(error)) => Err(GpuError::Internal(error.to_string())),
-            Err(_) => Err(GpuError::Lost("it failed while it was waited for".to_owned())),
-        }
-    }
-
-    /// The loss of the device, or an error raised outside any scope, once.
-    fn pending_fault(&self) -> Result<(), GpuError> {
-        let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(reason) = &faults.lost {
-            return Err(GpuError::Lost(reason.clone()));
-        }
-        let mut errors = faults.uncaptured.drain(..);
-        errors.next().map_or(Ok(()), |error| Err(error.into()))
-    }
-}
-
-/// Counts the nesting of scopes, also when a panic unwinds through them.
-struct Depth;
-
-impl Depth {
-    fn enter() -> Self {
-        SCOPES.set(SCOPES.get() + 1);
-        Depth
-    }
-}
-
-impl Drop for Depth {
-    fn drop(&mut self) {
-        SCOPES.set(SCOPES.get() - 1);
+    /// Runs stages as one untimed frame and waits for it.
+    pub fn run(&self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
+        // The limit is on timed passes, and there are none.
+        let plan = ClockPlan::fenced(SubmitCost::default());
+        FrameTimer::new(self, plan, 1)?.untimed(self, stages)?;
+        Ok(())
     }
 }
 
@@ -422,21 +322,6 @@ fn request(
         adapter: adapter.name.clone(),
         reason: error.to_string(),
     })
-}
-
-/// Gathers errors outside scopes and the loss of the device, instead of panicking.
-fn watch(device: &wgpu::Device) -> Arc<Mutex<Faults>> {
-    let faults = Arc::new(Mutex::new(Faults::default()));
-    let sink = Arc::clone(&faults);
-    device.on_uncaptured_error(Arc::new(move |error| {
-        sink.lock().unwrap_or_else(PoisonError::into_inner).uncaptured.push(error);
-    }));
-    let sink = Arc::clone(&faults);
-    device.set_device_lost_callback(move |reason, message| {
-        let lost = format!("{reason:?}: {message}");
-        sink.lock().unwrap_or_else(PoisonError::into_inner).lost = Some(lost);
-    });
-    faults
 }
 
 #[cfg(test)]

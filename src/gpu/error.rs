@@ -3,6 +3,7 @@
 use thiserror::Error;
 
 use fathom_base::parameter::ParamError;
+use fathom_clock::DeviceError;
 
 #[derive(Debug, Error)]
 pub enum GpuError {
@@ -31,32 +32,12 @@ pub enum GpuError {
     /// The request makes no sense on any adapter; the text says why.
     #[error("{0}")]
     Unusable(String),
-    #[error("the GPU refused a call: {0}")]
-    Validation(String),
-    #[error("out of GPU memory: {0}")]
-    OutOfMemory(String),
-    #[error("internal error of the GPU driver: {0}")]
-    Internal(String),
-    #[error("the GPU device was lost: {0}")]
-    Lost(String),
-    #[error("reading back from the GPU failed: {0}")]
-    ReadBack(String),
-    #[error("the frame opens more than {0} timed passes")]
-    TooManyPasses(u32),
+    #[error(transparent)]
+    Device(#[from] DeviceError),
 }
 
 impl From<ParamError> for GpuError {
     fn from(error: ParamError) -> Self {
         Self::Unusable(error.to_string())
-    }
-}
-
-impl From<wgpu::Error> for GpuError {
-    fn from(error: wgpu::Error) -> Self {
-        match error {
-            wgpu::Error::OutOfMemory { source } => Self::OutOfMemory(source.to_string()),
-            wgpu::Error::Validation { description, .. } => Self::Validation(description),
-            wgpu::Error::Internal { description, .. } => Self::Internal(description),
-        }
     }
 }

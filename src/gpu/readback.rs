@@ -1,8 +1,6 @@
 //! Buffers and textures read back to the CPU.
 
-use std::sync::mpsc;
-
-use super::{Gpu, GpuError};
+use super::{DeviceError, Gpu, GpuError};
 
 /// A texture's texels as floats, row by row from the top, the channels of a texel together.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,7 +46,7 @@ pub fn read_buffer(gpu: &Gpu, buffer: &wgpu::Buffer) -> Result<Vec<u8>, GpuError
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
         gpu.queue.submit([encoder.finish()]);
-        map(gpu, &staging, buffer.size(), <[u8]>::to_vec)
+        Ok(gpu.map(&staging, buffer.size(), <[u8]>::to_vec)?)
     })
 }
 
@@ -59,32 +57,6 @@ fn staging(gpu: &Gpu, bytes: u64) -> wgpu::Buffer {
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     })
-}
-
-/// Waits for the GPU, maps the first `bytes` of a buffer, and hands them to `read`.
-pub(super) fn map<T>(
-    gpu: &Gpu,
-    buffer: &wgpu::Buffer,
-    bytes: u64,
-    read: impl FnOnce(&[u8]) -> T,
-) -> Result<T, GpuError> {
-    let (sender, receiver) = mpsc::channel();
-    buffer.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
-        // The receiver is gone only when waiting has failed, which is reported there.
-        let _ = sender.send(result);
-    });
-    gpu.wait()?;
-    match receiver.try_recv() {
-        Ok(Ok(())) => {}
-        Ok(Err(error)) => return Err(GpuError::ReadBack(error.to_string())),
-        Err(error) => return Err(GpuError::ReadBack(error.to_string())),
-    }
-    let view =
-        buffer.get_mapped_range(..bytes).map_err(|error| GpuError::ReadBack(error.to_string()))?;
-    let value = read(&view);
-    drop(view);
-    buffer.unmap();
-    Ok(value)
 }
 
 /// The first level and layer of a texture, which must have been made with `COPY_SRC` and have one of
@@ -127,11 +99,11 @@ fn read_texels(
     gpu.scoped(|| {
         let staging = staging(gpu, bytes);
         copy_to(gpu, (texture, level, size), &staging, pitch);
-        map(gpu, &staging, bytes, |padded| {
+        Ok(gpu.map(&staging, bytes, |padded| {
             let rows = padded.chunks_exact(pitch as usize).map(|padded| &padded[..row as usize]);
             let data = rows.flat_map(|row| layout.decode(row)).collect();
             (layout.channels, data)
-        })
+        })?)
     })
 }
 
@@ -179,9 +151,8 @@ impl TexelLayout {
             Format::R8Unorm => (1, 1, unorm),
             Format::Rgba8Unorm => (4, 4, unorm),
             other => {
-                return Err(GpuError::ReadBack(format!(
-                    "textures of format {other:?} are not read"
-                )));
+                let reason = format!("textures of format {other:?} are not read");
+                return Err(DeviceError::ReadBack(reason).into());
             }
         };
         Ok(Self { bytes, channels, decode })

@@ -17,7 +17,7 @@ use wgpu::naga;
 
 use super::layout::{BoundStruct, bound_structs};
 use super::{Gpu, GpuError};
-use fathom_base::embedded::Folders;
+use fathom_embedded::Folders;
 
 /// A linked shader of a device.
 #[derive(Clone)]
@@ -179,7 +179,7 @@ impl Gpu {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_base::embedded::SHADERS;
+    use fathom_embedded::SHADERS;
 
     fn folders() -> Folders {
         Folders::of(SHADERS)
@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn every_shader_links_and_validates_with_its_defaults() {
         let paths = shader_paths(&folders());
-        assert!(paths.contains(&"audit/kernels".to_owned()), "{paths:?}");
+        assert!(paths.contains(&"audit/turns".to_owned()), "{paths:?}");
         for path in paths {
             link(&folders(), &path, &[]).unwrap_or_else(|error| panic!("{error}"));
         }
@@ -197,7 +197,7 @@ mod tests {
     #[test]
     fn defs_go_before_the_shaders_own_defaults() {
         let group_size = |defs: &[(&str, i32)]| {
-            link(&folders(), "audit/kernels", defs).unwrap().entry_points[0].workgroup_size[0]
+            link(&folders(), "ceilings/read", defs).unwrap().entry_points[0].workgroup_size[0]
         };
         assert_eq!(group_size(&[]), 64);
         assert_eq!(group_size(&[("GROUP_SIZE", 32)]), 32);
@@ -214,8 +214,8 @@ mod tests {
     #[test]
     fn a_link_error_shows_the_source() {
         let error =
-            link(&folders(), "audit/kernels", &[("GROUP_SIZE", -1)]).unwrap_err().to_string();
-        assert!(error.contains("shaders/audit/kernels.wgsl"), "{error}");
+            link(&folders(), "ceilings/atomics", &[("GROUP_SIZE", -1)]).unwrap_err().to_string();
+        assert!(error.contains("shaders/ceilings/atomics.wgsl"), "{error}");
         assert!(error.contains("@workgroup_size(-1)"), "{error}");
         assert!(matches!(link(&folders(), "audit/none", &[]), Err(GpuError::UnknownShader(_))));
     }

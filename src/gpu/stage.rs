@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::StageScope;
+use fathom_clock::{StageScope, TimedStage};
 use fathom_record::Work;
 
 /// A timed unit of a pipeline.
@@ -32,6 +32,20 @@ pub trait Stage {
     /// What the stage leaves behind, for read-back and analysis.
     fn outputs(&self) -> Vec<Output> {
         Vec::new()
+    }
+}
+
+impl TimedStage for dyn Stage + '_ {
+    fn name(&self) -> &'static str {
+        Stage::name(self)
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        Stage::encode(self, scope);
+    }
+
+    fn turns(&self) -> u32 {
+        Stage::turns(self)
     }
 }
 

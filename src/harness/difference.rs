@@ -56,7 +56,7 @@ impl References {
         let keys: Vec<String> = outputs.iter().map(|stages| key(stages)).collect();
         if !keys.iter().all(|key| self.images.contains_key(key)) {
             let pipeline = subject.build(gpu)?;
-            timer.untimed(gpu, &pipeline.stages())?;
+            timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
             for (key, stages) in keys.iter().zip(outputs) {
                 let image = readout::image(gpu, pipeline.as_ref(), stages, None)?;
                 self.images.insert(key.clone(), image);

@@ -14,14 +14,16 @@ use super::picture::PictureError;
 use super::plan::PlannedCell;
 use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
-use super::sample::{CellResult, Executor, Failure, Samples};
+use super::sample::{CellResult, Executor, Failure};
 use super::views::{Views, ViewsError};
 use super::{MAX_PASSES, picture};
 use fathom_base::folder::Folder;
+use fathom_clock::Samples;
 use fathom_experiments::schema::{Experiment, Pictures, RepeatedOutput};
 use fathom_gpu as gpu;
 use fathom_gpu::{
-    ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageCounters,
+    ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, Stage,
+    StageCounters,
 };
 use fathom_pipelines::{AnyPipeline, Judge, Known};
 use fathom_record::output::picture_path;
@@ -93,9 +95,9 @@ impl Session {
         if std::mem::replace(&mut self.reopened, true) {
             return Err("it was lost before".to_owned());
         }
-        let text = |error: GpuError| error.to_string();
-        self.gpu = Gpu::open(&self.options).map_err(text)?;
-        self.timer = FrameTimer::new(&self.gpu, self.plan, MAX_PASSES).map_err(text)?;
+        self.gpu = Gpu::open(&self.options).map_err(|error| error.to_string())?;
+        let timer = FrameTimer::new(&self.gpu, self.plan, MAX_PASSES);
+        self.timer = timer.map_err(|error| error.to_string())?;
         Ok(())
     }
 }
@@ -384,7 +386,7 @@ pub fn name(run: &Run, cell: &PlannedCell) -> CellName {
 
 fn failure(error: GpuError) -> Failure {
     match error {
-        GpuError::Lost(reason) => Failure::DeviceLost(reason),
+        GpuError::Device(DeviceError::Lost(reason)) => Failure::DeviceLost(reason),
         other => Failure::Cell(other.to_string()),
     }
 }
@@ -398,11 +400,15 @@ impl Executor for CellExecutor<'_> {
     }
 
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
-        self.frame(cell, |timer, gpu, stages| timer.timed(gpu, stages), |frame| frame.envelope_ns)
+        self.frame(
+            cell,
+            |timer, gpu, stages| Ok(timer.timed(gpu, stages)?),
+            |frame| frame.envelope_ns,
+        )
     }
 
     fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
-        self.frame(cell, |timer, gpu, stages| timer.untimed(gpu, stages), |wall_ns| *wall_ns)
+        self.frame(cell, |timer, gpu, stages| Ok(timer.untimed(gpu, stages)?), |wall_ns| *wall_ns)
     }
 
     fn earlier(&mut self, cell: usize) -> Vec<Addition> {

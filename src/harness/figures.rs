@@ -11,8 +11,8 @@ use thiserror::Error;
 use super::picture::PictureError;
 use super::render::{self, Bare};
 use super::subject::{Subject, SubjectError, Subjects};
-use fathom_base::embedded::Folders;
 use fathom_base::text::{check_id, did_you_mean, nearest};
+use fathom_embedded::Folders;
 use fathom_experiments::flatten;
 use fathom_experiments::schema::one_line;
 use fathom_gpu::Gpu;
@@ -246,8 +246,8 @@ pub fn panel_file(folder: &Path, figure: &Figure, number: usize) -> PathBuf {
 mod tests {
     use super::*;
     use crate::catalog::Catalog;
-    use fathom_base::embedded::FIGURES;
     use fathom_base::parameter;
+    use fathom_embedded::FIGURES;
     use fathom_scene::SceneFile;
 
     #[test]

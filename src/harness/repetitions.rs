@@ -52,7 +52,7 @@ pub fn noise_and_bias(
     // One pipeline at a time: only the outputs are kept.
     for subject in &planned.repeated {
         let pipeline = subject.build(gpu)?;
-        timer.untimed(gpu, &pipeline.stages())?;
+        timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
         for (images, output) in images.iter_mut().zip(outputs) {
             images.push(readout::image(gpu, pipeline.as_ref(), &output.stages, None)?);
         }

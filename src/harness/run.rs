@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use jiff::Timestamp;
 use thiserror::Error;
 
 use super::catalog::Catalog;
@@ -135,7 +134,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         None => Held::create(options.out.as_deref(), &gpu.adapter.name, profile)?,
     };
     let now = spent.since(now, SetUp::Scenes);
-    let audit = audit(&gpu)?;
+    let audit = gpu::audit_all(&gpu).map_err(GpuError::from)?;
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard, ..header(options, &gpu, &audit, profile, seed) };
@@ -166,18 +165,6 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     measurement.begin(&damage, &ids)?;
     measurement.measure(&planned)?;
     measurement.end(start, kept)
-}
-
-/// Audits the clocks. Chosen is the CPU time of the process where the driver has one core and that clock is sound; else timestamps and the host clock.
-pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
-    let one_core = Conditions::here().cores.len() == 1;
-    let (by_cpu, plan) = if one_core { gpu::audit_cpu_time(gpu)? } else { (Vec::new(), None) };
-    if let Some(plan) = plan {
-        return Ok(Audit { rows: by_cpu, plan });
-    }
-    let mut audit = gpu::audit(gpu)?;
-    audit.rows.extend(by_cpu);
-    Ok(audit)
 }
 
 /// A folder is gone on with as the part of the run that it was begun as.
@@ -267,7 +254,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
     Run {
         schema: SCHEMA,
         fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
-        started_at: calendar::rfc3339(Timestamp::now()),
+        started_at: calendar::now(),
         profile,
         command: options.command.clone(),
         adapter: record::Adapter {

@@ -16,8 +16,6 @@
 //!
 //! The scheduler reads no clock and touches no device: both are behind [`Executor`].
 
-mod samples;
-
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -25,11 +23,9 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
+use fathom_clock::{FrameSample, Samples, Stopped, WarmUp, fault, frame_pair};
 use fathom_experiments::LOOKS;
-use fathom_gpu::{Fault, FrameSample, StageSample};
-use fathom_record::{Addition, FaultKind, FramePair, MachineState, Rejection, StageTime};
-
-pub use samples::{Samples, StageSamples};
+use fathom_record::{Addition, FramePair, MachineState};
 
 /// Pairs of a cell at which its samples are looked at; each other one is twice the one before. A verdict needs 8 at least, and from
 /// 12 on no interval ends at a single outlier. The end of the time is one more look.
@@ -43,15 +39,6 @@ pub const MAX_PAIRS: usize = LOOK_PAIRS[LOOKS - 2];
 /// Time that a cell may take to settle its claims and to become precise even when the budget is used up: short frames cost
 /// hardly anything.
 const FREE_S: f64 = 0.25;
-/// Warm-up is over once a frame is not faster than the one before it by more than this share.
-pub const WARM_UP_TOLERANCE: f64 = 0.1;
-/// Frames after which warm-up is given up, and said so.
-pub const MAX_WARM_UP_FRAMES: u32 = 10;
-/// Timed frames before a cell is judged by how many of them were rejected.
-pub const MIN_JUDGED_FRAMES: usize = 6;
-/// Share of rejected frames above which a cell fails.
-pub const MAX_REJECTED_SHARE: f64 = 0.5;
-
 /// Why a frame could not be rendered.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Failure {
@@ -112,18 +99,6 @@ pub struct Settings {
     pub seed: u64,
     /// Number of the first round.
     pub first_round: u32,
-}
-
-/// Why a cell's sampling ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Stopped {
-    Precise,
-    /// Its times are not asked for.
-    UntimedOnly,
-    #[default]
-    OutOfTime,
-    EnoughPairs,
-    Interrupted,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -349,30 +324,22 @@ impl<X: Executor> Sampler<'_, X> {
         }
     }
 
-    /// Renders frames of both kinds in turn until they no longer get faster: the first ones hold the
-    /// driver's compilation of shaders.
+    /// See [`WarmUp`].
     fn warm_up(&mut self, cell: usize, added: &mut Addition) -> Result<(), Failure> {
         let Some(at) = self.position(cell).filter(|at| !self.live[*at].warm) else {
             return Ok(());
         };
-        let mut before_ns = f64::INFINITY;
-        let mut frames = 0;
-        while frames < MAX_WARM_UP_FRAMES && !self.interrupted() {
-            let wall_ns = if frames % 2 == 0 {
+        let mut warm_up = WarmUp::default();
+        while !warm_up.is_over() && !self.interrupted() {
+            warm_up.add(if warm_up.is_timed() {
                 self.executor.timed(cell)?.envelope_ns
             } else {
                 self.executor.untimed(cell)?
-            };
-            frames += 1;
-            self.live[at].warm = frames > 1 && wall_ns >= before_ns * (1.0 - WARM_UP_TOLERANCE);
-            if self.live[at].warm {
-                break;
-            }
-            before_ns = wall_ns;
+            });
         }
         let live = &mut self.live[at];
-        added.warm_up_frames = frames;
-        added.unsteady = !live.warm;
+        added.warm_up_frames = warm_up.frames();
+        added.unsteady = !warm_up.is_steady();
         live.warm = true;
         Ok(())
     }
@@ -479,49 +446,6 @@ impl<X: Executor> Sampler<'_, X> {
         }
         Ok(())
     }
-}
-
-fn frame_pair(
-    frame: &FrameSample,
-    untimed_ns: f64,
-    (round, sampled_at_s): (u32, f64),
-) -> FramePair {
-    let stages = frame.stages.iter().map(|stage| StageTime {
-        stage: stage.name.to_owned(),
-        clock: stage.clock,
-        ns: stage.ns,
-        submit_cost_ns: stage.submit_cost_ns,
-        resolution_ns: stage.resolution_ns,
-    });
-    FramePair {
-        round,
-        sampled_at_s,
-        machine: None,
-        stages: stages.collect(),
-        envelope_ns: frame.envelope_ns,
-        gaps_ns: frame.gaps_ns,
-        untimed_ns,
-    }
-}
-
-/// Why a pair of frames cannot be used: the timer's own reason first, then what no duration may be. A frame with several faults
-/// is one rejected frame.
-fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Option<Rejection> {
-    if let Some(Fault { stage, kind, .. }) = frame.faults.first() {
-        return Some(Rejection { stage: Some((*stage).to_owned()), fault: *kind });
-    }
-    let positive = |ns: f64| ns.is_finite() && ns > 0.0;
-    // Less than nothing is left only where a cost was taken off, which scatters. What was read is more than nothing.
-    let read = |stage: &StageSample| stage.ns + stage.submit_cost_ns;
-    let same = frame.stages.len() == before.len()
-        && frame.stages.iter().zip(before).all(|(now, before)| now.name == before.name);
-    let faults = [
-        (FaultKind::FrameNotPositive, !positive(frame.envelope_ns)),
-        (FaultKind::UntimedNotPositive, !positive(untimed_ns)),
-        (FaultKind::StageNotPositive, !frame.stages.iter().all(|stage| positive(read(stage)))),
-        (FaultKind::OtherStages, !before.is_empty() && !same),
-    ];
-    faults.into_iter().find(|(_, found)| *found).map(|(fault, _)| fault.into())
 }
 
 #[cfg(test)]

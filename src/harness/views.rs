@@ -167,7 +167,7 @@ impl Views {
         // One at a time, as the pictures of a view are large.
         let mut draw = |subject: &Subject| -> Result<Box<dyn AnyPipeline>, ViewsError> {
             let pipeline = subject.build(gpu)?;
-            timer.untimed(gpu, &pipeline.stages())?;
+            timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
             Ok(pipeline)
         };
         let mut pictures = vec![(0.0, picture::bare(gpu, cell))];

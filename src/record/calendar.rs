@@ -7,6 +7,11 @@ pub fn rfc3339(moment: Timestamp) -> String {
     moment.strftime("%Y-%m-%dT%H:%M:%SZ").to_string()
 }
 
+/// This moment, as [`rfc3339`] has it.
+pub fn now() -> String {
+    rfc3339(Timestamp::now())
+}
+
 /// For file names: `20250301-090500`. Sorts as time does.
 pub fn compact(moment: Timestamp) -> String {
     moment.to_zoned(TimeZone::UTC).strftime("%Y%m%d-%H%M%S").to_string()

@@ -218,11 +218,7 @@ pub fn picture_path(experiment: &str, cell: &str, shows: PictureKind) -> String 
 /// What this process says of itself to another that wants the same folder.
 pub fn holder() -> String {
     let command = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).join(" ");
-    format!(
-        "process {} (`{command}`, since {})",
-        std::process::id(),
-        calendar::rfc3339(Timestamp::now())
-    )
+    format!("process {} (`{command}`, since {})", std::process::id(), calendar::now())
 }
 
 /// Makes the folder of pictures and writes a file the size of several records, which leaves nothing.

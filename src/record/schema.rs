@@ -9,7 +9,8 @@ use serde_json::Value;
 use super::{Record, SampleLine};
 
 /// A kind of line that has a schema.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum LineKind {
     /// Lines of `records.jsonl`
     #[default]

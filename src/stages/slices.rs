@@ -34,7 +34,7 @@ mod tests {
     use wgpu::naga::{Block, Statement};
 
     use super::*;
-    use fathom_base::embedded::{Folders, SHADERS};
+    use fathom_embedded::{Folders, SHADERS};
     use fathom_gpu::{default_defs, link, shader_paths};
 
     /// Every shader with loops, and what keeps the turns of an invocation below [`MOST_LOOP_TURNS`].
@@ -42,7 +42,6 @@ mod tests {
         ("ao/bilateral", "1,024 taps"),
         ("ao/march", "slices of rays"),
         ("ao/query", "slices of rays"),
-        ("audit/kernels", "timed, and its result is not used"),
         ("audit/turns", "more turns than some adapters make, on purpose"),
         ("caustics/filter", "1,024 taps"),
         ("caustics/splat", "`SPLAT_ROWS` rows an invocation, told in `Scatter`"),

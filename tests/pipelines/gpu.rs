@@ -3,9 +3,10 @@
 
 use std::process::Command;
 
+use fathom::embedded::{Folder, Folders};
 use fathom::gpu::{
-    ClockPlan, ColorTarget, Demand, FrameTimer, Gpu, GpuError, Options, Stage, StageInfo,
-    StageScope, SubmitCost, Targets, count, read_buffer, read_texture, texture_bytes,
+    ClockPlan, ColorTarget, Demand, DeviceError, FrameTimer, Gpu, GpuError, Options, Stage,
+    StageInfo, StageScope, SubmitCost, Targets, count, read_buffer, read_texture, texture_bytes,
 };
 use fathom::record::{Clock, FaultKind, PassKind};
 use fathom::stages::kit::{
@@ -17,7 +18,8 @@ const EDGE: u32 = 128;
 const INVOCATIONS: u32 = 65_536;
 
 fn open() -> Gpu {
-    Gpu::open(&Options::default()).expect("an adapter is there")
+    let shaders = Some(Folders::of(Folder::at("src/clock/audit")));
+    Gpu::open(&Options { shaders, ..Options::default() }).expect("an adapter is there")
 }
 
 /// A compute and a render stage of some milliseconds on a software adapter.
@@ -41,7 +43,7 @@ fn texture(gpu: &Gpu, width: u32, height: u32, format: wgpu::TextureFormat) -> w
 impl Work {
     fn new(gpu: &Gpu) -> Self {
         use wgpu::BufferUsages as Usage;
-        let (resources, shader) = (Resources::new(gpu), "audit/kernels");
+        let (resources, shader) = (Resources::new(gpu), "kernels");
         let uniform = resources.filled("test", &[0; 16], Usage::UNIFORM | Usage::COPY_DST);
         let results = resources.storage("test", u64::from(INVOCATIONS) * 4);
         let computed = Group::new(gpu, "test", &[Bind::Uniform(&uniform), Bind::Write(&results)]);
@@ -160,7 +162,7 @@ fn a_stage_without_passes_is_a_fault() {
     let gpu = open();
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
     let idle = Encoded(|_: &mut StageScope<'_>| {});
-    let sample = timer.timed(&gpu, &[&idle]).expect("the frame runs");
+    let sample = timer.timed(&gpu, &[&idle as &dyn Stage]).expect("the frame runs");
     assert!(sample.stages[0].ns.is_nan());
     assert_eq!(sample.faults[0].kind, FaultKind::NoPass);
 }
@@ -172,10 +174,10 @@ fn more_passes_than_queries_is_an_error() {
     let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
     let timed = plan(&gpu).clock(PassKind::Render) == Clock::Timestamp;
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 1).expect("it is made");
-    timer.timed(&gpu, &[&host, &render]).expect("one pass fits");
-    let outcome = timer.timed(&gpu, &[&host, &render, &render]);
-    assert_eq!(matches!(outcome, Err(GpuError::TooManyPasses(1))), timed);
-    timer.timed(&gpu, &[&host, &render]).expect("the timer is usable afterwards");
+    timer.timed(&gpu, &[&host as &dyn Stage, &render]).expect("one pass fits");
+    let outcome = timer.timed(&gpu, &[&host as &dyn Stage, &render, &render]);
+    assert_eq!(matches!(outcome, Err(DeviceError::TooManyPasses(1))), timed);
+    timer.timed(&gpu, &[&host as &dyn Stage, &render]).expect("the timer is usable afterwards");
 }
 
 #[test]
@@ -191,7 +193,7 @@ fn many_passes_span_several_query_sets() {
             scope.copy(|encoder| encoder.copy_buffer_to_buffer(from, 0, to, 0, 65_536));
         }
     });
-    let sample = timer.timed(&gpu, &[&many, &copy]).expect("the frame runs");
+    let sample = timer.timed(&gpu, &[&many as &dyn Stage, &copy]).expect("the frame runs");
     // Copies this small may read as nothing. The last pass, whose query is in another set than the first, copies 4 MiB.
     assert!(sample.faults.iter().all(|fault| fault.kind == FaultKind::Zero), "{:?}", sample.faults);
     assert!(sample.stages[1].ns > 0.0, "{:?}", sample.stages);
@@ -203,7 +205,8 @@ fn invocations_are_counted_exactly() {
     let work = Work::new(&gpu);
     let (host, compute, render) =
         (work.stage(PassKind::Host), work.stage(PassKind::Compute), work.stage(PassKind::Render));
-    let counted = count(&gpu, &[&host, &compute, &render, &compute], 8).expect("the frame runs");
+    let counted = count(&gpu, &[&host as &dyn Stage, &compute, &render, &compute], 8)
+        .expect("the frame runs");
     let Some(counted) = counted else {
         println!("skipped: {} does not count invocations", gpu.adapter.name);
         return;
@@ -222,7 +225,7 @@ fn what_was_rendered_is_read_back() {
     let work = Work::new(&gpu);
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
     let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
-    timer.untimed(&gpu, &[&host, &render]).expect("the frame runs");
+    timer.untimed(&gpu, &[&host as &dyn Stage, &render]).expect("the frame runs");
     let pixels = read_texture(&gpu, work.render.texture()).expect("it is read");
     assert_eq!((pixels.width, pixels.height, pixels.channels), (EDGE, EDGE, 4));
     assert!(pixels.data.chunks(4).all(|texel| texel[0] > 0.0 && texel[3] == 1.0));
@@ -255,7 +258,7 @@ fn every_format_is_read_back_whatever_its_row_length() {
             let color = [ColorTarget { view: &view, clear, slice: None }];
             scope.render(&Targets { color: &color, depth: None }, |_| {});
         });
-        timer.untimed(&gpu, &[&clear]).expect("the frame runs");
+        timer.untimed(&gpu, &[&clear as &dyn Stage]).expect("the frame runs");
         let pixels = read_texture(&gpu, &texture).expect("it is read");
         assert_eq!(pixels.data.len(), 37 * 5 * channels);
         for (value, cleared) in pixels.texel(36, 4).iter().zip([0.2, 0.4, 0.6, 1.0]) {
@@ -263,7 +266,10 @@ fn every_format_is_read_back_whatever_its_row_length() {
         }
     }
     let texture = texture(&gpu, 4, 4, Format::Rg16Float);
-    assert!(matches!(read_texture(&gpu, &texture), Err(GpuError::ReadBack(_))));
+    assert!(matches!(
+        read_texture(&gpu, &texture),
+        Err(GpuError::Device(DeviceError::ReadBack(_)))
+    ));
 }
 
 #[test]
@@ -273,7 +279,10 @@ fn a_buffer_is_read_back() {
     gpu.queue.write_buffer(&source, 0, b"twelve bytes");
     assert_eq!(read_buffer(&gpu, &source).expect("it is read"), b"twelve bytes");
     let unreadable = buffer(&gpu, 12, wgpu::BufferUsages::STORAGE);
-    assert!(matches!(read_buffer(&gpu, &unreadable), Err(GpuError::Validation(_))));
+    assert!(matches!(
+        read_buffer(&gpu, &unreadable),
+        Err(GpuError::Device(DeviceError::Validation(_)))
+    ));
 }
 
 #[test]
@@ -281,21 +290,21 @@ fn a_refused_call_is_an_error_of_its_scope_and_no_other() {
     let gpu = open();
     let too_wide = gpu.limits.max_texture_dimension_2d + 1;
     let refused = gpu.scoped(|| Ok(texture(&gpu, too_wide, 4, wgpu::TextureFormat::R8Unorm)));
-    assert!(matches!(refused, Err(GpuError::Validation(_))));
+    assert!(matches!(refused, Err(GpuError::Device(DeviceError::Validation(_)))));
     gpu.scoped(|| Ok(texture(&gpu, 4, 4, wgpu::TextureFormat::R8Unorm)))
         .expect("it is sound again");
     let nested = gpu.scoped(|| {
         gpu.scoped(|| Ok(texture(&gpu, too_wide, 4, wgpu::TextureFormat::R8Unorm)))?;
         Ok(())
     });
-    assert!(matches!(nested, Err(GpuError::Validation(_))));
+    assert!(matches!(nested, Err(GpuError::Device(DeviceError::Validation(_)))));
 }
 
 #[test]
 fn an_error_outside_any_scope_comes_with_the_next_call_and_once() {
     let gpu = open();
     texture(&gpu, gpu.limits.max_texture_dimension_2d + 1, 4, wgpu::TextureFormat::R8Unorm);
-    assert!(matches!(gpu.wait(), Err(GpuError::Validation(_))));
+    assert!(matches!(gpu.wait(), Err(DeviceError::Validation(_))));
     gpu.wait().expect("it was told once");
 }
 
@@ -306,9 +315,9 @@ fn a_lost_device_is_an_error_and_not_a_panic() {
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
     gpu.device.destroy();
     let render = work.stage(PassKind::Render);
-    assert!(timer.timed(&gpu, &[&render]).is_err());
-    assert!(matches!(timer.untimed(&gpu, &[&render]), Err(GpuError::Lost(_))));
-    assert!(matches!(gpu.shader("audit/kernels", &[]), Err(GpuError::Lost(_))));
+    assert!(timer.timed(&gpu, &[&render as &dyn Stage]).is_err());
+    assert!(matches!(timer.untimed(&gpu, &[&render as &dyn Stage]), Err(DeviceError::Lost(_))));
+    assert!(matches!(gpu.shader("kernels", &[]), Err(GpuError::Device(DeviceError::Lost(_)))));
 }
 
 #[test]
@@ -330,7 +339,7 @@ fn an_unknown_adapter_lists_those_that_are_there() {
     let first = Options { adapter: Some("0".to_owned()), unchecked: true, ..Options::default() };
     let gpu = Gpu::open(&first).expect("the first is there");
     assert_eq!(gpu.adapter.name, Gpu::list()[0].name);
-    gpu.shader("audit/kernels", &[]).expect("it links without checks, too");
+    gpu.shader("audit/turns", &[]).expect("it links without checks, too");
 }
 
 #[test]

@@ -3,9 +3,9 @@
 use super::invocations::{Answer, Code, Invocations, floats, invocations, uniform, write_turns};
 use super::kernel::{Kernel, all_are};
 use super::raster;
-use crate::frame::{ColorTarget, StageScope, Targets};
 use crate::readback::read_texture;
 use crate::shader::compilation_options;
+use crate::{ColorTarget, StageScope, Targets};
 use crate::{Gpu, GpuError, MOST_LOOP_TURNS};
 
 /// Shader of both.

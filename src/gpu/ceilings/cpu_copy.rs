@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::kernel;
 use super::{ROUNDS, Stand};
-use crate::frame::ClockPlan;
+use crate::ClockPlan;
 use crate::{Gpu, GpuError};
 use fathom_base::statistics::{Estimate, estimate, ratio_estimate};
 use fathom_record::ceilings::Limit;

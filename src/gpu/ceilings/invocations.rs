@@ -1,7 +1,7 @@
 //! Kernels of a compute pass: each invocation does its turns and leaves a result.
 
 use super::kernel::{Kernel, buffer, clear};
-use crate::frame::StageScope;
+use crate::StageScope;
 use crate::readback::read_buffer;
 use crate::shader::compilation_options;
 use crate::{Gpu, GpuError, MOST_LOOP_TURNS};

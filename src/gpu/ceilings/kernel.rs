@@ -1,6 +1,6 @@
 //! What kernels share: the trait, resources, and which one belongs to a limit.
 
-use crate::frame::StageScope;
+use crate::StageScope;
 use crate::{Gpu, GpuError, Stage, StageInfo};
 use fathom_record::PassKind;
 use fathom_record::ceilings::{Limit, TexelFormat};

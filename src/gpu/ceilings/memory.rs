@@ -2,7 +2,7 @@
 
 use super::invocations::{Answer, Code, GROUP_SIZE, Invocations, invocations, words};
 use super::kernel::{Kernel, buffer, clear};
-use crate::frame::StageScope;
+use crate::StageScope;
 use crate::readback::read_buffer;
 use crate::{Gpu, GpuError};
 

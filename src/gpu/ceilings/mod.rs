@@ -19,7 +19,7 @@ mod texels;
 pub use cpu_copy::{CopyCheck, compare_copies};
 
 use self::kernel::{Kernel, Timing};
-use super::frame::{ClockPlan, FrameTimer};
+use super::{ClockPlan, FrameTimer, Stage};
 use super::{Gpu, GpuError};
 use fathom_base::statistics::{estimate, median};
 use fathom_record::PassKind;
@@ -181,11 +181,11 @@ impl<'a> Stand<'a> {
             // What was queued must not be part of the pass.
             gpu.queue.submit([]);
             gpu.wait()?;
-            let stage = kernel::Turns { kernel: *kernel, turns };
+            let stage: &dyn Stage = &kernel::Turns { kernel: *kernel, turns };
             let ns = match kernel.timing() {
-                Timing::Pass => timer.timed(gpu, &[&stage])?.stages[0].ns,
+                Timing::Pass => timer.timed(gpu, &[stage])?.stages[0].ns,
                 Timing::Frame(kind) => {
-                    timer.untimed(gpu, &[&stage])? - timer.plan().submit_cost.of(kind)
+                    timer.untimed(gpu, &[stage])? - timer.plan().submit_cost.of(kind)
                 }
             };
             if ns.is_finite() {

@@ -1,9 +1,9 @@
 //! Passes that do next to nothing.
 
 use super::kernel::{Kernel, Timing, buffer, clear};
-use crate::frame::{ColorTarget, StageScope, Targets};
 use crate::readback::read_buffer;
 use crate::shader::compilation_options;
+use crate::{ColorTarget, StageScope, Targets};
 use crate::{Gpu, GpuError};
 use fathom_record::PassKind;
 

@@ -1,9 +1,9 @@
 //! Kernels that draw: fill and small primitives.
 
 use super::kernel::{Kernel, all_are, format, is_unorm};
-use crate::frame::{ColorTarget, DepthTarget, StageScope, Targets};
 use crate::readback::read_texture;
 use crate::shader::compilation_options;
+use crate::{ColorTarget, DepthTarget, StageScope, Targets};
 use crate::{Gpu, GpuError};
 use fathom_record::ceilings::{Blending, SmallPrimitive, TexelFormat};
 

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::*;
 use fathom_base::statistics;
-use fathom_gpu::StageSample;
-use fathom_record::Clock;
+use fathom_clock::{MAX_WARM_UP_FRAMES, StageSample};
+use fathom_record::{Clock, FaultKind};
 
 /// Nanoseconds of a frame, from the cell's frame count (warm-up included) and the clock in seconds.
 type FrameTime = fn(frame: usize, now_s: f64) -> f64;

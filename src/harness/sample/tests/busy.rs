@@ -1,8 +1,7 @@
 //! The scheduler on a machine whose submissions cost more at times than a stage lasts.
 
 use super::*;
-use crate::outcome;
-use fathom_gpu::CostMeter;
+use fathom_clock::{CostMeter, accounting_error, stage_record};
 use fathom_record::PassKind;
 
 /// A frame with a stage of no length and one of 2 ms, both fenced, timed by a meter whose submissions cost 60 µs, and every
@@ -52,8 +51,8 @@ fn costs_that_scatter_fail_no_cell_and_leave_no_time_of_zero_or_less() {
     let samples = mock.samples(0);
     assert!(samples.rejected.is_empty(), "{:?}", samples.rejected);
     assert!(samples.stages[0].ns.iter().any(|ns| *ns < 0.0), "the noise is none");
-    let [none, long] = [0, 1]
-        .map(|i| outcome::stage_record(&samples.stages[i], Default::default(), <_>::default()));
+    let [none, long] =
+        [0, 1].map(|i| stage_record(&samples.stages[i], Default::default(), <_>::default()));
     for stage in [&none, &long] {
         assert!(stage.samples_ns.iter().all(|ns| *ns > 0.0));
         assert!(stage.time.ends()[0] > 0.0);
@@ -61,5 +60,5 @@ fn costs_that_scatter_fail_no_cell_and_leave_no_time_of_zero_or_less() {
     assert!(!none.is_resolved(), "{:?} of {}", none.time, none.resolution_ns());
     assert!(long.is_resolved());
     assert!((long.time.median / 2e6 - 1.0).abs() < 0.1, "{:?}", long.time);
-    assert!(outcome::accounting_error(samples) < 1e-9);
+    assert!(accounting_error(samples) < 1e-9);
 }

@@ -1,12 +1,11 @@
 //! The smallest pass of each kind. The host time of a submission that holds nothing else is the cost of a submission.
 
 use super::host_clock::HostClock;
-use crate::shader::compilation_options;
-use crate::{Gpu, GpuError};
+use crate::audit::kernels::{GROUP_SIZE, compute_pipeline, module};
+use crate::{DeviceError, WatchedDevice};
 use fathom_record::PassKind;
 
-/// Invocations of the smallest compute pass: one workgroup.
-const GROUP_SIZE: u32 = 64;
+/// The smallest compute pass is one workgroup.
 const RESULT_BYTES: u64 = GROUP_SIZE as u64 * 4;
 /// Iterations of the smallest compute pass, in a uniform of this size.
 const ITERATIONS: u32 = 1;
@@ -21,11 +20,10 @@ pub(crate) struct Probe {
 }
 
 impl Probe {
-    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &WatchedDevice) -> Result<Self, DeviceError> {
         use wgpu::BufferUsages as Usage;
-        let shader = gpu.shader("audit/kernels", &kernel_definitions())?;
         gpu.scoped(|| {
-            let compute = compute_pipeline(gpu, &shader.module);
+            let compute = compute_pipeline(gpu, &module(gpu));
             let iterations = buffer(gpu, UNIFORM_BYTES, Usage::UNIFORM | Usage::COPY_DST);
             gpu.queue.write_buffer(&iterations, 0, &ITERATIONS.to_le_bytes());
             let results = buffer(gpu, RESULT_BYTES, Usage::STORAGE);
@@ -43,10 +41,10 @@ impl Probe {
     /// Time in ns, by this clock, from the submission to the fence of the smallest pass of this kind.
     pub(crate) fn time(
         &self,
-        gpu: &Gpu,
+        gpu: &WatchedDevice,
         kind: PassKind,
         clock: HostClock,
-    ) -> Result<f64, GpuError> {
+    ) -> Result<f64, DeviceError> {
         let commands = self.encode(gpu, kind);
         let submit_ns = clock.now_ns();
         let index = gpu.queue.submit([commands]);
@@ -54,7 +52,7 @@ impl Probe {
         Ok(clock.now_ns() - submit_ns)
     }
 
-    fn encode(&self, gpu: &Gpu, kind: PassKind) -> wgpu::CommandBuffer {
+    fn encode(&self, gpu: &WatchedDevice, kind: PassKind) -> wgpu::CommandBuffer {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         match kind {
             PassKind::Compute => {
@@ -77,24 +75,8 @@ impl Probe {
     }
 }
 
-/// The shader's render kernel is not used here, but its definitions must have values.
-fn kernel_definitions() -> [(&'static str, i32); 3] {
-    [("GROUP_SIZE", GROUP_SIZE as i32), ("QUADS_PER_EDGE", 1), ("VERTEX_SHARE", 1)]
-}
-
-fn compute_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::ComputePipeline {
-    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some("least compute pass"),
-        layout: None,
-        module,
-        entry_point: Some("main"),
-        compilation_options: compilation_options(),
-        cache: None,
-    })
-}
-
 fn bind(
-    gpu: &Gpu,
+    gpu: &WatchedDevice,
     pipeline: &wgpu::ComputePipeline,
     buffers: [&wgpu::Buffer; 2],
 ) -> wgpu::BindGroup {
@@ -109,7 +91,7 @@ fn bind(
     })
 }
 
-fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+fn buffer(gpu: &WatchedDevice, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("least pass"),
         size,
@@ -118,7 +100,7 @@ fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     })
 }
 
-fn target(gpu: &Gpu) -> wgpu::TextureView {
+fn target(gpu: &WatchedDevice) -> wgpu::TextureView {
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("least render pass"),
         size: wgpu::Extent3d::default(),

@@ -4,9 +4,28 @@ use std::collections::BTreeMap;
 
 use itertools::Itertools;
 
-use super::{MAX_REJECTED_SHARE, MIN_JUDGED_FRAMES, Stopped};
+use crate::{Fault, FrameSample, StageSample};
 use fathom_base::statistics;
-use fathom_record::{Addition, Clock, FramePair, MachineState, Rejection, StageTime};
+use fathom_record::{
+    Addition, Clock, FaultKind, FramePair, MachineState, RejectedFrames, Rejection, StageTime,
+};
+
+/// Timed frames before a cell is judged by how many of them were rejected.
+pub const MIN_JUDGED_FRAMES: usize = 6;
+/// Share of rejected frames above which a cell fails.
+pub const MAX_REJECTED_SHARE: f64 = 0.5;
+
+/// Why a cell's sampling ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Stopped {
+    Precise,
+    /// Its times are not asked for.
+    UntimedOnly,
+    #[default]
+    OutOfTime,
+    EnoughPairs,
+    Interrupted,
+}
 
 /// One stage's durations, in the order of the frames; each entry is a [`StageTime`].
 #[derive(Clone, Debug, PartialEq)]
@@ -54,7 +73,7 @@ pub struct Samples {
 
 impl Samples {
     /// What an earlier run kept. Where stages or clocks changed, what came before does not count.
-    pub(super) fn of(additions: &[Addition]) -> Self {
+    pub fn of(additions: &[Addition]) -> Self {
         let mut samples = Self::default();
         for added in additions {
             let other_stages = |pair: &FramePair| !samples.has_stages(&pair.stages);
@@ -72,7 +91,8 @@ impl Samples {
         self.untimed_ns.len()
     }
 
-    pub(super) fn add(&mut self, added: &Addition) {
+    /// Adds what one visit to the cell gave.
+    pub fn add(&mut self, added: &Addition) {
         if added.afresh {
             *self = Self::default();
         }
@@ -108,7 +128,7 @@ impl Samples {
     }
 
     /// These stages, on the same clocks, were sampled before, or none were.
-    pub(super) fn has_stages(&self, stages: &[StageTime]) -> bool {
+    pub fn has_stages(&self, stages: &[StageTime]) -> bool {
         let same = |(known, stage): (&StageSamples, &StageTime)| {
             known.name == stage.stage && known.clock == stage.clock
         };
@@ -117,7 +137,7 @@ impl Samples {
     }
 
     /// Why the cell cannot be trusted, if too many of its frames were rejected.
-    pub(super) fn verdict_on_rejections(&self) -> Option<String> {
+    pub fn verdict_on_rejections(&self) -> Option<String> {
         let rejected = self.rejected.values().sum::<u32>() as usize;
         let judged = rejected + self.pairs();
         let too_many = rejected as f64 > MAX_REJECTED_SHARE * judged as f64;
@@ -128,8 +148,62 @@ impl Samples {
         })
     }
 
-    pub(super) fn relative_half_width(&self) -> f64 {
+    /// Of the frame time, the wider of timed and untimed frames: half of its interval over its median.
+    pub fn relative_half_width(&self) -> f64 {
         let of = |samples: &[f64]| statistics::estimate(samples).relative_half_width();
         of(&self.envelope_ns).max(of(&self.untimed_ns))
     }
+
+    /// As a record has them.
+    pub fn rejected_frames(&self) -> Vec<RejectedFrames> {
+        let frames = |(rejection, frames): (&Rejection, &u32)| RejectedFrames {
+            rejection: rejection.clone(),
+            frames: *frames,
+        };
+        self.rejected.iter().map(frames).collect()
+    }
+}
+
+/// A timed frame and an untimed one that was run beside it, in this round and at this second of Unix time.
+pub fn frame_pair(
+    frame: &FrameSample,
+    untimed_ns: f64,
+    (round, sampled_at_s): (u32, f64),
+) -> FramePair {
+    let stages = frame.stages.iter().map(|stage| StageTime {
+        stage: stage.name.to_owned(),
+        clock: stage.clock,
+        ns: stage.ns,
+        submit_cost_ns: stage.submit_cost_ns,
+        resolution_ns: stage.resolution_ns,
+    });
+    FramePair {
+        round,
+        sampled_at_s,
+        machine: None,
+        stages: stages.collect(),
+        envelope_ns: frame.envelope_ns,
+        gaps_ns: frame.gaps_ns,
+        untimed_ns,
+    }
+}
+
+/// Why a pair of frames cannot be used: the timer's own reason first, then what no duration may be. A frame with several faults
+/// is one rejected frame.
+pub fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Option<Rejection> {
+    if let Some(Fault { stage, kind, .. }) = frame.faults.first() {
+        return Some(Rejection { stage: Some((*stage).to_owned()), fault: *kind });
+    }
+    let positive = |ns: f64| ns.is_finite() && ns > 0.0;
+    // Less than nothing is left only where a cost was taken off, which scatters. What was read is more than nothing.
+    let read = |stage: &StageSample| stage.ns + stage.submit_cost_ns;
+    let same = frame.stages.len() == before.len()
+        && frame.stages.iter().zip(before).all(|(now, before)| now.name == before.name);
+    let faults = [
+        (FaultKind::FrameNotPositive, !positive(frame.envelope_ns)),
+        (FaultKind::UntimedNotPositive, !positive(untimed_ns)),
+        (FaultKind::StageNotPositive, !frame.stages.iter().all(|stage| positive(read(stage)))),
+        (FaultKind::OtherStages, !before.is_empty() && !same),
+    ];
+    faults.into_iter().find(|(_, found)| *found).map(|(fault, _)| fault.into())
 }

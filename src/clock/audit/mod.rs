@@ -21,8 +21,7 @@
 //! command buffers of its own. It may have spoilt its neighbours' timestamps, too: the worst kind is set apart
 //! first, and the others are then audited without it, which is how frames are measured.
 
-mod kernels;
-mod turns;
+pub(crate) mod kernels;
 mod verdict;
 
 use std::fmt::Write as _;
@@ -30,13 +29,10 @@ use std::time::{Duration, Instant};
 
 use self::kernels::{Kernel, Kernels};
 use self::verdict::{Audited, Series, factor, judge, median};
-use super::Stage;
 use super::frame::{ClockPlan, FrameSample, FrameTimer, HostClock, Probe, StageSample, SubmitCost};
-use super::{Gpu, GpuError};
+use super::{DeviceError, TimedStage as _, WatchedDevice};
 use fathom_base::statistics;
-use fathom_record::{AuditRow, Clock, PassKind, Surrounding};
-
-pub use self::turns::{MOST_LOOP_TURNS, loop_turns, turns_line};
+use fathom_record::{AuditRow, Clock, Conditions, PassKind, Surrounding};
 
 const KINDS: [PassKind; 3] = [PassKind::Render, PassKind::Compute, PassKind::Copy];
 /// Length of a pass at N work: on a software adapter, and on a GPU. Long beside the jitter of a
@@ -71,7 +67,7 @@ pub struct Audit {
 }
 
 /// Audits this adapter's timestamps. Takes some seconds on a software adapter.
-pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
+pub fn audit(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
     let kernels = Kernels::new(gpu)?;
     let mut submissions = Submissions::new(gpu, HostClock::Wall)?;
     submissions.time(gpu, SUBMISSIONS)?;
@@ -88,6 +84,22 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     Ok(Audit { rows, plan })
 }
 
+/// Audits all clocks. Chosen is the CPU time of the process where it has one core and that clock is sound; else timestamps and the
+/// host clock.
+///
+/// # Errors
+/// A fault of the device.
+pub fn audit_all(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
+    let one_core = Conditions::here().cores.len() == 1;
+    let (by_cpu, plan) = if one_core { audit_cpu_time(gpu)? } else { (Vec::new(), None) };
+    if let Some(plan) = plan {
+        return Ok(Audit { rows: by_cpu, plan });
+    }
+    let mut audit = audit(gpu)?;
+    audit.rows.extend(by_cpu);
+    Ok(audit)
+}
+
 /// Timestamps for the kinds of pass of which all rows are sound.
 fn planned(rows: &[AuditRow], cost: SubmitCost) -> ClockPlan {
     let sound = |kind: &PassKind| rows.iter().filter(|row| row.pass == *kind).all(|row| row.sound);
@@ -97,7 +109,9 @@ fn planned(rows: &[AuditRow], cost: SubmitCost) -> ClockPlan {
 
 /// Audits the CPU time of a process whose driver has one core: a row for each kind of pass, and the plan where all are sound. On a
 /// hardware adapter, and where the system has no such clock, there is nothing to audit.
-pub fn audit_cpu_time(gpu: &Gpu) -> Result<(Vec<AuditRow>, Option<ClockPlan>), GpuError> {
+pub fn audit_cpu_time(
+    gpu: &WatchedDevice,
+) -> Result<(Vec<AuditRow>, Option<ClockPlan>), DeviceError> {
     if !gpu.adapter.software || !HostClock::ProcessCpu.is_there() {
         return Ok((Vec::new(), None));
     }
@@ -113,11 +127,11 @@ pub fn audit_cpu_time(gpu: &Gpu) -> Result<(Vec<AuditRow>, Option<ClockPlan>), G
 
 /// A row for each kind of pass: the CPU time of the process against the wall clock, both of the same submissions.
 fn process_cpu(
-    gpu: &Gpu,
+    gpu: &WatchedDevice,
     kernels: &Kernels,
     work: [u32; 3],
     fenced: ClockPlan,
-) -> Result<Vec<AuditRow>, GpuError> {
+) -> Result<Vec<AuditRow>, DeviceError> {
     let mut timer = FrameTimer::new(gpu, fenced, 0)?;
     let mut row = |index: usize| {
         let mut series = Series::of(Audited::ProcessCpu);
@@ -147,8 +161,8 @@ fn process_cpu(
 fn mixed(
     mut kinds: Vec<PassKind>,
     alone: &[AuditRow],
-    mut measure: impl FnMut(&[PassKind]) -> Result<Vec<AuditRow>, GpuError>,
-) -> Result<Vec<AuditRow>, GpuError> {
+    mut measure: impl FnMut(&[PassKind]) -> Result<Vec<AuditRow>, DeviceError>,
+) -> Result<Vec<AuditRow>, DeviceError> {
     let without = alone.iter().filter(|row| !kinds.contains(&row.pass));
     let mut done: Vec<AuditRow> =
         without.map(|row| AuditRow { context: Surrounding::Mixed, ..row.clone() }).collect();
@@ -188,11 +202,11 @@ struct Submissions {
 }
 
 impl Submissions {
-    fn new(gpu: &Gpu, clock: HostClock) -> Result<Self, GpuError> {
+    fn new(gpu: &WatchedDevice, clock: HostClock) -> Result<Self, DeviceError> {
         Ok(Self { clock, probe: Probe::new(gpu)?, costs: Default::default() })
     }
 
-    fn time(&mut self, gpu: &Gpu, count: usize) -> Result<(), GpuError> {
+    fn time(&mut self, gpu: &WatchedDevice, count: usize) -> Result<(), DeviceError> {
         for (kind, costs) in KINDS.into_iter().zip(&mut self.costs) {
             for _ in 0..count {
                 costs.push(gpu.scoped(|| self.probe.time(gpu, kind, self.clock))?);
@@ -212,7 +226,7 @@ impl Submissions {
 }
 
 /// Whether the adapter has timestamps for this kind of pass at all.
-fn has_timestamps(gpu: &Gpu, kind: PassKind) -> bool {
+fn has_timestamps(gpu: &WatchedDevice, kind: PassKind) -> bool {
     let needed = match kind {
         PassKind::Copy => {
             wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS
@@ -223,7 +237,7 @@ fn has_timestamps(gpu: &Gpu, kind: PassKind) -> bool {
 }
 
 /// The row, or why there can be none: it was then timed by the host clock on both sides.
-fn admit(gpu: &Gpu, row: AuditRow) -> AuditRow {
+fn admit(gpu: &WatchedDevice, row: AuditRow) -> AuditRow {
     if has_timestamps(gpu, row.pass) {
         return row;
     }
@@ -238,7 +252,11 @@ fn admit(gpu: &Gpu, row: AuditRow) -> AuditRow {
 }
 
 /// N for each kind: the work at which a pass alone takes about as long as is wanted.
-fn calibrate(gpu: &Gpu, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3], GpuError> {
+fn calibrate(
+    gpu: &WatchedDevice,
+    kernels: &Kernels,
+    fenced: ClockPlan,
+) -> Result<[u32; 3], DeviceError> {
     let goal_ns = if gpu.adapter.software { SOFTWARE_PASS_NS } else { GPU_PASS_NS };
     let mut timer = FrameTimer::new(gpu, fenced, 0)?;
     let mut work = [FIRST_WORK; 3];
@@ -276,12 +294,12 @@ struct TimedKernels<'a> {
 
 impl<'a> TimedKernels<'a> {
     fn new(
-        gpu: &Gpu,
+        gpu: &WatchedDevice,
         kernels: &'a Kernels,
         work: [u32; 3],
         fenced: ClockPlan,
         submissions: Submissions,
-    ) -> Result<Self, GpuError> {
+    ) -> Result<Self, DeviceError> {
         let level = |factor: u32| {
             [0, 1, 2].map(|i: usize| kernels.kernel(gpu, KINDS[i], work[i], CALLS * factor))
         };
@@ -300,10 +318,10 @@ impl<'a> TimedKernels<'a> {
     /// A row for each of `kinds`. Rounds are added until no verdict is close or [`PATIENCE`] is over.
     fn measure(
         &mut self,
-        gpu: &Gpu,
+        gpu: &WatchedDevice,
         surrounding: Surrounding,
         kinds: &[PassKind],
-    ) -> Result<Vec<AuditRow>, GpuError> {
+    ) -> Result<Vec<AuditRow>, DeviceError> {
         let mut series: Vec<Series> = kinds.iter().map(|_| Series::default()).collect();
         let start = Instant::now();
         let mut rounds = 0;
@@ -333,11 +351,11 @@ impl<'a> TimedKernels<'a> {
     /// Each kernel once alone: both clocks on the same submission.
     fn alone(
         &mut self,
-        gpu: &Gpu,
+        gpu: &WatchedDevice,
         level: usize,
         kinds: &[PassKind],
         series: &mut [Series],
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), DeviceError> {
         for (kind, series) in kinds.iter().zip(series) {
             let kernel = kernel(&self.kernels[level], *kind);
             let sample = self.timestamps.timed(gpu, &[kernel])?;
@@ -350,12 +368,12 @@ impl<'a> TimedKernels<'a> {
     /// The kernels in one command buffer, and then each in its own.
     fn mixed(
         &mut self,
-        gpu: &Gpu,
+        gpu: &WatchedDevice,
         level: usize,
         kinds: &[PassKind],
         series: &mut [Series],
-    ) -> Result<(), GpuError> {
-        let once = kinds.iter().map(|kind| kernel(&self.kernels[level], *kind) as &dyn Stage);
+    ) -> Result<(), DeviceError> {
+        let once = kinds.iter().map(|kind| kernel(&self.kernels[level], *kind));
         let frame = once.collect::<Vec<_>>().repeat(OCCURRENCES);
         let mixed = self.timestamps.timed(gpu, &frame)?;
         let apart = self.fenced.timed(gpu, &frame)?;
@@ -377,7 +395,7 @@ fn kernel<'k, 'a>(kernels: &'k [Kernel<'a>; 3], kind: PassKind) -> &'k Kernel<'a
 }
 
 /// Which kinds of pass with timestamps had command buffers of their own; empty if none had.
-fn passes_apart(gpu: &Gpu, kinds: &[PassKind]) -> String {
+fn passes_apart(gpu: &WatchedDevice, kinds: &[PassKind]) -> String {
     let apart =
         KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind) && !kinds.contains(kind));
     let names = apart.map(PassKind::name).collect::<Vec<_>>().join(" and ");

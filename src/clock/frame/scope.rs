@@ -3,7 +3,7 @@
 use super::clock::ClockPlan;
 use super::host_clock::{HostClock, process_ns};
 use super::meter::Metering;
-use crate::{Gpu, GpuError, Stage};
+use crate::{DeviceError, TimedStage, WatchedDevice};
 use fathom_record::{Clock, PassKind};
 use std::ops::Range;
 
@@ -43,7 +43,7 @@ pub struct DepthTarget<'a> {
 /// What a stage opens its passes through.
 pub struct StageScope<'a> {
     recorder: &'a mut Recorder,
-    gpu: &'a Gpu,
+    gpu: &'a WatchedDevice,
     mode: Mode<'a>,
     stage: usize,
     turn: u32,
@@ -59,6 +59,13 @@ pub(crate) enum Mode<'a> {
     Untimed,
     /// All in one command buffer, with a pipeline statistics query around each compute and render pass.
     Counted { set: &'a wgpu::QuerySet, max_passes: u32 },
+}
+
+impl Mode<'_> {
+    /// A pass of this kind has a command buffer of its own.
+    pub(super) fn fences(&self, kind: PassKind) -> bool {
+        matches!(self, Mode::Timed { plan, .. } if plan.clock(kind) != Clock::Timestamp)
+    }
 }
 
 /// One pass of an encoded frame.
@@ -104,12 +111,12 @@ impl Recorder {
     }
 
     /// Encodes a whole frame.
-    pub(crate) fn record(
+    pub(crate) fn record<S: TimedStage + ?Sized>(
         &mut self,
-        gpu: &Gpu,
+        gpu: &WatchedDevice,
         mode: Mode<'_>,
-        stages: &[&dyn Stage],
-    ) -> Result<(), GpuError> {
+        stages: &[&S],
+    ) -> Result<(), DeviceError> {
         self.reset();
         for (stage, turn) in order(stages) {
             let encode = stages[stage];
@@ -117,12 +124,7 @@ impl Recorder {
             encode.encode(&mut StageScope { recorder: self, gpu, mode, stage, turn, name });
         }
         self.close(false);
-        match mode {
-            Mode::Timed { max_passes, .. } | Mode::Counted { max_passes, .. } if self.overflow => {
-                Err(GpuError::TooManyPasses(max_passes))
-            }
-            _ => Ok(()),
-        }
+        self.check(mode)
     }
 
     pub(super) fn reset(&mut self) {
@@ -137,20 +139,71 @@ impl Recorder {
 
     /// Ends the open command buffer, if there is one.
     fn close(&mut self, fenced: bool) {
-        if let Some(encoder) = self.encoder.take() {
-            let passes = self.closed..self.passes.len();
-            self.segments.push(Segment { commands: encoder.finish(), passes, fenced });
+        match self.encoder.take() {
+            Some(encoder) => self.push(encoder, fenced),
+            None => self.closed = self.passes.len(),
         }
+    }
+
+    /// Ends a command buffer, which holds the passes since the one before.
+    pub(super) fn push(&mut self, encoder: wgpu::CommandEncoder, fenced: bool) {
+        let passes = self.closed..self.passes.len();
+        self.segments.push(Segment { commands: encoder.finish(), passes, fenced });
         self.closed = self.passes.len();
     }
 
+    /// Passes were opened since the last command buffer ended.
+    pub(super) fn has_open_passes(&self) -> bool {
+        self.closed < self.passes.len()
+    }
+
+    /// Notes a pass, and gives its queries.
+    pub(super) fn add<'q>(
+        &mut self,
+        mode: Mode<'q>,
+        stage: usize,
+        kind: PassKind,
+    ) -> Option<Query<'q>> {
+        let number = self.take_query(mode, kind);
+        self.passes.push(Pass { stage, kind, query: number });
+        number.map(|number| match mode {
+            Mode::Timed { sets, .. } => timestamp_query(sets, number),
+            Mode::Counted { set, .. } => Query { set, first: number },
+            Mode::Untimed => unreachable!("an untimed pass takes no query"),
+        })
+    }
+
+    /// The number of the next pass's query, if it has one.
+    fn take_query(&mut self, mode: Mode<'_>, kind: PassKind) -> Option<u32> {
+        let max_passes = match mode {
+            Mode::Timed { max_passes, .. } if !mode.fences(kind) => max_passes,
+            Mode::Counted { max_passes, .. } if kind != PassKind::Copy => max_passes,
+            _ => return None,
+        };
+        if self.queries >= max_passes {
+            self.overflow = true;
+            return None;
+        }
+        self.queries += 1;
+        Some(self.queries - 1)
+    }
+
+    /// Fails where the frame needed more queries than there are.
+    pub(super) fn check(&self, mode: Mode<'_>) -> Result<(), DeviceError> {
+        match mode {
+            Mode::Timed { max_passes, .. } | Mode::Counted { max_passes, .. } if self.overflow => {
+                Err(DeviceError::TooManyPasses(max_passes))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Submits what the host stages have queued, so that no pass and no gap contains it.
-    fn flush_host_writes(&self, gpu: &Gpu) -> Result<(), GpuError> {
+    fn flush_host_writes(&self, gpu: &WatchedDevice) -> Result<(), DeviceError> {
         if self.host.is_empty() {
             return Ok(());
         }
-        let index = gpu.queue.submit([]);
-        gpu.wait_for(Some(index))
+        gpu.flush()
     }
 
     pub(super) fn host_ns(&self) -> f64 {
@@ -158,7 +211,7 @@ impl Recorder {
     }
 
     /// Submits all segments at once and waits for them.
-    pub(crate) fn run(&mut self, gpu: &Gpu) -> Result<HostTime, GpuError> {
+    pub(crate) fn run(&mut self, gpu: &WatchedDevice) -> Result<HostTime, DeviceError> {
         self.flush_host_writes(gpu)?;
         let before_ns = process_ns();
         let start_ns = HostClock::Wall.now_ns();
@@ -175,10 +228,10 @@ impl Recorder {
     /// Submits the segments one after the other, each waited for. Between them the cost of a submission is measured.
     pub(super) fn run_segments(
         &mut self,
-        gpu: &Gpu,
+        gpu: &WatchedDevice,
         metering: &mut Metering,
         spans: &mut Vec<Span>,
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), DeviceError> {
         self.flush_host_writes(gpu)?;
         spans.clear();
         let kinds = self.segment_kinds();
@@ -205,7 +258,7 @@ impl Recorder {
 }
 
 /// Stages and their turns in the order in which they are encoded.
-fn order(stages: &[&dyn Stage]) -> Vec<(usize, u32)> {
+fn order<S: TimedStage + ?Sized>(stages: &[&S]) -> Vec<(usize, u32)> {
     let mut order = Vec::new();
     let mut first = 0;
     for group in stages.chunk_by(|a, b| a.turns() == b.turns()) {
@@ -223,6 +276,15 @@ pub struct HostTime {
     pub wall_ns: f64,
     /// CPU time of this process, all threads together, without the time that other processes took. Unknown outside Linux.
     pub process_ns: Option<f64>,
+}
+
+impl HostTime {
+    pub(super) fn by(self, clock: HostClock) -> f64 {
+        match clock {
+            HostClock::Wall => self.wall_ns,
+            HostClock::ProcessCpu => self.process_ns.unwrap_or(self.wall_ns),
+        }
+    }
 }
 
 /// When a segment ran, by the host clock.
@@ -247,9 +309,9 @@ impl Span {
 
 /// The query that times or counts a pass.
 #[derive(Clone, Copy)]
-struct Query<'a> {
-    set: &'a wgpu::QuerySet,
-    first: u32,
+pub(super) struct Query<'a> {
+    pub(super) set: &'a wgpu::QuerySet,
+    pub(super) first: u32,
 }
 
 impl<'a> Query<'a> {
@@ -264,7 +326,7 @@ impl<'a> Query<'a> {
 }
 
 impl<'a> StageScope<'a> {
-    /// Which of the stage's [`turns`](Stage::turns) this is.
+    /// Which of the stage's [`turns`](TimedStage::turns) this is.
     pub fn turn(&self) -> u32 {
         self.turn
     }
@@ -369,45 +431,20 @@ impl<'a> StageScope<'a> {
         matches!(self.mode, Mode::Counted { .. })
     }
 
-    fn fenced(&self, kind: PassKind) -> bool {
-        matches!(self.mode, Mode::Timed { plan, .. } if plan.clock(kind) != Clock::Timestamp)
-    }
-
     /// Records a pass, and returns the encoder to open it in and its queries.
     fn begin(&mut self, kind: PassKind) -> (&mut wgpu::CommandEncoder, Option<Query<'a>>) {
-        if self.fenced(kind) {
+        if self.mode.fences(kind) {
             self.recorder.close(false);
         }
-        let number = self.take_query(kind);
-        self.recorder.passes.push(Pass { stage: self.stage, kind, query: number });
-        let query = number.map(|number| match self.mode {
-            Mode::Timed { sets, .. } => timestamp_query(sets, number),
-            Mode::Counted { set, .. } => Query { set, first: number },
-            Mode::Untimed => unreachable!("an untimed pass takes no query"),
-        });
+        let query = self.recorder.add(self.mode, self.stage, kind);
         let encoder = self.recorder.encoder.get_or_insert_with(|| {
             self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
         });
         (encoder, query)
     }
 
-    /// The number of this pass's query, if it has one.
-    fn take_query(&mut self, kind: PassKind) -> Option<u32> {
-        let max_passes = match self.mode {
-            Mode::Timed { max_passes, .. } if !self.fenced(kind) => max_passes,
-            Mode::Counted { max_passes, .. } if kind != PassKind::Copy => max_passes,
-            _ => return None,
-        };
-        if self.recorder.queries >= max_passes {
-            self.recorder.overflow = true;
-            return None;
-        }
-        self.recorder.queries += 1;
-        Some(self.recorder.queries - 1)
-    }
-
     fn end(&mut self, kind: PassKind) {
-        if self.fenced(kind) {
+        if self.mode.fences(kind) {
             self.recorder.close(true);
         }
     }

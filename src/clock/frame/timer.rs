@@ -2,13 +2,10 @@
 
 use std::fmt;
 
-use super::SubmitCost;
 use super::clock::ClockPlan;
-use super::host_clock::HostClock;
 use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
-use crate::readback::map;
-use crate::{Gpu, GpuError, Stage};
+use crate::{DeviceError, TimedStage, WatchedDevice};
 use fathom_record::{Clock, FaultKind, PassKind};
 
 const TICK_BYTES: u64 = size_of::<u64>() as u64;
@@ -83,29 +80,31 @@ type Ticks = [u64; 2];
 
 /// Runs frames, timed and untimed.
 pub struct FrameTimer {
-    plan: ClockPlan,
+    pub(super) plan: ClockPlan,
     period_ns: f64,
-    max_passes: u32,
-    queries: Option<Queries>,
-    recorder: Recorder,
+    pub(super) max_passes: u32,
+    pub(super) queries: Option<Queries>,
+    pub(super) recorder: Recorder,
     metering: Metering,
     spans: Vec<Span>,
     /// Of the frame's timestamped passes, in order.
     ticks: Vec<Ticks>,
     /// Those of the frame before.
     previous: Vec<Ticks>,
+    /// Why a command buffer of a caller's encoder was refused.
+    pub(super) refused: Option<DeviceError>,
 }
 
 /// Timestamp queries and the buffers they are resolved to.
-struct Queries {
-    sets: Vec<wgpu::QuerySet>,
+pub(super) struct Queries {
+    pub(super) sets: Vec<wgpu::QuerySet>,
     resolved: wgpu::Buffer,
     read_back: wgpu::Buffer,
 }
 
 impl FrameTimer {
     /// A timer for frames of at most `max_passes` passes on the timestamp clock.
-    pub fn new(gpu: &Gpu, plan: ClockPlan, max_passes: u32) -> Result<Self, GpuError> {
+    pub fn new(gpu: &WatchedDevice, plan: ClockPlan, max_passes: u32) -> Result<Self, DeviceError> {
         let kinds = [PassKind::Compute, PassKind::Render, PassKind::Copy];
         let timestamps = kinds.iter().any(|kind| plan.clock(*kind) == Clock::Timestamp);
         let queries =
@@ -120,6 +119,7 @@ impl FrameTimer {
             spans: Vec::new(),
             ticks: Vec::new(),
             previous: Vec::new(),
+            refused: None,
         })
     }
 
@@ -128,29 +128,36 @@ impl FrameTimer {
     }
 
     /// Runs one frame with every stage timed.
-    pub fn timed(&mut self, gpu: &Gpu, stages: &[&dyn Stage]) -> Result<FrameSample, GpuError> {
+    pub fn timed<S: TimedStage + ?Sized>(
+        &mut self,
+        gpu: &WatchedDevice,
+        stages: &[&S],
+    ) -> Result<FrameSample, DeviceError> {
         gpu.scoped(|| {
             let sets = self.queries.as_ref().map_or(&[][..], |queries| &queries.sets);
             let mode = Mode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
             self.recorder.record(gpu, mode, stages)?;
-            self.recorder.run_segments(gpu, &mut self.metering, &mut self.spans)?;
-            self.read_ticks(gpu)
+            self.run_segments(gpu)
         })?;
-        Ok(self.evaluate(stages))
+        Ok(self.evaluate(&names(stages)))
     }
 
     /// Runs one frame in one submission with nothing timed within. Returns the time from the submission to the fence and the
     /// host stages, in ns by the plan's host clock.
-    pub fn untimed(&mut self, gpu: &Gpu, stages: &[&dyn Stage]) -> Result<f64, GpuError> {
-        let time = self.on_host(gpu, stages)?;
-        Ok(match self.plan.host() {
-            HostClock::Wall => time.wall_ns,
-            HostClock::ProcessCpu => time.process_ns.unwrap_or(time.wall_ns),
-        })
+    pub fn untimed<S: TimedStage + ?Sized>(
+        &mut self,
+        gpu: &WatchedDevice,
+        stages: &[&S],
+    ) -> Result<f64, DeviceError> {
+        Ok(self.on_host(gpu, stages)?.by(self.plan.host()))
     }
 
     /// Runs one frame as [`Self::untimed`] does and also reads the process's CPU time.
-    pub fn on_host(&mut self, gpu: &Gpu, stages: &[&dyn Stage]) -> Result<HostTime, GpuError> {
+    pub fn on_host<S: TimedStage + ?Sized>(
+        &mut self,
+        gpu: &WatchedDevice,
+        stages: &[&S],
+    ) -> Result<HostTime, DeviceError> {
         gpu.scoped(|| {
             self.recorder.record(gpu, Mode::Untimed, stages)?;
             self.recorder.run(gpu)
@@ -158,7 +165,11 @@ impl FrameTimer {
     }
 
     /// Kind of each stage's first pass; `Host` for a stage that opens none. Encodes a frame and drops it.
-    pub fn kinds(&mut self, gpu: &Gpu, stages: &[&dyn Stage]) -> Result<Vec<PassKind>, GpuError> {
+    pub fn kinds<S: TimedStage + ?Sized>(
+        &mut self,
+        gpu: &WatchedDevice,
+        stages: &[&S],
+    ) -> Result<Vec<PassKind>, DeviceError> {
         gpu.scoped(|| self.recorder.record(gpu, Mode::Untimed, stages))?;
         let passes = &self.recorder.passes;
         let first = |stage: usize| passes.iter().find(|pass| pass.stage == stage);
@@ -169,8 +180,14 @@ impl FrameTimer {
         Ok(kinds)
     }
 
+    /// Runs the frame that was recorded, and reads its timestamps.
+    pub(super) fn run_segments(&mut self, gpu: &WatchedDevice) -> Result<(), DeviceError> {
+        self.recorder.run_segments(gpu, &mut self.metering, &mut self.spans)?;
+        self.read_ticks(gpu)
+    }
+
     /// Reads the frame's timestamps, in a submission after the frame's own.
-    fn read_ticks(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+    fn read_ticks(&mut self, gpu: &WatchedDevice) -> Result<(), DeviceError> {
         std::mem::swap(&mut self.ticks, &mut self.previous);
         self.ticks.clear();
         match &self.queries {
@@ -181,8 +198,9 @@ impl FrameTimer {
         }
     }
 
-    fn evaluate(&self, stages: &[&dyn Stage]) -> FrameSample {
-        let mut account = Account::new(stages);
+    /// The sample of the frame that ran, whose stages have these names.
+    pub(super) fn evaluate(&self, names: &[&'static str]) -> FrameSample {
+        let mut account = Account::new(names);
         for work in &self.recorder.host {
             account.add(work.stage, Clock::Host, Ok(work.ns));
         }
@@ -193,7 +211,10 @@ impl FrameTimer {
                 metering_ns += span.metering_ns();
             }
             account.gaps_ns += self.submit_cost_ns(span);
-            if span.fenced {
+            if span.passes.is_empty() {
+                // Commands of a caller's encoder between passes that are alone.
+                account.gaps_ns += span.wall_ns();
+            } else if span.fenced {
                 self.add_fenced(&mut account, span)
             } else {
                 self.add_timestamped(&mut account, span)
@@ -244,6 +265,10 @@ impl FrameTimer {
     }
 }
 
+fn names<S: TimedStage + ?Sized>(stages: &[&S]) -> Vec<&'static str> {
+    stages.iter().map(|stage| stage.name()).collect()
+}
+
 /// Ticks from `begin` to `end`, negative where they are out of order.
 fn signed_ticks(begin: u64, end: u64) -> f64 {
     end.wrapping_sub(begin) as i64 as f64
@@ -286,18 +311,18 @@ struct Account {
 }
 
 impl Account {
-    fn new(stages: &[&dyn Stage]) -> Self {
-        let empty = |stage: &&dyn Stage| StageSample {
-            name: stage.name(),
+    fn new(names: &[&'static str]) -> Self {
+        let empty = |name: &&'static str| StageSample {
+            name,
             clock: Clock::Host,
             ns: 0.0,
             submit_cost_ns: 0.0,
             resolution_ns: 0.0,
         };
         Self {
-            stages: stages.iter().map(empty).collect(),
-            passes: vec![0; stages.len()],
-            submissions: vec![Submissions::new(); stages.len()],
+            stages: names.iter().map(empty).collect(),
+            passes: vec![0; names.len()],
+            submissions: vec![Submissions::new(); names.len()],
             gaps_ns: 0.0,
             faults: Vec::new(),
         }
@@ -342,7 +367,7 @@ impl Account {
 }
 
 impl Queries {
-    fn new(gpu: &Gpu, max_passes: u32) -> Result<Self, GpuError> {
+    fn new(gpu: &WatchedDevice, max_passes: u32) -> Result<Self, DeviceError> {
         let count = max_passes * QUERIES_PER_PASS;
         let bytes = u64::from(count.next_multiple_of(QUERIES_PER_SET)) * TICK_BYTES;
         let set = |first: u32| {
@@ -371,7 +396,12 @@ impl Queries {
     }
 
     /// Appends the ticks of the first `passes` passes.
-    fn read(&self, gpu: &Gpu, passes: u32, ticks: &mut Vec<Ticks>) -> Result<(), GpuError> {
+    fn read(
+        &self,
+        gpu: &WatchedDevice,
+        passes: u32,
+        ticks: &mut Vec<Ticks>,
+    ) -> Result<(), DeviceError> {
         let count = passes * QUERIES_PER_PASS;
         let bytes = u64::from(count) * TICK_BYTES;
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -385,18 +415,10 @@ impl Queries {
         }
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.read_back, 0, bytes);
         gpu.queue.submit([encoder.finish()]);
-        map(gpu, &self.read_back, bytes, |raw| {
+        gpu.map(&self.read_back, bytes, |raw| {
             let tick = |raw: &[u8]| u64::from_le_bytes(std::array::from_fn(|byte| raw[byte]));
             let pair = |raw: &[u8]| [tick(&raw[..8]), tick(&raw[8..])];
             ticks.extend(raw.chunks_exact(16).map(pair));
         })
-    }
-}
-impl Gpu {
-    /// Runs stages as one untimed frame and waits for it.
-    pub fn run(&self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
-        // The limit is on timed passes, and there are none.
-        let plan = ClockPlan::fenced(SubmitCost::default());
-        FrameTimer::new(self, plan, 1)?.untimed(self, stages).map(drop)
     }
 }

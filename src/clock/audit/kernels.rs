@@ -1,19 +1,16 @@
 //! The kernels of the audit: a pass of each kind whose work is known.
 
 use crate::frame::{ColorTarget, StageScope, Targets};
-use crate::shader::compilation_options;
-use crate::{Gpu, GpuError};
-use crate::{Stage, StageInfo};
+use crate::{DeviceError, TimedStage, WatchedDevice};
 use fathom_record::PassKind;
 
 /// Edge of the render kernel's target in pixels, and invocations of the compute kernel.
 const TARGET_EDGE: u32 = 256;
 const INVOCATIONS: u32 = 65_536;
-const GROUP_SIZE: u32 = 64;
-/// Quads along an edge of the target, and vertex work per iteration of fragment work: with 8×8 fragments
-/// to 6 vertices, about as much in either.
+pub(crate) const GROUP_SIZE: u32 = 64;
+/// Quads along an edge of the target. The shader's vertex work per iteration of fragment work, `VERTEX_SHARE`, makes about as much
+/// in either, with 8×8 fragments to 6 vertices.
 const QUADS_PER_EDGE: u32 = 32;
-const VERTEX_SHARE: u32 = 10;
 /// Bytes of a copy per unit of work, and at most, on a software adapter and on a GPU.
 const COPY_UNIT_BYTES: u64 = 64 << 10;
 const SOFTWARE_COPY_BYTES: u64 = 64 << 20;
@@ -29,18 +26,15 @@ pub(super) struct Kernels {
 }
 
 impl Kernels {
-    pub(super) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+    pub(super) fn new(gpu: &WatchedDevice) -> Result<Self, DeviceError> {
         use wgpu::BufferUsages as Usage;
-        let group = ("GROUP_SIZE", GROUP_SIZE as i32);
-        let quads = ("QUADS_PER_EDGE", QUADS_PER_EDGE as i32);
-        let share = ("VERTEX_SHARE", VERTEX_SHARE as i32);
-        let shader = gpu.shader("audit/kernels", &[group, quads, share])?;
         let copy_bytes = if gpu.adapter.software { SOFTWARE_COPY_BYTES } else { GPU_COPY_BYTES };
         let copy_bytes = copy_bytes.min(gpu.limits.max_buffer_size);
         gpu.scoped(|| {
+            let module = module(gpu);
             Ok(Self {
-                compute: compute_pipeline(gpu, &shader.module),
-                render: render_pipeline(gpu, &shader.module),
+                compute: compute_pipeline(gpu, &module),
+                render: render_pipeline(gpu, &module),
                 results: buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE),
                 target: target(gpu),
                 copied: [
@@ -52,7 +46,13 @@ impl Kernels {
     }
 
     /// A kernel of this kind with so much work per call.
-    pub(super) fn kernel(&self, gpu: &Gpu, kind: PassKind, work: u32, calls: u32) -> Kernel<'_> {
+    pub(super) fn kernel(
+        &self,
+        gpu: &WatchedDevice,
+        kind: PassKind,
+        work: u32,
+        calls: u32,
+    ) -> Kernel<'_> {
         let layout = match kind {
             PassKind::Compute => Some(self.compute.get_bind_group_layout(0)),
             PassKind::Render => Some(self.render.get_bind_group_layout(0)),
@@ -76,7 +76,7 @@ impl Kernels {
     }
 }
 
-pub(super) fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+pub(super) fn buffer(gpu: &WatchedDevice, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     let label = Some("audit");
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label,
@@ -86,7 +86,7 @@ pub(super) fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::B
     })
 }
 
-fn target(gpu: &Gpu) -> wgpu::TextureView {
+fn target(gpu: &WatchedDevice) -> wgpu::TextureView {
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("audit"),
         size: wgpu::Extent3d { width: TARGET_EDGE, height: TARGET_EDGE, depth_or_array_layers: 1 },
@@ -100,25 +100,41 @@ fn target(gpu: &Gpu) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
-fn compute_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::ComputePipeline {
+/// The kernels' shader.
+pub(crate) fn module(gpu: &WatchedDevice) -> wgpu::ShaderModule {
+    let descriptor = wgpu::include_wgsl!("kernels.wgsl");
+    if !gpu.unchecked {
+        return gpu.device.create_shader_module(descriptor);
+    }
+    // SAFETY: the kernels index within their bindings, and their loops end.
+    unsafe {
+        let checks = wgpu::ShaderRuntimeChecks::unchecked();
+        gpu.device.create_shader_module_trusted(descriptor, checks)
+    }
+}
+
+pub(crate) fn compute_pipeline(
+    gpu: &WatchedDevice,
+    module: &wgpu::ShaderModule,
+) -> wgpu::ComputePipeline {
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some("audit/compute"),
         layout: None,
         module,
         entry_point: Some("main"),
-        compilation_options: compilation_options(),
+        compilation_options: Default::default(),
         cache: None,
     })
 }
 
-fn render_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+fn render_pipeline(gpu: &WatchedDevice, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("audit/render"),
         layout: None,
         vertex: wgpu::VertexState {
             module,
             entry_point: Some("vertex"),
-            compilation_options: compilation_options(),
+            compilation_options: Default::default(),
             buffers: &[],
         },
         primitive: wgpu::PrimitiveState::default(),
@@ -127,7 +143,7 @@ fn render_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::RenderPipeli
         fragment: Some(wgpu::FragmentState {
             module,
             entry_point: Some("fragment"),
-            compilation_options: compilation_options(),
+            compilation_options: Default::default(),
             targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],
         }),
         multiview_mask: None,
@@ -145,13 +161,13 @@ pub(super) struct Kernel<'a> {
     calls: u32,
 }
 
-impl Stage for Kernel<'_> {
-    fn info(&self) -> &'static StageInfo {
+impl TimedStage for Kernel<'_> {
+    fn name(&self) -> &'static str {
         match self.kind {
-            PassKind::Compute => const { &StageInfo::unlisted("audit/compute") },
-            PassKind::Render => const { &StageInfo::unlisted("audit/render") },
-            PassKind::Copy => const { &StageInfo::unlisted("audit/copy") },
-            PassKind::Host => const { &StageInfo::unlisted("audit/host") },
+            PassKind::Compute => "audit/compute",
+            PassKind::Render => "audit/render",
+            PassKind::Copy => "audit/copy",
+            PassKind::Host => "audit/host",
         }
     }
 
@@ -187,5 +203,13 @@ impl Stage for Kernel<'_> {
             }),
             PassKind::Host => {}
         }
+    }
+}
+
+#[test]
+fn the_shader_has_the_constants_of_the_host() {
+    let source = include_str!("kernels.wgsl");
+    for (name, value) in [("GROUP_SIZE", GROUP_SIZE), ("QUADS_PER_EDGE", QUADS_PER_EDGE)] {
+        assert!(source.contains(&format!("const {name} = {value}u;")), "{name}");
     }
 }

@@ -2,10 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::Stage;
 use super::frame::{Mode, Recorder};
-use super::readback::map;
-use super::{Gpu, GpuError};
+use super::{DeviceError, TimedStage, WatchedDevice};
 
 const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::all();
 /// Names of the counters in the order of their bits, which is that of the results.
@@ -27,11 +25,11 @@ pub struct StageCounters {
 
 /// Runs one frame of at most `max_passes` compute and render passes and counts the shader invocations
 /// of each stage. `None` where the adapter does not count.
-pub fn count(
-    gpu: &Gpu,
-    stages: &[&dyn Stage],
+pub fn count<S: TimedStage + ?Sized>(
+    gpu: &WatchedDevice,
+    stages: &[&S],
     max_passes: u32,
-) -> Result<Option<Vec<StageCounters>>, GpuError> {
+) -> Result<Option<Vec<StageCounters>>, DeviceError> {
     if !gpu.features.contains(wgpu::Features::PIPELINE_STATISTICS_QUERY) || max_passes == 0 {
         return Ok(None);
     }
@@ -50,7 +48,11 @@ pub fn count(
 }
 
 /// The results of the first `queries` queries, [`NAMES`] of each.
-fn resolve(gpu: &Gpu, set: &wgpu::QuerySet, queries: u32) -> Result<Vec<u64>, GpuError> {
+fn resolve(
+    gpu: &WatchedDevice,
+    set: &wgpu::QuerySet,
+    queries: u32,
+) -> Result<Vec<u64>, DeviceError> {
     if queries == 0 {
         return Ok(Vec::new());
     }
@@ -70,15 +72,18 @@ fn resolve(gpu: &Gpu, set: &wgpu::QuerySet, queries: u32) -> Result<Vec<u64>, Gp
     encoder.resolve_query_set(set, 0..queries, &resolved, 0);
     encoder.copy_buffer_to_buffer(&resolved, 0, &read_back, 0, bytes);
     gpu.queue.submit([encoder.finish()]);
-    map(gpu, &read_back, bytes, |raw| {
+    gpu.map(&read_back, bytes, |raw| {
         let value = |raw: &[u8]| u64::from_le_bytes(std::array::from_fn(|byte| raw[byte]));
         raw.chunks_exact(size_of::<u64>()).map(value).collect()
     })
 }
 
-fn sum(stages: &[&dyn Stage], recorder: &Recorder, results: &[u64]) -> Vec<StageCounters> {
-    let empty =
-        |stage: &&dyn Stage| StageCounters { name: stage.name(), counters: BTreeMap::new() };
+fn sum<S: TimedStage + ?Sized>(
+    stages: &[&S],
+    recorder: &Recorder,
+    results: &[u64],
+) -> Vec<StageCounters> {
+    let empty = |stage: &&S| StageCounters { name: stage.name(), counters: BTreeMap::new() };
     let mut counted: Vec<StageCounters> = stages.iter().map(empty).collect();
     for pass in &recorder.passes {
         let Some(query) = pass.query.map(|query| query as usize * NAMES.len()) else {

@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use super::host_clock::HostClock;
 use super::probe::Probe;
-use crate::{Gpu, GpuError};
+use crate::{DeviceError, WatchedDevice};
 use fathom_base::statistics::{MAD_TO_SIGMA, median};
 use fathom_record::PassKind;
 
@@ -100,17 +100,22 @@ impl Metering {
         Self { clock, ..Self::default() }
     }
 
-    /// A frame begins whose segments begin with passes of these kinds. A frame without a fenced segment needs no costs.
+    /// A frame begins whose segments begin with passes of these kinds, `Host` where a segment has none. A frame without a fenced
+    /// segment needs no costs.
     pub(super) fn begin(&mut self, kinds: &[PassKind], fenced: bool) {
         self.frame = self.frame.wrapping_add(1);
         self.segments.clear();
-        for kind in kinds.iter().filter(|_| fenced) {
+        for kind in kinds.iter().filter(|kind| fenced && **kind != PassKind::Host) {
             self.segments.entry(*kind).or_default().0 += 1;
         }
     }
 
     /// Called before a segment that begins with a pass of this kind is submitted.
-    pub(super) fn before(&mut self, gpu: &Gpu, kind: PassKind) -> Result<(), GpuError> {
+    pub(super) fn before(
+        &mut self,
+        gpu: &WatchedDevice,
+        kind: PassKind,
+    ) -> Result<(), DeviceError> {
         let Some((count, done)) = self.segments.get_mut(&kind) else {
             return Ok(());
         };
@@ -128,13 +133,13 @@ impl Metering {
         Ok(())
     }
 
-    fn measure(&mut self, gpu: &Gpu, kind: PassKind) -> Result<(), GpuError> {
+    fn measure(&mut self, gpu: &WatchedDevice, kind: PassKind) -> Result<(), DeviceError> {
         let ns = self.time(gpu, kind)?;
         self.meter.push(kind, ns);
         Ok(())
     }
 
-    fn time(&mut self, gpu: &Gpu, kind: PassKind) -> Result<f64, GpuError> {
+    fn time(&mut self, gpu: &WatchedDevice, kind: PassKind) -> Result<f64, DeviceError> {
         if self.probe.is_none() {
             self.probe = Some(Probe::new(gpu)?);
         }

@@ -183,8 +183,8 @@ mod tests {
         for folder in &folders {
             write_all(folder, &built.path().join(&*folder.name));
         }
-        let package = built.path().join("src/base");
-        for (file, to) in [("Cargo.lock", "Cargo.lock"), ("src/base/embedded.rs", "embedded.rs")] {
+        let package = built.path().join("src/embedded");
+        for (file, to) in [("Cargo.lock", "Cargo.lock"), ("src/embedded/mod.rs", "embedded.rs")] {
             write(&package.join(to), &fs::read(source.join(file)).unwrap());
         }
         write(&package.join("main.rs"), WRITER.as_bytes());

@@ -10,13 +10,15 @@
 //!
 //! Accounting: the *envelope* is the host time from the first submission to the last fence, plus the host stages. *Gaps* are the time
 //! between passes of a segment by timestamps, the time between segments by the host clock, and one submission cost per
-//! segment. Stages + gaps = envelope then holds only if timestamps and host clock agree.
+//! segment. Commands of a caller's encoder beside its timed passes belong to the gaps. Stages + gaps = envelope then holds only if timestamps and host clock agree.
 
 mod clock;
+mod encoder;
 mod host_clock;
 mod meter;
 mod probe;
 mod scope;
+mod stage;
 mod timer;
 
 pub use clock::{ClockPlan, SubmitCost};
@@ -25,4 +27,5 @@ pub use meter::CostMeter;
 pub(super) use probe::Probe;
 pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Recorder};
+pub use stage::TimedStage;
 pub use timer::{Fault, FrameSample, FrameTimer, StageSample};

@@ -1,0 +1,187 @@
+//! The lines that timing takes, the records of a run on the adapter at hand, and what fathom makes of them.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use fathom::gates::files;
+use fathom::gates::store::StoredComparison;
+use fathom::gates::unpaired;
+use fathom::gates::verdict::{CellVerdict, Verdicts};
+use fathom::record::comparison::GateSettings;
+use fathom::record::output::RECORDS;
+use fathom::record::{Cell, Clock, PassKind, Record, Run, Writer, read};
+use fathom::statistics::estimate;
+
+const PASSES: [&str; 3] = ["ripple", "blur", "shade"];
+/// What the clock may take of a program.
+const MOST_LINES: usize = 15;
+
+/// Lines of `text` that are in no longest common subsequence with `other`.
+fn lines_beyond(text: &str, other: &str) -> Vec<String> {
+    let [a, b] = [text, other].map(|text| text.lines().collect::<Vec<_>>());
+    let mut common = vec![vec![0; b.len() + 1]; a.len() + 1];
+    for i in (0..a.len()).rev() {
+        for j in (0..b.len()).rev() {
+            let longer = common[i + 1][j].max(common[i][j + 1]);
+            common[i][j] = if a[i] == b[j] { common[i + 1][j + 1] + 1 } else { longer };
+        }
+    }
+    let (mut i, mut j, mut beyond) = (0, 0, Vec::new());
+    while i < a.len() {
+        if j < b.len() && a[i] == b[j] {
+            (i, j) = (i + 1, j + 1);
+        } else if j < b.len() && common[i][j + 1] >= common[i + 1][j] {
+            j += 1;
+        } else {
+            beyond.push(a[i].trim().to_owned());
+            i += 1;
+        }
+    }
+    beyond
+}
+
+#[test]
+fn the_clock_takes_few_lines_and_the_rest_of_the_program_is_as_it_was() {
+    let (plain, timed) = (include_str!("../src/plain.rs"), include_str!("../src/main.rs"));
+    let added = lines_beyond(timed, plain);
+    assert!(added.len() <= MOST_LINES, "{} lines: {added:#?}", added.len());
+    assert!(
+        added.iter().all(|line| ["clock", "frame"].iter().any(|word| line.contains(word))),
+        "{added:#?}"
+    );
+    let replaced = [
+        "const FRAMES: u32 = 60;",
+        "",
+        "let required_features = wgpu::Features::empty();",
+        "for _ in 0..FRAMES {",
+        "let mut pass = encoder.begin_compute_pass(&Default::default());",
+        "let mut pass = encoder.begin_compute_pass(&Default::default());",
+        "let mut pass = encoder.begin_render_pass(&target);",
+        "queue.submit([encoder.finish()]);",
+    ];
+    assert_eq!(lines_beyond(plain, timed), replaced);
+    let front_page = include_str!("../../../src/clock/README.md");
+    for line in added {
+        assert!(front_page.contains(&line), "the front page lacks `{line}`");
+    }
+}
+
+#[test]
+fn the_clock_needs_no_arguments_images_plots_or_databases() {
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(["tree", "--offline", "--locked", "-e", "normal,build", "--prefix", "none"]);
+    let tree = cargo.args(["-p", "fathom-clock"]).output().expect("cargo starts");
+    let packages = String::from_utf8(tree.stdout).unwrap();
+    assert!(packages.starts_with("fathom-clock "), "{}", String::from_utf8_lossy(&tree.stderr));
+    for unwanted in ["clap", "image", "plotters", "postgres", "rusqlite", "naga_oil", "rust-embed"]
+    {
+        let found = packages.lines().any(|line| line.split(' ').next() == Some(unwanted));
+        assert!(!found, "{unwanted}");
+    }
+}
+
+fn run(program: &str, arguments: &[&str]) -> Output {
+    Command::new(program).args(arguments).output().expect("it starts")
+}
+
+/// The run and the only cell of a file of records.
+fn recorded(folder: &Path) -> (Run, Cell) {
+    let records = read(&folder.join(RECORDS)).expect("they are sound").records;
+    let [Record::Run(run), Record::Cell(cell), Record::End(_)] = &records[..] else {
+        panic!("{records:#?}");
+    };
+    ((**run).clone(), (**cell).clone())
+}
+
+/// The times of a run on a machine of any load are asked for no more than that they are there.
+#[test]
+fn a_run_has_records_that_fathom_reports_keeps_and_compares() {
+    let plain = run(env!("CARGO_BIN_EXE_plain"), &[]);
+    assert!(plain.status.success(), "{}", String::from_utf8_lossy(&plain.stderr));
+    let folders = tempfile::tempdir().unwrap();
+    let measured = folders.path().join("measured");
+    let timed = run(env!("CARGO_BIN_EXE_own_program"), &["16", measured.to_str().unwrap()]);
+    assert!(timed.status.success(), "{}", String::from_utf8_lossy(&timed.stderr));
+    let told = String::from_utf8(timed.stdout).unwrap();
+    assert!(PASSES.iter().all(|pass| told.contains(&format!("\n  {pass} "))), "{told}");
+
+    let (run, cell) = recorded(&measured);
+    check(&run, &cell);
+    reported(&measured);
+    let kept = fathom::history::NewRun::read(&measured, RECORDS).expect("a history reads it");
+    assert_eq!(kept.cells, 1);
+    compared(folders.path(), &run, &cell);
+}
+
+fn check(run: &Run, cell: &Cell) {
+    let measured = cell.measured().expect("its frames were sampled");
+    let names: Vec<&str> = measured.stages.iter().map(|stage| stage.stage.as_str()).collect();
+    assert_eq!(names, PASSES);
+    let pairs = measured.frame.untimed_samples_ns.len();
+    assert!(pairs >= 12 && measured.warm_up_frames >= 2, "{measured:?}");
+    for (stage, kind) in
+        measured.stages.iter().zip([PassKind::Compute, PassKind::Compute, PassKind::Render])
+    {
+        let sound = |ns: &f64| ns.is_finite() && *ns > 0.0;
+        assert!(stage.samples_ns.len() == pairs && stage.samples_ns.iter().all(sound));
+        assert_eq!(stage.clock, run.clocks[&kind]);
+        assert_eq!(stage.fenced.is_some(), stage.clock != Clock::Timestamp);
+    }
+    for kind in [PassKind::Compute, PassKind::Render, PassKind::Copy] {
+        let rows = || run.audit.iter().filter(|row| row.pass == kind);
+        let timestamps = rows().filter(|row| row.clock == Clock::Timestamp);
+        let sound = timestamps.clone().count() > 0 && timestamps.clone().all(|row| row.sound);
+        assert!(rows().count() > 0, "no audit of {kind:?}");
+        assert_eq!(run.clocks[&kind] == Clock::Timestamp, sound);
+    }
+}
+
+fn reported(folder: &Path) {
+    let records = read(&folder.join(RECORDS)).unwrap().records;
+    let files = fathom::report::of_run(&records, Some(folder)).expect("it is reported");
+    let summary = files.iter().find(|file| file.name == "summary.md").expect("there is one");
+    let summary = std::str::from_utf8(&summary.bytes).unwrap();
+    for text in PASSES.into_iter().chain(["own-program"]) {
+        assert!(summary.contains(text), "{text}: {summary}");
+    }
+}
+
+/// The same run with planted times: 1 ms but for 0.4 % in each pass, with the blur so many times as long.
+fn planted(folder: &Path, run: &Run, cell: &Cell, blur: f64) {
+    let mut cell = cell.clone();
+    let measured = cell.measured_mut().unwrap();
+    for (number, stage) in measured.stages.iter_mut().enumerate() {
+        let length = if stage.stage == "blur" { blur } else { 1.0 };
+        let noise = |n: usize| 1.0 + 1e-3 * ((n + number) * 7919 % 5) as f64;
+        stage.fenced = None;
+        stage.samples_ns = (0..stage.samples_ns.len()).map(|n| 1e6 * length * noise(n)).collect();
+        stage.time = estimate(&stage.samples_ns);
+    }
+    std::fs::create_dir(folder).unwrap();
+    let mut writer = Writer::create(&folder.join(RECORDS)).unwrap();
+    let records = [Record::Run(Box::new(run.clone())), Record::Cell(Box::new(cell))];
+    writer.write_all(&records).unwrap();
+}
+
+/// Two versions of the program compared: on planted times, as those of this machine depend on its load.
+fn compared(folders: &Path, run: &Run, cell: &Cell) {
+    for (name, blur) in [("base", 1.0), ("equal", 1.0), ("slower", 2.0)] {
+        planted(&folders.join(name), run, cell, blur);
+    }
+    for (name, changed) in [("equal", false), ("slower", true)] {
+        let [base, head] = ["base", name].map(|name| folders.join(name).join(RECORDS));
+        let lines = files::lines(&base, &head, &GateSettings::default()).expect("they compare");
+        let comparison = StoredComparison::from_records(lines.into_iter().map(Record::from));
+        let comparison = comparison.expect("it has a header");
+        let changes = unpaired::judge(&comparison);
+        assert_eq!(changes.len(), PASSES.len());
+        for (cell, times) in changes {
+            let change = times.change().expect("both are resolved");
+            let slower = changed && cell.as_str().ends_with("blur");
+            assert_eq!(change > 0.5, slower, "{name} {}: {change}", cell.as_str());
+            assert!(slower || change.abs() < 0.005, "{name} {}: {change}", cell.as_str());
+        }
+        let verdicts = Verdicts::of(&comparison);
+        assert!(verdicts.cells.iter().all(|cell| cell.verdict == CellVerdict::NotJudged));
+    }
+}

@@ -1,0 +1,211 @@
+//! A device, what is known of it, and its faults as errors.
+
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+
+use super::DeviceError;
+use fathom_record::Adapter;
+
+/// An open device with its queue. Its faults come back as errors from the call that caused them.
+pub struct WatchedDevice {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub adapter: Adapter,
+    pub features: wgpu::Features,
+    pub limits: wgpu::Limits,
+    /// Shaders run without wgpu's bounds and loop checks, those of the audit too.
+    pub unchecked: bool,
+    faults: Arc<Mutex<Faults>>,
+    on_fault: Option<OnFault>,
+}
+
+/// Called when an error scope has caught a fault.
+type OnFault = Box<dyn Fn() + Send + Sync>;
+
+/// What the device reported outside any error scope.
+#[derive(Default)]
+struct Faults {
+    uncaptured: Vec<wgpu::Error>,
+    lost: Option<String>,
+}
+
+thread_local! {
+    /// Depth of nested [`WatchedDevice::scoped`] calls on this thread: only the outermost one opens error scopes.
+    static SCOPES: Cell<u32> = const { Cell::new(0) };
+}
+
+/// What the adapter tells of itself. The period of its timestamps is known only of an open device and is 0 here.
+pub fn describe(adapter: &wgpu::Adapter) -> Adapter {
+    let info = adapter.get_info();
+    Adapter {
+        software: is_software(&info),
+        backend: format!("{:?}", info.backend).to_lowercase(),
+        device_type: format!("{:?}", info.device_type),
+        name: info.name,
+        driver: info.driver,
+        driver_info: info.driver_info,
+        vendor_id: info.vendor,
+        device_id: info.device,
+        timestamp_period_ns: 0.0,
+        host_threads: std::thread::available_parallelism().map_or(1, usize::from),
+    }
+}
+
+fn is_software(info: &wgpu::AdapterInfo) -> bool {
+    let name = info.name.to_lowercase();
+    info.device_type == wgpu::DeviceType::Cpu
+        || ["llvmpipe", "lavapipe", "swiftshader", "softpipe"].iter().any(|s| name.contains(s))
+}
+
+impl WatchedDevice {
+    /// A device of this adapter. Its handlers of errors stay as they are: see [`Self::watch`].
+    pub fn new(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        let timestamp_period_ns = queue.get_timestamp_period();
+        Self {
+            adapter: Adapter { timestamp_period_ns, ..describe(adapter) },
+            features: device.features(),
+            limits: device.limits(),
+            unchecked: false,
+            faults: Arc::default(),
+            on_fault: None,
+            device,
+            queue,
+        }
+    }
+
+    /// Takes over the device's handlers: errors outside any scope and the loss of the device come from the next call
+    /// instead of panicking. `on_fault` is called when a scope has caught an error.
+    #[must_use]
+    pub fn watch(mut self, on_fault: impl Fn() + Send + Sync + 'static) -> Self {
+        self.on_fault = Some(Box::new(on_fault));
+        let sink = Arc::clone(&self.faults);
+        self.device.on_uncaptured_error(Arc::new(move |error| {
+            sink.lock().unwrap_or_else(PoisonError::into_inner).uncaptured.push(error);
+        }));
+        let sink = Arc::clone(&self.faults);
+        self.device.set_device_lost_callback(move |reason, message| {
+            let lost = format!("{reason:?}: {message}");
+            sink.lock().unwrap_or_else(PoisonError::into_inner).lost = Some(lost);
+        });
+        self
+    }
+
+    /// Runs `f` and returns the first error the device raised meanwhile, if it raised one: a refused
+    /// call, exhausted memory, an error of the driver, or the loss of the device. May be nested.
+    pub fn scoped<T, E: From<DeviceError>>(
+        &self,
+        f: impl FnOnce() -> Result<T, E>,
+    ) -> Result<T, E> {
+        self.pending_fault()?;
+        if SCOPES.get() > 0 {
+            return f();
+        }
+        let _depth = Depth::enter();
+        let filters = [
+            wgpu::ErrorFilter::Validation,
+            wgpu::ErrorFilter::OutOfMemory,
+            wgpu::ErrorFilter::Internal,
+        ];
+        let [validation, memory, internal] = filters.map(|f| self.device.push_error_scope(f));
+        let result = f();
+        let captured = [internal, memory, validation].map(|scope| pollster::block_on(scope.pop()));
+        self.pending_fault()?;
+        match captured.into_iter().flatten().next() {
+            Some(error) => {
+                self.on_fault.iter().for_each(|on_fault| on_fault());
+                Err(DeviceError::from(error).into())
+            }
+            None => result,
+        }
+    }
+
+    /// Waits until the GPU has done all that was submitted.
+    ///
+    /// # Errors
+    /// The device was lost, or an error was raised outside any scope.
+    pub fn wait(&self) -> Result<(), DeviceError> {
+        self.wait_for(None)
+    }
+
+    /// Waits for one submission, or for the last.
+    ///
+    /// # Errors
+    /// As [`Self::wait`].
+    pub fn wait_for(&self, index: Option<wgpu::SubmissionIndex>) -> Result<(), DeviceError> {
+        let wait = wgpu::PollType::Wait { submission_index: index, timeout: None };
+        // wgpu panics when the device is lost while it waits.
+        let outcome = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
+        if matches!(outcome, Ok(Err(_))) {
+            // A submission was refused. Only the next poll reports that the device is gone.
+            let _ = self.device.poll(wgpu::PollType::Poll);
+        }
+        self.pending_fault()?;
+        match outcome {
+            Ok(Ok(_)) => Ok(()),
+            Ok(Err(error)) => Err(DeviceError::Internal(error.to_string())),
+            Err(_) => Err(DeviceError::Lost("it failed while it was waited for".to_owned())),
+        }
+    }
+
+    /// Submits what the queue holds back, such as writes to buffers, and waits for it.
+    pub(crate) fn flush(&self) -> Result<(), DeviceError> {
+        let index = self.queue.submit([]);
+        self.wait_for(Some(index))
+    }
+
+    /// Waits for the GPU, maps the first `bytes` of a buffer, and hands them to `read`.
+    ///
+    /// # Errors
+    /// A fault of the device, or the buffer cannot be mapped.
+    pub fn map<T>(
+        &self,
+        buffer: &wgpu::Buffer,
+        bytes: u64,
+        read: impl FnOnce(&[u8]) -> T,
+    ) -> Result<T, DeviceError> {
+        let (sender, receiver) = mpsc::channel();
+        buffer.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
+            // The receiver is gone only when waiting has failed, which is reported there.
+            let _ = sender.send(result);
+        });
+        self.wait()?;
+        let failed = |error: &dyn std::fmt::Display| DeviceError::ReadBack(error.to_string());
+        match receiver.try_recv() {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => return Err(failed(&error)),
+            Err(error) => return Err(failed(&error)),
+        }
+        let view = buffer.get_mapped_range(..bytes).map_err(|error| failed(&error))?;
+        let value = read(&view);
+        drop(view);
+        buffer.unmap();
+        Ok(value)
+    }
+
+    /// The loss of the device, or an error raised outside any scope, once.
+    fn pending_fault(&self) -> Result<(), DeviceError> {
+        let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(reason) = &faults.lost {
+            return Err(DeviceError::Lost(reason.clone()));
+        }
+        let mut errors = faults.uncaptured.drain(..);
+        errors.next().map_or(Ok(()), |error| Err(error.into()))
+    }
+}
+
+/// Counts the nesting of scopes, also when a panic unwinds through them.
+struct Depth;
+
+impl Depth {
+    fn enter() -> Self {
+        SCOPES.set(SCOPES.get() + 1);
+        Depth
+    }
+}
+
+impl Drop for Depth {
+    fn drop(&mut self) {
+        SCOPES.set(SCOPES.get() - 1);
+    }
+}

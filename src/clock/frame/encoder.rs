@@ -1,0 +1,91 @@
+//! Frames whose passes are opened in an encoder of the caller.
+
+use super::scope::{Mode, Query};
+use super::timer::{FrameSample, FrameTimer};
+use crate::{DeviceError, WatchedDevice};
+use fathom_record::PassKind;
+
+impl FrameTimer {
+    /// Begins a frame. What was opened of another is forgotten.
+    pub(crate) fn begin(&mut self) {
+        self.recorder.reset();
+        self.refused = None;
+    }
+
+    /// A pass of this kind comes next in the encoder. Where it must be alone in a submission, the encoder is replaced by an
+    /// empty one; else the pass has timestamps.
+    pub(crate) fn open(
+        &mut self,
+        gpu: &WatchedDevice,
+        encoder: &mut wgpu::CommandEncoder,
+        (stage, kind): (usize, PassKind),
+    ) -> Option<(&wgpu::QuerySet, u32)> {
+        self.close(gpu, encoder);
+        if self.mode().fences(kind) {
+            self.cut(gpu, encoder, false);
+        }
+        let sets = self.queries.as_ref().map_or(&[][..], |queries| &queries.sets);
+        let mode = Mode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
+        self.recorder.add(mode, stage, kind).map(|Query { set, first }| (set, first))
+    }
+
+    /// The pass that was opened last has ended. Where it is alone in a submission, the encoder is replaced.
+    pub(crate) fn close(&mut self, gpu: &WatchedDevice, encoder: &mut wgpu::CommandEncoder) {
+        if self.in_fenced_pass() {
+            self.cut(gpu, encoder, true);
+        }
+    }
+
+    /// Ends a command buffer with what the encoder holds; the encoder is empty then. A command that is refused now is an error
+    /// of the frame.
+    fn cut(&mut self, gpu: &WatchedDevice, encoder: &mut wgpu::CommandEncoder, fenced: bool) {
+        let ended = gpu.scoped(|| {
+            let next = gpu.device.create_command_encoder(&Default::default());
+            self.recorder.push(std::mem::replace(encoder, next), fenced);
+            Ok(())
+        });
+        self.refused = self.refused.take().or(ended.err());
+    }
+
+    fn in_fenced_pass(&self) -> bool {
+        let last = self.recorder.passes.last().filter(|_| self.recorder.has_open_passes());
+        last.is_some_and(|pass| self.mode().fences(pass.kind))
+    }
+
+    fn mode(&self) -> Mode<'_> {
+        Mode::Timed { plan: &self.plan, sets: &[], max_passes: self.max_passes }
+    }
+
+    /// Runs the frame, of which the encoder holds the rest. Its stages have these names.
+    pub(crate) fn run_timed(
+        &mut self,
+        gpu: &WatchedDevice,
+        encoder: wgpu::CommandEncoder,
+        names: &[&'static str],
+    ) -> Result<FrameSample, DeviceError> {
+        if let Some(refused) = self.refused.take() {
+            return Err(refused);
+        }
+        gpu.scoped(|| {
+            let fenced = self.in_fenced_pass();
+            self.recorder.push(encoder, fenced);
+            self.recorder.check(self.mode())?;
+            gpu.flush()?;
+            self.run_segments(gpu)
+        })?;
+        Ok(self.evaluate(names))
+    }
+
+    /// Runs the encoder's commands in one submission; the time in ns by the plan's host clock.
+    pub(crate) fn run_untimed(
+        &mut self,
+        gpu: &WatchedDevice,
+        encoder: wgpu::CommandEncoder,
+    ) -> Result<f64, DeviceError> {
+        gpu.scoped(|| {
+            self.recorder.push(encoder, false);
+            gpu.flush()?;
+            Ok(self.recorder.run(gpu)?.by(self.plan.host()))
+        })
+    }
+}

@@ -1,0 +1,28 @@
+#![doc = include_str!("README.md")]
+
+mod audit;
+mod counters;
+mod device;
+mod error;
+mod frame;
+mod machine;
+mod sampling;
+mod session;
+
+pub use audit::{Audit, audit, audit_all, audit_cpu_time, audit_table};
+pub use counters::{StageCounters, count};
+pub use device::{WatchedDevice, describe};
+pub use error::{ClockError, DeviceError};
+/// What is measured, as records have it.
+pub use fathom_record as record;
+pub use frame::{
+    ClockPlan, ColorTarget, CostMeter, DepthTarget, Fault, FrameSample, FrameTimer, HostClock,
+    HostTime, StageSample, StageScope, SubmitCost, Targets, TimedStage,
+};
+pub use machine::MachineReader;
+pub use sampling::{
+    MAX_REJECTED_SHARE, MAX_WARM_UP_FRAMES, MIN_JUDGED_FRAMES, Samples, StageSamples, Stopped,
+    WARM_UP_TOLERANCE, WarmUp, accounting_error, fault, frame_pair, frame_record, sampling_notes,
+    stage_record,
+};
+pub use session::{Frame, FrameClock, Sampling, TimedPass, features};

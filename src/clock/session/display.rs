@@ -1,0 +1,55 @@
+//! What was measured, for the terminal.
+
+use std::fmt;
+
+use super::FrameClock;
+use fathom_record::{Cell, Estimate, Outcome, PassKind, StageRecord};
+
+/// The clock of each kind of pass with the audit's reason where timestamps are unsound, and each ended cell: medians with their
+/// 95 % intervals, and notes.
+impl fmt::Display for FrameClock {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{} ({})", self.gpu.adapter.name, self.gpu.adapter.driver_info)?;
+        for kind in [PassKind::Compute, PassKind::Render, PassKind::Copy] {
+            let clock = self.audit.plan.clock(kind).name();
+            write!(f, "{} passes: {clock} clock", kind.name())?;
+            let mut rows = self.audit.rows.iter().filter(|row| row.pass == kind && !row.sound);
+            match rows.next() {
+                Some(row) => writeln!(f, "; {}", row.reason)?,
+                None => writeln!(f)?,
+            }
+        }
+        self.cells().iter().try_for_each(|cell| tell(f, cell))
+    }
+}
+
+fn tell(f: &mut fmt::Formatter<'_>, cell: &Cell) -> fmt::Result {
+    writeln!(f, "\n{} {}", cell.experiment, cell.cell)?;
+    let measured = match &cell.outcome {
+        Outcome::Measured(measured) => measured,
+        Outcome::Skipped { reason } | Outcome::Failed { reason } => {
+            return writeln!(f, "  failed: {reason}");
+        }
+    };
+    for stage in &measured.stages {
+        writeln!(f, "  {:<20} {}", stage.stage, stage_time(stage))?;
+    }
+    writeln!(f, "  {:<20} {}", "frame, untimed", milliseconds(&measured.frame.untimed))?;
+    let cost = &measured.frame.timing_cost;
+    writeln!(f, "  timing each pass makes a frame take {:.2} times as long", cost.median)?;
+    measured.notes.iter().try_for_each(|note| writeln!(f, "  note: {}", note.text))
+}
+
+fn stage_time(stage: &StageRecord) -> String {
+    let clock = stage.clock.name();
+    if stage.is_resolved() {
+        return format!("{}  {clock}", milliseconds(&stage.time));
+    }
+    format!("< {:.4} ms, the clock's resolution  {clock}", stage.resolution_ns() * 1e-6)
+}
+
+fn milliseconds(time: &Estimate) -> String {
+    let [low, high] = time.ends();
+    let [median, low, high] = [time.median, low, high].map(|ns| ns * 1e-6);
+    format!("{median:.4} ms ({low:.4} … {high:.4}, n = {})", time.n)
+}

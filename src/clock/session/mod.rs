@@ -1,0 +1,251 @@
+//! The clock of one program: which frame is timed next, what is sampled, and the records of it.
+
+mod display;
+mod pass;
+mod records;
+mod sampled;
+#[cfg(test)]
+mod tests;
+
+pub use pass::TimedPass;
+pub use sampled::Sampling;
+
+use std::time::Instant;
+
+use self::sampled::Sampled;
+use super::{Audit, ClockError, DeviceError, FrameTimer, MachineReader, WatchedDevice, audit_all};
+use fathom_record::{Cell, PassKind};
+
+/// Features of the device that timestamps need.
+const FEATURES: wgpu::Features =
+    wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
+/// Passes of a frame that can have timestamps.
+const MOST_PASSES: u32 = 1024;
+
+/// The features of this adapter that timestamps need, for `required_features` of the device. Without them every pass is timed by a
+/// fenced host clock.
+pub fn features(adapter: &wgpu::Adapter) -> wgpu::Features {
+    adapter.features() & FEATURES
+}
+
+/// An audited clock around the frames of a program, and what was sampled of them.
+///
+/// Frames with per-pass timing alternate with frames without: the second give the frame time, and both together what timing costs.
+/// Both wait for the GPU, so frames do not overlap.
+pub struct FrameClock {
+    gpu: WatchedDevice,
+    audit: Audit,
+    timer: FrameTimer,
+    machine: Option<MachineReader>,
+    sampling: Sampling,
+    sampled: Sampled,
+    /// When the current cell began.
+    begun: Instant,
+    cells: Vec<Cell>,
+    totals: Totals,
+}
+
+/// Times of the whole run.
+struct Totals {
+    started_at: String,
+    begun: Instant,
+    audit_s: f64,
+    frames_ns: f64,
+}
+
+impl FrameClock {
+    /// Audits the timestamps of this adapter, which takes a second, and some seconds on a software adapter.
+    ///
+    /// # Errors
+    /// A fault of the device.
+    pub fn new(
+        adapter: &wgpu::Adapter,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+    ) -> Result<Self, ClockError> {
+        let gpu = WatchedDevice::new(adapter, device.clone(), queue.clone());
+        Self::audited(gpu, audit_all)
+    }
+
+    fn audited(
+        gpu: WatchedDevice,
+        audit: impl FnOnce(&WatchedDevice) -> Result<Audit, DeviceError>,
+    ) -> Result<Self, ClockError> {
+        let (started_at, begun) = (fathom_record::calendar::now(), Instant::now());
+        let audit = audit(&gpu)?;
+        let timer = FrameTimer::new(&gpu, audit.plan, MOST_PASSES)?;
+        let audit_s = begun.elapsed().as_secs_f64();
+        Ok(Self {
+            machine: MachineReader::open(&gpu.adapter),
+            gpu,
+            audit,
+            timer,
+            sampling: Sampling::default(),
+            sampled: Sampled::begin(0),
+            begun: Instant::now(),
+            cells: Vec::new(),
+            totals: Totals { started_at, begun, audit_s, frames_ns: 0.0 },
+        })
+    }
+
+    /// The same with another precision or budget.
+    #[must_use]
+    pub fn with(mut self, sampling: Sampling) -> Self {
+        self.sampling = sampling;
+        self
+    }
+
+    /// Which clock times which kind of pass, and why.
+    pub fn audit(&self) -> &Audit {
+        &self.audit
+    }
+
+    /// More frames are needed: fewer than 12 pairs were sampled, or the frame time is not precise yet and there is time. Frames
+    /// rendered beyond that are sampled as well.
+    pub fn wants_frame(&mut self) -> bool {
+        let late = self.begun.elapsed().as_secs_f64() > self.sampling.budget_s;
+        self.sampled.wants_frame(self.sampling.precision, late)
+    }
+
+    /// Begins a frame. It ends with [`Frame::submit`].
+    pub fn frame(&mut self) -> Frame<'_> {
+        self.timer.begin();
+        let timed = self.sampled.times_next();
+        Frame { clock: self, timed, names: Vec::new() }
+    }
+}
+
+/// One frame of a program. Its passes are opened in the program's own encoder.
+///
+/// A name stands for the time of all passes that bear it in a frame. Every frame opens the same names in the same order.
+pub struct Frame<'a> {
+    clock: &'a mut FrameClock,
+    timed: bool,
+    names: Vec<&'static str>,
+}
+
+impl Frame<'_> {
+    /// A compute pass of this name, in place of [`wgpu::CommandEncoder::begin_compute_pass`]. The encoder may be replaced by an
+    /// empty one where the pass must be alone in a submission.
+    pub fn compute_pass<'f>(
+        &'f mut self,
+        encoder: &'f mut wgpu::CommandEncoder,
+        name: &'static str,
+        descriptor: &wgpu::ComputePassDescriptor<'_>,
+    ) -> TimedPass<'f, wgpu::ComputePass<'static>> {
+        let timestamp_writes = self.compute(encoder, name);
+        let descriptor = wgpu::ComputePassDescriptor { timestamp_writes, ..descriptor.clone() };
+        let pass = encoder.begin_compute_pass(&descriptor).forget_lifetime();
+        self.guard(encoder, pass)
+    }
+
+    /// A render pass of this name, in place of [`wgpu::CommandEncoder::begin_render_pass`]; see [`Self::compute_pass`].
+    pub fn render_pass<'f>(
+        &'f mut self,
+        encoder: &'f mut wgpu::CommandEncoder,
+        name: &'static str,
+        descriptor: &wgpu::RenderPassDescriptor<'_>,
+    ) -> TimedPass<'f, wgpu::RenderPass<'static>> {
+        let timestamp_writes = self.render(encoder, name);
+        let descriptor = wgpu::RenderPassDescriptor { timestamp_writes, ..descriptor.clone() };
+        let pass = encoder.begin_render_pass(&descriptor).forget_lifetime();
+        self.guard(encoder, pass)
+    }
+
+    /// Copies and clears under this name. `f` must not open passes.
+    pub fn copies(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        name: &'static str,
+        f: impl FnOnce(&mut wgpu::CommandEncoder),
+    ) {
+        let query = self.open(encoder, name, PassKind::Copy).map(|(set, at)| (set.clone(), at));
+        if let Some((set, first)) = &query {
+            encoder.write_timestamp(set, *first);
+        }
+        f(encoder);
+        if let Some((set, first)) = &query {
+            encoder.write_timestamp(set, *first + 1);
+        }
+        drop(self.guard(encoder, ()));
+    }
+
+    /// The `timestamp_writes` of a compute pass of this name that the caller opens next in this encoder. Where the pass must be
+    /// alone in a submission, what is encoded up to the next call counts as its work.
+    pub fn compute(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        name: &'static str,
+    ) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
+        let (query_set, first) = self.open(encoder, name, PassKind::Compute)?;
+        Some(wgpu::ComputePassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        })
+    }
+
+    /// The same for a render pass.
+    pub fn render(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        name: &'static str,
+    ) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
+        let (query_set, first) = self.open(encoder, name, PassKind::Render)?;
+        Some(wgpu::RenderPassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        })
+    }
+
+    /// Submits the encoder's commands in place of [`wgpu::Queue::submit`], waits for them, and samples the frame.
+    ///
+    /// # Errors
+    /// A fault of the device, such as a command that it refused, or more than 1,024 passes with timestamps. The frame is then not
+    /// sampled.
+    pub fn submit(self, encoder: wgpu::CommandEncoder) -> Result<(), ClockError> {
+        let Self { clock, timed, names } = self;
+        let FrameClock { gpu, timer, machine, sampled, totals, .. } = clock;
+        let state = || machine.as_ref().and_then(MachineReader::read);
+        let wall_ns = if timed {
+            let frame = timer.run_timed(gpu, encoder, &names)?;
+            let envelope_ns = frame.envelope_ns;
+            sampled.add_timed(frame, state);
+            envelope_ns
+        } else {
+            let wall_ns = timer.run_untimed(gpu, encoder)?;
+            sampled.add_untimed(wall_ns, state);
+            wall_ns
+        };
+        totals.frames_ns += wall_ns;
+        Ok(())
+    }
+
+    fn open(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        name: &'static str,
+        kind: PassKind,
+    ) -> Option<(&wgpu::QuerySet, u32)> {
+        if !self.timed {
+            return None;
+        }
+        let known = self.names.iter().position(|known| *known == name);
+        let stage = known.unwrap_or_else(|| {
+            self.names.push(name);
+            self.names.len() - 1
+        });
+        let FrameClock { gpu, timer, .. } = &mut *self.clock;
+        timer.open(gpu, encoder, (stage, kind))
+    }
+
+    fn guard<'f, P>(
+        &'f mut self,
+        encoder: &'f mut wgpu::CommandEncoder,
+        pass: P,
+    ) -> TimedPass<'f, P> {
+        let FrameClock { gpu, timer, .. } = &mut *self.clock;
+        TimedPass::new(pass, self.timed.then_some((timer, &*gpu)), encoder)
+    }
+}

@@ -1,0 +1,90 @@
+//! Frames on the adapter at hand: what is run and what is sampled, whatever it takes.
+
+use super::sampled::LEAST_PAIRS;
+use super::*;
+use crate::{ClockPlan, SubmitCost};
+use fathom_record::{Clock, Outcome};
+
+const BYTES: u64 = 16;
+
+/// All passes are alone in a submission: those here do too little for timestamps.
+fn fenced() -> FrameClock {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
+    let (device, queue) = pollster::block_on(adapter.request_device(&Default::default())).unwrap();
+    let gpu = WatchedDevice::new(&adapter, device, queue);
+    let plan = ClockPlan::fenced(SubmitCost::default());
+    FrameClock::audited(gpu, |_| Ok(Audit { rows: Vec::new(), plan })).unwrap()
+}
+
+fn buffer(gpu: &WatchedDevice, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: BYTES,
+        usage: usage | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+fn encoder(clock: &FrameClock) -> wgpu::CommandEncoder {
+    clock.gpu.device.create_command_encoder(&Default::default())
+}
+
+#[test]
+fn commands_run_in_their_order_and_each_name_is_sampled_once() {
+    use wgpu::BufferUsages as Usage;
+    let mut clock = fenced();
+    let [from, to] = [Usage::COPY_SRC, Usage::COPY_SRC].map(|usage| buffer(&clock.gpu, usage));
+    let read_back = buffer(&clock.gpu, Usage::MAP_READ);
+    for number in 0..2 * LEAST_PAIRS as u32 + 2 {
+        let bytes = [number as u8 + 1; BYTES as usize];
+        clock.gpu.queue.write_buffer(&from, 0, &bytes);
+        let mut encoder = encoder(&clock);
+        let mut frame = clock.frame();
+        encoder.clear_buffer(&to, 0, None);
+        drop(frame.compute_pass(&mut encoder, "guarded", &Default::default()));
+        encoder.copy_buffer_to_buffer(&from, 0, &to, 0, BYTES);
+        let timestamp_writes = frame.compute(&mut encoder, "own");
+        let descriptor = wgpu::ComputePassDescriptor { label: None, timestamp_writes };
+        drop(encoder.begin_compute_pass(&descriptor));
+        drop(frame.compute_pass(&mut encoder, "guarded", &Default::default()));
+        frame.copies(&mut encoder, "copies", |encoder| {
+            encoder.copy_buffer_to_buffer(&to, 0, &read_back, 0, BYTES);
+        });
+        encoder.clear_buffer(&from, 0, None);
+        frame.submit(encoder).unwrap();
+        let read = clock.gpu.map(&read_back, BYTES, <[u8]>::to_vec).unwrap();
+        assert_eq!(read, bytes, "frame {number}");
+    }
+    let cell = clock.end_cell("test", "size=1,kind=small").unwrap();
+    assert_eq!(cell.axes["kind"], "small");
+    let Outcome::Measured(measured) = &cell.outcome else { panic!("{cell:?}") };
+    let frame = &measured.frame;
+    assert!(frame.accounting_error < 1e-6, "one clock read all of it: {frame:?}");
+    let stages = measured.stages.iter().map(|stage| (stage.stage.as_str(), stage.clock));
+    let names = ["guarded", "own", "copies"];
+    assert!(stages.eq(names.map(|name| (name, Clock::FencedHost))));
+    let pairs = frame.untimed_samples_ns.len();
+    assert!(pairs > 0 && measured.stages.iter().all(|stage| stage.samples_ns.len() == pairs));
+    let folder = tempfile::tempdir().unwrap();
+    clock.write(folder.path()).unwrap();
+    assert!(matches!(clock.write(folder.path()), Err(ClockError::Occupied { .. })));
+    assert!(matches!(clock.end_cell("No id", "base"), Err(ClockError::Name(_))));
+}
+
+#[test]
+fn a_refused_command_is_an_error_of_its_frame_and_no_other() {
+    let mut clock = fenced();
+    let small = buffer(&clock.gpu, wgpu::BufferUsages::COPY_SRC);
+    for beyond in [true, false, true, false] {
+        let mut encoder = encoder(&clock);
+        let mut frame = clock.frame();
+        frame.copies(&mut encoder, "clear", |encoder| {
+            encoder.clear_buffer(&small, if beyond { 2 * BYTES } else { 0 }, None);
+        });
+        let outcome = frame.submit(encoder);
+        let refused = matches!(&outcome, Err(ClockError::Device(DeviceError::Validation(_))));
+        assert_eq!(refused, beyond, "{outcome:?}");
+    }
+    assert_eq!(clock.sampled.samples.pairs(), 0, "both frames that ran were warm-up");
+}
