@@ -31,10 +31,13 @@ impl Aabb {
         x * y + y * z + z * x
     }
 
-    /// Distance at which a ray enters the box, 0 from inside, by one over its direction, which is finite.
+    /// Distance at which a ray enters the box, 0 from inside, by one over its direction.
     pub fn entry(&self, origin: DVec3, inverse: DVec3) -> Option<f64> {
         let (a, b) = ((self.low - origin) * inverse, (self.high - origin) * inverse);
-        let (near, far) = (a.min(b).max_element().max(0.0), a.max(b).min_element());
+        // Zero times infinity: the ray lies in the plane of a side, and so between the two of this axis.
+        let between = a.is_nan_mask() | b.is_nan_mask();
+        let near = DVec3::select(between, DVec3::NEG_INFINITY, a.min(b)).max_element().max(0.0);
+        let far = DVec3::select(between, DVec3::INFINITY, a.max(b)).min_element();
         (near <= far).then_some(near)
     }
 }

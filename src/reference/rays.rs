@@ -9,8 +9,6 @@ use fathom_scene::{Camera, Object};
 
 /// Boxes grow by this share of the scene's size, so that rounding in the slab test loses no flat triangle.
 const BOX_PADDING: f64 = 1e-9;
-/// Of one over a direction of 0.
-const LARGE: f64 = 1e300;
 
 /// The nearest triangle along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,8 +64,7 @@ impl Tracer {
 
     /// Nearest hit at a distance in (`min_m`, `max_m`) from the origin. `direction` has unit length.
     pub fn cast(&self, origin: DVec3, direction: DVec3, min_m: f64, max_m: f64) -> Option<Hit> {
-        // Finite, so that a ray within the plane of a box's side does not divide nothing by nothing.
-        let inverse = direction.recip().clamp(DVec3::splat(-LARGE), DVec3::splat(LARGE));
+        let inverse = direction.recip();
         let axes = Axes::of(direction);
         let mut best: Option<Found> = None;
         let mut open = Vec::with_capacity(64);
