@@ -10,8 +10,8 @@ use std::sync::Arc;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Names that are remembered to be shared. Beyond that it begins again: a file of records may be anyone's.
-const MOST_KNOWN: usize = 1 << 14;
+/// Names, and groups of parameters, that are remembered to be shared. Beyond that it begins again: a file of records may be anyone's.
+pub(super) const MOST_KNOWN: usize = 1 << 14;
 
 thread_local! {
     static KNOWN: RefCell<HashSet<Name>> = RefCell::default();

@@ -9,8 +9,8 @@ use serde::ser::SerializeMap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value};
 
-/// Groups that are remembered to be shared. Beyond that it begins again: a file of records may be anyone's.
-const MOST_KNOWN: usize = 1 << 14;
+use super::Name;
+use super::names::MOST_KNOWN;
 
 /// A tree of parameters. Each of its groups is held once, by whatever number of cells.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,7 +18,7 @@ pub struct Params(Box<[Group]>);
 
 #[derive(Clone, Debug, PartialEq)]
 struct Group {
-    name: Arc<str>,
+    name: Name,
     value: Arc<Value>,
 }
 
@@ -34,7 +34,7 @@ impl Group {
             if known.len() > MOST_KNOWN {
                 known.clear();
             }
-            let group = || Group { name: name.into(), value: Arc::new(value) };
+            let group = || Group { name: name.as_str().into(), value: Arc::new(value) };
             known.entry(key).or_insert_with(group).clone()
         })
     }
@@ -43,7 +43,7 @@ impl Group {
 impl Params {
     /// A group or parameter by its name.
     pub fn get(&self, name: &str) -> Option<&Value> {
-        let group = self.0.iter().find(|group| &*group.name == name);
+        let group = self.0.iter().find(|group| group.name == *name);
         group.map(|group| &*group.value)
     }
 
@@ -77,7 +77,7 @@ impl Serialize for Params {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(Some(self.0.len()))?;
         for Group { name, value } in &self.0 {
-            map.serialize_entry(name.as_ref() as &str, value.as_ref())?;
+            map.serialize_entry(name, value.as_ref())?;
         }
         map.end()
     }
