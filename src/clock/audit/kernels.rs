@@ -36,7 +36,7 @@ impl Kernels {
                 compute: compute_pipeline(gpu, &module),
                 render: render_pipeline(gpu, &module),
                 results: buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE),
-                target: target(gpu),
+                target: target(gpu, TARGET_EDGE),
                 copied: [
                     buffer(gpu, copy_bytes, Usage::COPY_SRC),
                     buffer(gpu, copy_bytes, Usage::COPY_DST),
@@ -76,7 +76,7 @@ impl Kernels {
     }
 }
 
-pub(super) fn buffer(gpu: &WatchedDevice, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+pub(crate) fn buffer(gpu: &WatchedDevice, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     let label = Some("audit");
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label,
@@ -86,10 +86,11 @@ pub(super) fn buffer(gpu: &WatchedDevice, size: u64, usage: wgpu::BufferUsages) 
     })
 }
 
-fn target(gpu: &WatchedDevice) -> wgpu::TextureView {
+/// A picture of so many pixels along an edge.
+pub(crate) fn target(gpu: &WatchedDevice, edge: u32) -> wgpu::TextureView {
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("audit"),
-        size: wgpu::Extent3d { width: TARGET_EDGE, height: TARGET_EDGE, depth_or_array_layers: 1 },
+        size: wgpu::Extent3d { width: edge, height: edge, depth_or_array_layers: 1 },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,

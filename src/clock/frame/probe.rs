@@ -1,7 +1,7 @@
 //! The smallest pass of each kind. The host time of a submission that holds nothing else is the cost of a submission.
 
 use super::host_clock::HostClock;
-use crate::audit::kernels::{GROUP_SIZE, compute_pipeline, module};
+use crate::audit::kernels::{GROUP_SIZE, buffer, compute_pipeline, module, target};
 use crate::{DeviceError, WatchedDevice};
 use fathom_record::PassKind;
 
@@ -31,7 +31,7 @@ impl Probe {
             Ok(Self {
                 compute,
                 bindings,
-                target: target(gpu),
+                target: target(gpu, 1),
                 copied: [Usage::COPY_SRC, Usage::COPY_DST]
                     .map(|usage| buffer(gpu, wgpu::COPY_BUFFER_ALIGNMENT, usage)),
             })
@@ -89,29 +89,6 @@ fn bind(
         layout: &pipeline.get_bind_group_layout(0),
         entries: &entries,
     })
-}
-
-fn buffer(gpu: &WatchedDevice, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("least pass"),
-        size,
-        usage,
-        mapped_at_creation: false,
-    })
-}
-
-fn target(gpu: &WatchedDevice) -> wgpu::TextureView {
-    let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("least render pass"),
-        size: wgpu::Extent3d::default(),
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba8Unorm,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
-    });
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
 fn cleared(view: &wgpu::TextureView) -> wgpu::RenderPassColorAttachment<'_> {
