@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 
-use super::plan::PlannedReference;
 use super::readout::{self, ReadoutError};
 use super::subject::Subject;
 use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels};
@@ -22,11 +21,10 @@ impl References {
         gpu: &Gpu,
         timer: &mut FrameTimer,
         cell: &dyn AnyPipeline,
-        reference: &PlannedReference,
+        (subject, stages): (&Subject, &[String]),
     ) -> Result<f64, ReadoutError> {
-        let stages = &reference.plan.stages;
-        let known = self.images(gpu, timer, &reference.subject, &[stages])?;
-        relative_rms(&readout::image(gpu, cell, stages, None)?, known[0])
+        let known = self.images(gpu, timer, subject, &[stages])?;
+        relative_rms(&readout::image(gpu, cell, stages)?, known[0])
     }
 
     /// What the first present of each list's stages leaves, in a run of the subject that is made unless all of it is known.
@@ -44,7 +42,7 @@ impl References {
             let pipeline = subject.build(gpu)?;
             timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
             for (key, stages) in keys.iter().zip(outputs) {
-                let image = readout::image(gpu, pipeline.as_ref(), stages, None)?;
+                let image = readout::image(gpu, pipeline.as_ref(), stages)?;
                 self.images.insert(key.clone(), image);
             }
         }

@@ -23,37 +23,19 @@ pub enum ReadoutError {
     Black,
 }
 
-/// A texture that the first present of the named stages leaves: the one of that name, or the first.
-pub fn texture<S: AsRef<str>>(
-    pipeline: &dyn AnyPipeline,
-    stages: &[S],
-    output: Option<&str>,
-) -> Option<wgpu::Texture> {
-    let present = pipeline.stages();
-    let stage = stages
-        .iter()
-        .find_map(|name| present.iter().find(|stage| stage.name() == name.as_ref()))?;
-    let mut outputs = stage.outputs().into_iter();
-    outputs.find_map(|of_stage| match of_stage.data {
-        OutputData::Texture(texture) if output.is_none_or(|name| name == of_stage.name) => {
-            Some(texture)
-        }
-        _ => None,
-    })
-}
-
-/// Its texels.
-pub fn image<S: AsRef<str>>(
+/// Texels of the first texture that the first present of the named stages leaves.
+pub fn image(
     gpu: &Gpu,
     pipeline: &dyn AnyPipeline,
-    stages: &[S],
-    output: Option<&str>,
+    stages: &[String],
 ) -> Result<Pixels, ReadoutError> {
-    match texture(pipeline, stages, output) {
-        Some(texture) => Ok(read_texture(gpu, &texture)?),
-        None => {
-            let names: Vec<&str> = stages.iter().map(AsRef::as_ref).collect();
-            Err(ReadoutError::NoTexture(names.join(", ")))
-        }
-    }
+    let present = pipeline.stages();
+    let named = |name: &String| present.iter().find(|stage| stage.name() == name);
+    let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| stage.outputs());
+    let texture = outputs.find_map(|output| match output.data {
+        OutputData::Texture(texture) => Some(texture),
+        _ => None,
+    });
+    let texture = texture.ok_or_else(|| ReadoutError::NoTexture(stages.join(", ")))?;
+    Ok(read_texture(gpu, &texture)?)
 }

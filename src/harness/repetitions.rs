@@ -38,7 +38,7 @@ pub fn noise_and_bias(
         let pipeline = subject.build(gpu)?;
         timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
         for (images, output) in images.iter_mut().zip(outputs) {
-            images.push(readout::image(gpu, pipeline.as_ref(), &output.stages, None)?);
+            images.push(readout::image(gpu, pipeline.as_ref(), &output.stages)?);
         }
     }
     let stages: Vec<&[String]> = outputs.iter().map(|output| output.stages.as_slice()).collect();
