@@ -211,11 +211,9 @@ fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockP
 
 /// Says so where passes are timed by another clock than this run's audit found.
 fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<Note> {
-    let mut kinds = AUDITED.into_iter();
-    let differs = kinds.any(|kind| found.clock(kind) != plan.clock(kind));
     let text =
         "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
-    differs.then(|| Note::new(NoteKind::OtherClocks, text))
+    (!plan.has_clocks_of(found)).then(|| Note::new(NoteKind::OtherClocks, text))
 }
 
 fn check(options: &Options) -> Result<(), RunError> {
