@@ -1,15 +1,9 @@
 //! What the voxel cases voxelize, and volumes as lists of voxels.
 
-use glam::DVec3;
-
-use crate::{Random, Result, Rig};
-use fathom_gpu::{GpuError, Stage};
+use crate::prelude::*;
 use fathom_reference::voxel::{Corners, triangles};
-use fathom_scene::{Grid, Mesh, Object, Scene};
-use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::voxel::Part;
-use fathom_stages::voxels::Voxels;
 
 /// Triangles and a grid whose numbers f32 holds exactly, so that GPU and reference start from the same.
 pub struct VoxelScene {
@@ -108,7 +102,7 @@ impl VoxelScene {
         rig: &Rig<'_>,
         stage: impl FnOnce(&Geometry, &[Part]) -> Result<S, GpuError>,
     ) -> Result<Vec<bool>> {
-        let (geometry, part) = self.upload(&rig.resources);
+        let (geometry, part) = self.upload(rig);
         let bits = part.voxels.bits.clone();
         rig.run(&[&stage(&geometry, &[part])?])?;
         Ok(voxels_of(&rig.read(&bits)?, &self.grid))
@@ -151,10 +145,4 @@ pub fn random_voxels(random: &mut Random, grid: &Grid, share: f64) -> Vec<bool> 
 /// A unit grid of so many cells.
 pub fn plain(cells: [u32; 3]) -> Grid {
     Grid { cells, origin_m: DVec3::ZERO, voxel_m: 1.0 }
-}
-
-/// How many of two lists' entries differ.
-pub fn differing<T: PartialEq>(a: &[T], b: &[T]) -> f64 {
-    let pairs = a.iter().zip(b).filter(|(a, b)| a != b).count();
-    (pairs + a.len().abs_diff(b.len())) as f64
 }
