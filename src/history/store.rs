@@ -26,8 +26,7 @@ pub(super) const SERIES_COLUMNS: &str =
     "machine, adapter, driver, profile, cell, configuration, figure, unit, clock";
 pub(super) const FIGURE_COLUMNS: &str = "series, run, median, low, high, n";
 /// Columns of `fathom_run` before the records.
-pub(super) const RUN_COLUMNS: &str =
-    "id, digest, commit_name, committed_at, branch, machine, adapter, driver, started_at, cells, figures";
+pub(super) const RUN_COLUMNS: &str = "id, digest, commit_name, committed_at, branch, machine, adapter, driver, started_at, cells, figures";
 
 /// An open history.
 pub struct History {
@@ -233,7 +232,8 @@ impl History {
         machine: &str,
         known: &mut HashMap<KeyDigest, i64>,
     ) -> Result<(), HistoryError> {
-        let statement = format!("SELECT {SERIES_COLUMNS}, id FROM fathom_series WHERE machine = $1");
+        let statement =
+            format!("SELECT {SERIES_COLUMNS}, id FROM fathom_series WHERE machine = $1");
         self.database.each(&statement, vec![Value::name(machine)], &mut |mut row| {
             let id = row.pop().map_or(0, |id| id.integer());
             known.insert(digest_of(row.iter().map(Value::as_text)), id);
@@ -249,7 +249,8 @@ impl History {
         rows: Vec<Vec<Value>>,
     ) -> Result<(), HistoryError> {
         let mut places = 1..;
-        let mut place = |_: &Value| places.next().map_or_else(String::new, |place| format!("${place}"));
+        let mut place =
+            |_: &Value| places.next().map_or_else(String::new, |place| format!("${place}"));
         let row = |row: &Vec<Value>| format!("({})", row.iter().map(&mut place).join(", "));
         if rows.is_empty() {
             return Ok(());

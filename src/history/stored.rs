@@ -124,9 +124,8 @@ type Keys = HashMap<i64, (Name, FigureKey)>;
 impl History {
     /// The runs that a selection leaves, in their order.
     pub fn runs(&mut self, selection: &Selection) -> Result<Vec<StoredRun>, HistoryError> {
-        let statement = format!(
-            "SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id"
-        );
+        let statement =
+            format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
         let rows = self.database.rows(&statement, &[])?;
         let mut runs: Vec<StoredRun> = rows.iter().map(|row| of_row(row)).collect();
         if let Some(since) = &selection.since {
