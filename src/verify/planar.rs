@@ -420,7 +420,7 @@ impl Found {
         let radiance = |map: &Image| -> Result<Image> {
             const EXPOSURE: f64 = 0.8;
             let lit = (&rig.grey(map), &of_basin(&basin));
-            let stage = Compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::Scene)?;
+            let stage = Compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::Image)?;
             let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
             Ok(shown.map(|value| radiance_of(value, EXPOSURE)))
         };
