@@ -51,7 +51,7 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
         let brighter =
             Known { albedo: known.albedo * 1.05, specular: known.specular * 1.05, ..known };
         checks.push(
-            rig.check(format!("{name}: largest relative error of the radiance"))
+            Check::of(rig, format!("{name}: largest relative error of the radiance"))
                 .within((TOLERANCE, "1"), known.error(&shown, &view))
                 .control("reflectances 5 % higher", brighter.error(&shown, &view)),
         );
@@ -59,7 +59,7 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     let shown = LIT.composed(rig, &view, true)?;
     let off = |expected: f64| largest(shown.data().iter().map(|v| (v - expected).abs()));
     checks.push(
-        rig.check("occlusion alone is shown as it is: largest error")
+        Check::of(rig, "occlusion alone is shown as it is: largest error")
             .within((0.51 / 255.0, "1"), off(LIT.visibility))
             .control("visibility 0.01 higher", off(LIT.visibility + 0.01)),
     );
@@ -146,8 +146,7 @@ fn shadows(rig: &Rig<'_>) -> Result<Check> {
     let toward = -stand.view.light_frame().forward;
     let turned = judged((toward + DVec3::new(0.3, 0.0, 0.3)).normalize());
     let judged = judged(toward);
-    Ok(rig
-        .check("share of pixels whose shadow is unlike exact rays")
+    Ok(Check::of(rig, "share of pixels whose shadow is unlike exact rays")
         .within((0.015, "1"), unlike(&judged))
         .control("light turned by about 20 degrees", unlike(&turned))
         .with("in_shadow_share", share(judged.iter().map(|[free, _]| !free))))

@@ -58,8 +58,11 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
         let (most, error) = (largest(off.iter().copied()), p999(off));
         let what = |of: &str| {
             let [w, h] = source;
-            rig.check(format!("{w}×{h} to the viewport{of}: 99.9th percentile of |GPU − f64 twin|"))
-                .within((TOLERANCE, "1"), error)
+            Check::of(
+                rig,
+                format!("{w}×{h} to the viewport{of}: 99.9th percentile of |GPU − f64 twin|"),
+            )
+            .within((TOLERANCE, "1"), error)
         };
         checks.push(what(", normals").control("normal_sigma 1.5 times", p999(against(&round))));
         let check = what("").control("depth_sigma 1.2 times", p999(against(&blunt)));
@@ -74,7 +77,7 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
         largest(pixels(SIZE).map(|(x, y)| (result.at((x, y)) - beside(x, y)).abs()))
     };
     checks.push(
-        rig.check("largest leak between geometry and background")
+        Check::of(rig, "largest leak between geometry and background")
             .within((0.0, "1"), leak(0))
             .control("compared a pixel aside", leak(1))
             .with("background_share", input.mean()),

@@ -81,17 +81,17 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
             .map(|(i, hit)| (colors[i] - albedo(&hit)).abs().max_element()))
     };
     Ok(vec![
-        rig.check("99th percentile of |depth − ray|, of the distance")
+        Check::of(rig, "99th percentile of |depth − ray|, of the distance")
             .within((DEPTH_P99, "1"), depth_error(&stand.rays, &hits))
             .control("field of view 1 % wider", depth_error(&aside, &hits_aside))
             .with("coverage_disagreement", share(coverage)),
-        rig.check("90th percentile of the normal's angle")
+        Check::of(rig, "90th percentile of the normal's angle")
             .within((NORMAL_P90_DEG, "deg"), normal_error(0.0))
             .control("normals turned by 1 degree", normal_error(1.0)),
-        rig.check("99th percentile of the albedo's error, plain materials")
+        Check::of(rig, "99th percentile of the albedo's error, plain materials")
             .within((2.0 / 255.0, "1"), albedo_error(1.0))
             .control("albedo 5 % higher", albedo_error(1.05)),
-        rig.check("97th percentile of the specular coefficient's error")
+        Check::of(rig, "97th percentile of the specular coefficient's error")
             .within((SPECULAR_P97, "1"), specular_error(1.0))
             .control("coefficients 1 % higher", specular_error(1.01)),
     ])
@@ -107,8 +107,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Check> {
             |y| y >= -OVERLAP_M,
         )
     };
-    Ok(rig
-        .check("share of pixels unlike exact rays")
+    Ok(Check::of(rig, "share of pixels unlike exact rays")
         .within((0.01, "1"), unlike(0.0))
         .control("mirror raised by 0.3 m", unlike(0.3))
         .with("covered_share", shore.covered.mean()))
@@ -117,8 +116,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Check> {
 fn refraction(rig: &Rig<'_>) -> Result<Check> {
     let shore = Shore::new(rig, &water::refraction::INFO)?;
     let unlike = |level: f64| shore.unlike(|ray| ray, |y| y <= level + OVERLAP_M);
-    Ok(rig
-        .check("share of pixels unlike exact rays")
+    Ok(Check::of(rig, "share of pixels unlike exact rays")
         .within((0.01, "1"), unlike(0.0))
         .control("water lowered by 1 m", unlike(-1.0))
         .with("covered_share", shore.covered.mean()))

@@ -44,13 +44,13 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     let left = |factor: f64| transmittance(GAMMA_PER_M * factor, WALL_M);
     let twice = (high - low) / (middle - low);
     Ok(vec![
-        rig.check("twice the caustics, twice the light: relative error")
+        Check::of(rig, "twice the caustics, twice the light: relative error")
             .within((5e-3, "1"), relative_error(twice, 2.0))
             .control("2.1 times expected", relative_error(twice, 2.1)),
-        rig.check("caustics and godrays add up: relative error")
+        Check::of(rig, "caustics and godrays add up: relative error")
             .within((5e-3, "1"), relative_error(both, high - low + rays))
             .control("godrays counted 1.1 times", relative_error(both, high - low + 1.1 * rays)),
-        rig.check("caustics seen through 4 m of water: relative error")
+        Check::of(rig, "caustics seen through 4 m of water: relative error")
             .within((5e-3, "1"), relative_error(through, left(1.0)))
             .control("attenuation 5 % higher", relative_error(through, left(1.05))),
     ])
@@ -199,12 +199,12 @@ fn upscaled(rig: &Rig<'_>) -> Result<Check> {
         p95(seen_pixels.map(error)) / light.mean()
     };
     // Steps of an 8-bit display; a few pixels may decide otherwise in f32.
-    Ok(rig
-        .check(
-            "caustics within surfaces: 95th percentile of |difference from the twin|, of the mean",
-        )
-        .within((0.03, "1"), errors(DEPTH_SHARE))
-        .control("texels of all surfaces", errors(f64::INFINITY)))
+    Ok(Check::of(
+        rig,
+        "caustics within surfaces: 95th percentile of |difference from the twin|, of the mean",
+    )
+    .within((0.03, "1"), errors(DEPTH_SHARE))
+    .control("texels of all surfaces", errors(f64::INFINITY)))
 }
 
 /// The same flux in every pixel of a level floor under a wide view: irradiance is flux over the area that the pixel shows.
@@ -232,8 +232,7 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
             (exact > LEAST_W_M2).then(|| relative_error(light.at(at) * PI, exact))
         }))
     };
-    Ok(rig
-        .check("flux over area: 90th percentile of the irradiance's relative error")
+    Ok(Check::of(rig, "flux over area: 90th percentile of the irradiance's relative error")
         .within((0.03, "1"), errors(0))
         .control("pixels as large at the rim as in the middle", errors(3)))
 }
@@ -254,8 +253,7 @@ fn occlusion(rig: &Rig<'_>) -> Result<Check> {
             (occluded.at((x, y)) / open.at((x, y)) - exact).abs()
         }))
     };
-    Ok(rig
-        .check("screen-space ambient occlusion: mean |openness − twin|")
+    Ok(Check::of(rig, "screen-space ambient occlusion: mean |openness − twin|")
         .within((0.006, "1"), error(METHOD))
         .control("radius of 1 m instead of 0.5 m", error(Openness { radius_m: 1.0, ..METHOD })))
 }
@@ -275,10 +273,12 @@ fn fresnel(rig: &Rig<'_>) -> Checks {
             let exact = |x, y| fresnel_reflectance(-side * rays.ray(x, y).1.y, outer, inner);
             difference(&image, &Image::of(SIZE, exact))
         };
-        Ok(rig
-            .check(format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean"))
-            .within((0.02, "1"), error(view.water.refractive_index))
-            .control("refractive index 1.40", error(1.40)))
+        Ok(Check::of(
+            rig,
+            format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean"),
+        )
+        .within((0.02, "1"), error(view.water.refractive_index))
+        .control("refractive index 1.40", error(1.40)))
     };
     // From below the view crosses the critical angle, 48.8° from the vertical.
     [(1.0, "above", -1.5), (-1.0, "below", 0.8)].into_iter().map(check).collect()

@@ -46,10 +46,10 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
     let (measured, control) = (off(CYCLES), off(CYCLES + 0.02));
     let perturbed = "time moved by 0.02 cycles";
     Ok(vec![
-        rig.check(format!("{name}: largest distance from the f64 twin"))
+        Check::of(rig, format!("{name}: largest distance from the f64 twin"))
             .within((POSITION_M, "m"), measured[0])
             .control(perturbed, control[0]),
-        rig.check(format!("{name}: largest difference of the normal from the f64 twin"))
+        Check::of(rig, format!("{name}: largest difference of the normal from the f64 twin"))
             .within((NORMAL, "1"), measured[1])
             .control(perturbed, control[1]),
     ])

@@ -93,8 +93,7 @@ fn edges(rig: &Rig<'_>) -> Result<Check> {
     let error = |share: f64| {
         filtered.error(|source, x, y| disc.within_surface(source, (&seen, share), x, y))
     };
-    Ok(rig
-        .check("edges of scene tank: largest difference from the f64 twin, of the mean")
+    Ok(Check::of(rig, "edges of scene tank: largest difference from the f64 twin, of the mean")
         .within((TOLERANCE, "1"), error(DEPTH_SHARE))
         .control("taps beyond edges count", error(f64::INFINITY))
         .with("pixels_left_out_share", filtered.left_out()))
@@ -106,8 +105,7 @@ fn plain(rig: &Rig<'_>, filter: &LowPass) -> Result<Check> {
     moved.taps[0][0] += 1.0;
     let filtered = Filtered::new(rig, filter, |_, x, y| disc.edge_distance(x, y) >= AMBIGUOUS_PX)?;
     let error = |disc: &Disc| filtered.error(|source, x, y| disc.at(source, x, y));
-    Ok(rig
-        .check("largest difference from the f64 twin, of the mean")
+    Ok(Check::of(rig, "largest difference from the f64 twin, of the mean")
         .within((TOLERANCE, "1"), error(&disc))
         .control("one tap moved by a pixel", error(&moved))
         .with("pixels_left_out_share", filtered.left_out())

@@ -79,8 +79,7 @@ fn transmitted(
             relative_error(share, fresnel_transmittance(*cosine, 1.0, index))
         }))
     };
-    Ok(rig
-        .check("Fresnel transmittance up to 85°: largest relative error")
+    Ok(Check::of(rig, "Fresnel transmittance up to 85°: largest relative error")
         .within((TOLERANCE, "1"), error(INDEX))
         .control("refractive index 1.34", error(OTHER_INDEX)))
 }
@@ -97,8 +96,7 @@ fn straight(rig: &Rig<'_>) -> Result<Check> {
     };
     let share = energy(true)? / energy(false)?;
     let error = |n: f64| relative_error(share, 1.0 - ((n - 1.0) / (n + 1.0)).powi(2));
-    Ok(rig
-        .check("energy through flat water lit from above, relative error")
+    Ok(Check::of(rig, "energy through flat water lit from above, relative error")
         .within((TOLERANCE, "1"), error(INDEX))
         .control("refractive index 1.34", error(OTHER_INDEX)))
 }

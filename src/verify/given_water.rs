@@ -100,13 +100,12 @@ fn compare(
             Some(path.cross(exact.direction).length().asin())
         }))
     };
-    let entry = rig
-        .check(format!("{what}: 99th percentile of |entry − exact|"))
+    let entry = Check::of(rig, format!("{what}: 99th percentile of |entry − exact|"))
         .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
         .control(perturbed, traced.errors(&other).entry_p99_m);
-    let direction = rig
-        .check(format!("{what}: 99th percentile of the angle to the exact direction"))
-        .within((DIRECTION_P99, "rad"), direction_p99(&traced.stand.scene.water))
-        .control(perturbed, direction_p99(&other));
+    let direction =
+        Check::of(rig, format!("{what}: 99th percentile of the angle to the exact direction"))
+            .within((DIRECTION_P99, "rad"), direction_p99(&traced.stand.scene.water))
+            .control(perturbed, direction_p99(&other));
     Ok(vec![with_rates(entry, &errors), direction])
 }

@@ -48,8 +48,7 @@ fn panes(rig: &Rig<'_>) -> Checks {
             let judged = pixels(SIZE).filter(|at| exact.is_inner(*at));
             Ok::<_, VerifyError>(largest(judged.map(|at| (shown.at(at) - exact.at(at)).abs())))
         };
-        Ok(rig
-            .check(format!("{name}: largest error of the picture"))
+        Ok(Check::of(rig, format!("{name}: largest error of the picture"))
             .within((TOLERANCE, "1"), off(false)?)
             .control("the nearest pane drawn first", off(true)?))
     };
@@ -64,8 +63,8 @@ fn drawn(rig: &Rig<'_>, view: &View, objects: &[Object], wall_m: f64) -> Result<
     let scene = Scene { objects: objects.to_vec(), ..Scene::load("plane")? };
     let geometry = Geometry::new(rig, &scene);
     let depth = rig.depth(SIZE, rig::depth_ahead(view, wall_m))?;
-    let picture = rig.target("verify picture", SIZE, wgpu::TextureFormat::Rgba8Unorm);
-    rig.fill(&picture, BEHIND)?;
+    let grey = wgpu::Color { r: BEHIND, g: BEHIND, b: BEHIND, a: 1.0 };
+    let picture = rig.filled(SIZE, wgpu::TextureFormat::Rgba8Unorm, grey)?;
     let settings = GlassUniforms { exposure: EXPOSURE as f32, ambient: AMBIENT as f32 };
     let targets = (&picture, &depth);
     let stage = Glass::new(rig, (&shared, view), (&scene, &geometry), targets, &settings)?;

@@ -78,8 +78,7 @@ fn twin(rig: &Rig<'_>) -> Checks {
         };
         let exact = off(&method);
         let farther = HorizonSplit { r_max_m: method.r_max_m * 1.02, ..method };
-        Ok(rig
-            .check(format!("{name}: 95th percentile of |GPU − f64 twin|"))
+        Ok(Check::of(rig, format!("{name}: 95th percentile of |GPU − f64 twin|"))
             .within((TWIN_P95, "1"), p95(exact.clone()))
             .control("r_max 2 % greater", p95(off(&farther)))
             .with("other_seed", p95(off(&HorizonSplit { seed: 0, ..method })))
@@ -107,7 +106,7 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
         Ok(largest(found.data().iter().copied()))
     };
     let mut checks = vec![
-        rig.check("largest occlusion of a plane by itself")
+        Check::of(rig, "largest occlusion of a plane by itself")
             .within((PLANE, "1"), most(&plane)?)
             .control("a wall stands on it", most(&corner)?),
     ];
@@ -163,8 +162,7 @@ fn rms_checks(
             inner.step_by(5).filter_map(off).collect()
         };
         let errors = off(method.r_max_m);
-        Ok(rig
-            .check(title(name))
+        Ok(Check::of(rig, title(name))
             .within((tolerance, "1"), rms(errors.iter().copied()))
             .control(perturbed, rms(off(factor * method.r_max_m)))
             .with("bias", mean(errors)))

@@ -37,7 +37,7 @@ fn look_at(rig: &Rig<'_>) -> Checks {
             let expected = (middle - uniforms.light_position_m.as_dvec3()).normalize();
             expected.cross(uniforms.light_forward.as_dvec3()).length()
         };
-        rig.check(format!("{name} light: angle to the middle of the view"))
+        Check::of(rig, format!("{name} light: angle to the middle of the view"))
             .within((1e-5, "rad"), off(0.5))
             .control("middle taken at 0.55 of the frustum", off(0.55))
     };
@@ -74,8 +74,7 @@ fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
     let of = |errors: &[Result<Option<f64>, ()>]| -> Vec<f64> {
         errors.iter().filter_map(|error| error.ok().flatten()).collect()
     };
-    Ok(rig
-        .check("99th percentile of |depth − ray|")
+    Ok(Check::of(rig, "99th percentile of |depth − ray|")
         .within((DEPTH_P99_M, "m"), p99(of(&exact)))
         .control("rays half a texel aside", p99(of(&aside)))
         .with("median_m", median(of(&exact)))
@@ -98,8 +97,7 @@ fn shadow_mask(rig: &Rig<'_>) -> Result<Check> {
     let unlike = |tracer: &Tracer| {
         share(pixels(mask.size()).map(|at| wet(tracer, at) != (mask.at(at) > 0.5)))
     };
-    Ok(rig
-        .check("share of texels unlike exact rays")
+    Ok(Check::of(rig, "share of texels unlike exact rays")
         .within((0.01, "1"), unlike(&stand.tracer))
         .control("nothing shades the water", unlike(&Tracer::new(&[])?))
         .with("water_share", share(pixels(mask.size()).map(|at| wet(&stand.tracer, at)))))

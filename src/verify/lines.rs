@@ -65,12 +65,12 @@ fn isolated(rig: &Rig<'_>) -> Checks {
     let broad = errors(MEDIUM, WIDTH_PX + 2.0);
     let round = errors(Medium { phase_k: PHASE_K * 1.05, ..MEDIUM }, WIDTH_PX);
     Ok(vec![
-        rig.check("isolated lines: largest relative error of intensity")
+        Check::of(rig, "isolated lines: largest relative error of intensity")
             .within((1e-3, "1"), exact.intensity)
             .control("attenuation 5 % higher", murky.intensity)
             .with("pixels_compared", exact.pixels as f64)
             .with("control_with_phase_k_5_percent_higher", round.intensity),
-        rig.check("isolated lines: share of pixels unlike the rectangle")
+        Check::of(rig, "isolated lines: share of pixels unlike the rectangle")
             .within((1e-3, "1"), exact.coverage)
             .control("lines 2 px wider", broad.coverage),
     ])
@@ -161,12 +161,12 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
         });
         Ok(largest(errors.into_iter().collect::<Result<Vec<_>>>()?))
     };
-    Ok(rig
-        .check(
-            "energy of lines of 1.5 to 12 px in buffers of 192 to 768 px: largest relative error",
-        )
-        .within((0.02, "1"), worst(true)?)
-        .control("the paper's rule", worst(false)?))
+    Ok(Check::of(
+        rig,
+        "energy of lines of 1.5 to 12 px in buffers of 192 to 768 px: largest relative error",
+    )
+    .within((0.02, "1"), worst(true)?)
+    .control("the paper's rule", worst(false)?))
 }
 
 struct LineErrors {
@@ -245,8 +245,7 @@ fn phase_integral(rig: &Rig<'_>) -> Result<Check> {
     let sphere = integral(|_, weight| weight);
     // Leaving out the sine that turns angles into solid angle.
     let flat = integral(|cosine, weight| weight / (1.0 - cosine * cosine).sqrt());
-    Ok(rig
-        .check("|integral of the phase function over the sphere − 1|")
+    Ok(Check::of(rig, "|integral of the phase function over the sphere − 1|")
         .within((1e-3, "1"), (sphere - 1.0).abs())
         .control("weights without the sine", (flat - 1.0).abs())
         .with("integral", sphere))

@@ -29,8 +29,7 @@ fn check(rig: &Rig<'_>, size: [u32; 2]) -> Result<Check> {
         mean(picture.data().iter().map(log)).exp()
     };
     let [width, height] = size;
-    Ok(rig
-        .check(format!("{width}×{height}: relative error of the average"))
+    Ok(Check::of(rig, format!("{width}×{height}: relative error of the average"))
         .within((TOLERANCE, "1"), relative_error(average, exact(LEAST)))
         .control(
             "twice as much added to each luminance",

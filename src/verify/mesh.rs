@@ -162,8 +162,7 @@ fn pixel_by_pixel(rig: &Rig<'_>, scene: Scene, what: &str) -> Result<Check> {
     let dimmed = |corner: &Option<Corner>| corner.map(|c| Corner { left: c.left * 0.95, ..c });
     let dimmer: Vec<_> = meshed.corners.iter().map(dimmed).collect();
     let lit = meshed.image.data().iter().filter(|value| **value > 0.0).count();
-    Ok(rig
-        .check(format!("{what}: Σ |irradiance − twin| / Σ"))
+    Ok(Check::of(rig, format!("{what}: Σ |irradiance − twin| / Σ"))
         .within((TOLERANCE, "1"), meshed.off(&meshed.corners, STRETCH))
         .control("5 % less light at each corner", meshed.off(&dimmer, STRETCH))
         .with("lit_pixels", lit as f64))
@@ -174,8 +173,7 @@ fn in_tank(rig: &Rig<'_>) -> Result<Check> {
     let meshed = Meshed::new(rig, Scene::load("tank")?, 0.5)?;
     let off = |stretch| meshed.off(&meshed.corners, stretch);
     // Most triangles are longer than 1.2 times their length before refraction.
-    Ok(rig
-        .check("scene tank: Σ |irradiance − twin| / Σ")
+    Ok(Check::of(rig, "scene tank: Σ |irradiance − twin| / Σ")
         .within((TOLERANCE, "1"), off(STRETCH))
         .control("longest edges up to 1.2 in place of 8", off(1.2))
         .with("difference_without_limit", off(f64::INFINITY))
@@ -198,8 +196,7 @@ fn energy(rig: &Rig<'_>, kind: LightKind, light: &str) -> Result<Check> {
     let triangles = meshed.beam(STRETCH).triangles(&meshed.corners, COLUMNS);
     let triangles: f64 = triangles.iter().map(caustic_mesh::Lit::landed_w).sum();
     let what = "Σ irradiance × area over the photons' flux, relative error";
-    Ok(rig
-        .check(format!("slanted plane, {light} light: {what}"))
+    Ok(Check::of(rig, format!("slanted plane, {light} light: {what}"))
         .within((0.01, "1"), relative_error(brought, flux))
         .control("with the rim that no triangle covers", relative_error(brought, flux / inner))
         .with("flux_of_triangles_error", triangles / flux - 1.0))

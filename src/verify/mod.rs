@@ -94,9 +94,9 @@ pub struct Control {
 }
 
 impl Check {
-    /// A comparison: its stage, what is compared and its statistic.
-    pub fn of(stage: &'static str, what: impl Into<String>) -> Comparison {
-        Comparison { stage, what: what.into() }
+    /// A comparison of the stage that a case judges: what is compared, and its statistic.
+    pub fn of(rig: &Rig<'_>, what: impl Into<String>) -> Comparison {
+        Comparison { stage: rig.stage, what: what.into() }
     }
 
     /// Adds a figure that is reported and not judged.
@@ -336,7 +336,8 @@ mod tests {
     use super::*;
 
     fn check(measured: f64, control: f64) -> Check {
-        Check::of("a/b", "error").within((0.1, "m"), measured).control("index 1.34", control)
+        let comparison = Comparison { stage: "a/b", what: "error".to_owned() };
+        comparison.within((0.1, "m"), measured).control("index 1.34", control)
     }
 
     #[test]

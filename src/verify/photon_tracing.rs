@@ -190,10 +190,10 @@ fn transfers(rig: &Rig<'_>) -> Checks {
     let higher = Water { amplitude_m: 1.1 * water.amplitude_m, ..water.clone() };
     Ok(vec![
         // The noise texture is interpolated between texels.
-        rig.check("99th percentile of |entry − exact entry|")
+        Check::of(rig, "99th percentile of |entry − exact entry|")
             .within((1e-3, "m"), places(water))
             .control("waves 10 % higher", places(&higher)),
-        rig.check("99th percentile of |direction − Snell's|")
+        Check::of(rig, "99th percentile of |direction − Snell's|")
             .within((5e-3, "1"), directions(water.refractive_index))
             .control("refractive index 3 % higher", directions(1.03 * water.refractive_index)),
     ])
@@ -220,8 +220,7 @@ fn weights(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
             Some(relative_error(setup.weights[number].into(), exact))
         }))
     };
-    Ok(rig
-        .check(format!("{kind:?}: 99th percentile of the weight's relative error"))
+    Ok(Check::of(rig, format!("{kind:?}: 99th percentile of the weight's relative error"))
         .within((2e-3, "1"), error(true))
         .control("without Fresnel's transmittance", error(false)))
 }
@@ -269,8 +268,7 @@ fn layers(rig: &Rig<'_>, name: &str) -> Result<Check> {
     };
     let what = "90th percentile of the layers' depth errors, of the distance";
     // At silhouettes, and where surfaces touch, another one may be next.
-    Ok(rig
-        .check(format!("scene {name}: {what}"))
+    Ok(Check::of(rig, format!("scene {name}: {what}"))
         .within((5e-3, "1"), errors(0))
         .control("each layer held against the next", errors(1)))
 }
@@ -301,8 +299,7 @@ fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
         .collect();
     let unlike = |more: usize| share(counts.iter().map(|[listed, exact]| listed + more != *exact));
     // At silhouettes, and where surfaces touch, a ray meets one more or fewer.
-    Ok(rig
-        .check(format!("scene {name}: share of lists unlike the surfaces behind the pixel"))
+    Ok(Check::of(rig, format!("scene {name}: share of lists unlike the surfaces behind the pixel"))
         .within((0.1, "1"), unlike(0))
         .control("each list one longer", unlike(1))
         .with("fragments_per_pixel", mean(counts.iter().map(|[listed, _]| *listed as f64))))
@@ -320,8 +317,7 @@ fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
         let sorted = read_volume(rig.gpu, &sort.layers.depths, 0)?.data;
         Ok(differing(&peeled, &sorted) / peeled.len() as f64)
     };
-    Ok(rig
-        .check(format!("scene {name}: share of texels unlike the peeled ones"))
+    Ok(Check::of(rig, format!("scene {name}: share of texels unlike the peeled ones"))
         .within((1e-3, "1"), unlike(ROOM)?)
         .control("room for one fragment a pixel", unlike(1)?))
 }
@@ -351,7 +347,7 @@ fn ends(rig: &Rig<'_>, name: &str, method: Method) -> Checks {
             from_surfaces_m(&setup.stand, place)
         }))
     };
-    let check = |what: &str| rig.check(format!("scene {name}: {what}"));
+    let check = |what: &str| Check::of(rig, format!("scene {name}: {what}"));
     let of_surface = "tolerance 0.01: 95th percentile of |hit − surface| along the line of sight";
     // Rasterizers move corners by up to 1/32 of a pixel, and with them the layers: some millimetres where surfaces are slanted.
     Ok(vec![
@@ -402,7 +398,7 @@ fn alike(rig: &Rig<'_>, name: &str) -> Checks {
             let what =
                 format!("scene {name}, {test:?}: share of photons that {other} end elsewhere");
             checks.push(
-                rig.check(what)
+                Check::of(rig, what)
                     .within((0.0, "1"), elsewhere(0))
                     .control("each photon held against the next", elsewhere(1)),
             );

@@ -126,8 +126,7 @@ fn flat(rig: &Rig<'_>, info: &'static StageInfo, kind: LightKind, what: &str) ->
             Some(photon.hit.distance(exact.hit.position) / exact.hit.distance_m)
         }))
     };
-    let check = rig
-        .check(format!("{what}: largest |hit − exact| / path"))
+    let check = Check::of(rig, format!("{what}: largest |hit − exact| / path"))
         .within((FLAT_RELATIVE, "1"), error(water.refractive_index))
         .control("refractive index 1.34", error(1.34));
     Ok(with_rates(check, &traced.errors(water)))
@@ -142,8 +141,7 @@ fn beside_the_floor(rig: &Rig<'_>) -> Result<Check> {
         let landings = traced.exact(&traced.stand.scene.water, tracer);
         photon_errors(&traced.photons, &landings).false_hit_rate
     };
-    Ok(rig
-        .check("photons beside the floor: share that lands")
+    Ok(Check::of(rig, "photons beside the floor: share that lands")
         .within((0.01, "1"), false_hits(&traced.stand.tracer))
         .control("no floor", false_hits(&Tracer::new(&[])?)))
 }
@@ -159,8 +157,7 @@ fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Check> {
     let apart = |other: &[StoredPhoton]| {
         largest(fixed.iter().zip(other).map(|(a, b)| a.hit.distance(b.hit)))
     };
-    Ok(rig
-        .check("run-time against compiled subdivision: largest distance")
+    Ok(Check::of(rig, "run-time against compiled subdivision: largest distance")
         .within((1e-5, "m"), apart(&traced(0.5, true)?))
         .control("photons moved by 1 % of their share", apart(&traced(0.51, true)?)))
 }
@@ -177,8 +174,7 @@ fn strewn(rig: &Rig<'_>) -> Result<Check> {
         let scene = &traced.stand.scene;
         traced.errors(&scene.water).max_m / scene.floor_depth_m
     };
-    Ok(rig
-        .check("strewn photons: largest |hit − exact| / depth")
+    Ok(Check::of(rig, "strewn photons: largest |hit − exact| / depth")
         .within((FLAT_RELATIVE, "1"), off(1.0))
         .control("a regular grid", off(0.0)))
 }
@@ -191,10 +187,10 @@ fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Check> {
     let water = &traced.stand.scene.water;
     let errors = traced.errors(water);
     let higher = Water { amplitude_m: water.amplitude_m * 1.05, ..water.clone() };
-    let check = rig
-        .check(format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|"))
-        .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
-        .control("amplitude 5 % higher", traced.errors(&higher).entry_p99_m);
+    let check =
+        Check::of(rig, format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|"))
+            .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
+            .control("amplitude 5 % higher", traced.errors(&higher).entry_p99_m);
     Ok(with_rates(check, &errors))
 }
 
@@ -225,7 +221,8 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
     let check = |(stage, photons)| {
         let photons = rig.read_photons(photons)?;
         let errors = photon_errors(&photons, &landings);
-        let check = Check::of(stage, format!("scene {name}: median |hit − exact|"))
+        let of_family = Rig::new(rig.gpu, stage);
+        let check = Check::of(&of_family, format!("scene {name}: median |hit − exact|"))
             .within((REAL_MEDIAN_M, "m"), errors.median_m)
             .control("refractive index 1.40", photon_errors(&photons, &perturbed).median_m);
         Ok(with_rates(check, &errors).with("unconverged_rate_over_exact_depth", unlimited))

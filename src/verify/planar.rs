@@ -237,7 +237,7 @@ fn counted(rig: &Rig<'_>, setting: Setting) -> Checks {
     let on_walls = counted.sure[(TEXELS * TEXELS) as usize..].iter().filter(|e| **e > 0.0).count();
     let energy = |counted: &Counted| relative_error(drawn.flux_w(), counted.flux_w);
     let murkier = drawn.counted(&drawn.basin, 1.05);
-    let check = |what: &str| rig.check(format!("{}: {what}", setting.name()));
+    let check = |what: &str| Check::of(rig, format!("{}: {what}", setting.name()));
     // Sums of some hundred 32-bit floats.
     Ok(vec![
         check("largest difference of a texel of the floor from its f64 count")
@@ -264,8 +264,7 @@ fn exact(rig: &Rig<'_>, setting: Setting) -> Result<Check> {
     let index = drawn.view.water.refractive_index;
     let name = setting.name();
     // The noise texture is interpolated between texels: photons move by a millimetre, and a texel has 6 cm and more.
-    Ok(rig
-        .check(format!("{name}: share of the flux in other texels than exact photons"))
+    Ok(Check::of(rig, format!("{name}: share of the flux in other texels than exact photons"))
         .within((0.03, "1"), misplaced(index))
         .control("refractive index 3 % higher", misplaced(1.03 * index)))
 }
@@ -295,8 +294,7 @@ fn flux(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let off = |height_m: f64| relative_error(drawn.flux_w(), exact_w(height_m));
     let what = "sum over the map against the flux through the water: relative error";
     // Rows of photons at the border of the water, of some five hundred.
-    Ok(rig
-        .check(format!("{kind:?} light: {what}"))
+    Ok(Check::of(rig, format!("{kind:?} light: {what}"))
         .within((5e-3, "1"), off(1.0))
         .control("a sun 10 % brighter, a lamp 10 % higher", off(1.1)))
 }
@@ -352,15 +350,16 @@ fn looked_up(rig: &Rig<'_>) -> Checks {
         |sides: &[f64]| largest(Face::ALL.map(|face| ENOUGH_PX - found.pixels(face, sides)));
     // Steps of an 8-bit display.
     Ok(vec![
-        rig.check(
+        Check::of(
+            rig,
             "95th percentile of the relative error of the light that the map adds, pixel by pixel",
         )
         .within((0.05, "1"), error(0.0))
         .control("looked up a fifth of a texel further", error(0.2)),
-        rig.check("pixels that the face which is seen least lacks")
+        Check::of(rig, "pixels that the face which is seen least lacks")
             .within((0.0, "px"), lacking(&SIDES))
             .control("seen from one side", lacking(&SIDES[..1])),
-        rig.check("largest radiance that the map adds beside floor and walls")
+        Check::of(rig, "largest radiance that the map adds beside floor and walls")
             .within((1e-3, "1"), largest(found.unlit.iter().copied()))
             .control("on them", largest(found.lit.iter().map(|lit| lit.added))),
     ])
@@ -487,8 +486,7 @@ fn shown_map(rig: &Rig<'_>) -> Result<Check> {
             (shown.at((x, y)) - shown_of(irradiance / PI, EXPOSURE)).abs()
         }))
     };
-    Ok(rig
-        .check("largest difference of the picture of the floor's map")
+    Ok(Check::of(rig, "largest difference of the picture of the floor's map")
         .within((1.0 / 255.0, "1"), error(0))
         .control("the map of a wall", error(1)))
 }

@@ -111,10 +111,10 @@ fn slab(rig: &Rig<'_>) -> Checks {
     };
     let inside = |direction| refract(direction, DVec3::Y, 1.0, INDEX).unwrap_or(direction);
     Ok(vec![
-        rig.check("slab: 95th percentile of |exit − closed form|")
+        Check::of(rig, "slab: 95th percentile of |exit − closed form|")
             .within((5e-3, "m"), places(INDEX))
             .control("index 5 % higher", places(1.05 * INDEX)),
-        rig.check("slab: 95th percentile of the angle to the closed form")
+        Check::of(rig, "slab: 95th percentile of the angle to the closed form")
             .within((0.002, "deg"), directions(|direction| direction))
             .control("held against the rays inside", directions(inside)),
     ])
@@ -145,10 +145,12 @@ fn sphere(rig: &Rig<'_>, surface: Surface, tolerance_deg: f64) -> Result<Check> 
     let found = traced(rig, &rig.stand(ball()?, SIZE)?, surface)?;
     // A normal is that of its pixel's middle: half a pixel here turns it by 0.7 degrees.
     let control = if surface == Surface::Plane { 1.05 } else { 1.5 };
-    Ok(rig
-        .check(format!("sphere by {surface:?}: 75th percentile of the angle to the closed form"))
-        .within((tolerance_deg, "deg"), ball_error_deg(&found, INDEX))
-        .control(format!("index {control} times as high"), ball_error_deg(&found, control * INDEX)))
+    Ok(Check::of(
+        rig,
+        format!("sphere by {surface:?}: 75th percentile of the angle to the closed form"),
+    )
+    .within((tolerance_deg, "deg"), ball_error_deg(&found, INDEX))
+    .control(format!("index {control} times as high"), ball_error_deg(&found, control * INDEX)))
 }
 
 /// A concave object: rays are not in order of the layers everywhere.
@@ -165,8 +167,7 @@ fn knot(rig: &Rig<'_>) -> Result<Check> {
         }))
     };
     // The tube is a few pixels thick, and a pixel has one normal.
-    Ok(rig
-        .check("knot: median angle to exact ray casting")
+    Ok(Check::of(rig, "knot: median angle to exact ray casting")
         .within((4.0, "deg"), error(INDEX))
         .control("index 25 % higher", error(1.25 * INDEX)))
 }
@@ -198,8 +199,7 @@ fn two_interfaces(rig: &Rig<'_>) -> Result<Check> {
     let error = |along_normal_m: f64| {
         p75(angles_deg(&found, |f| approximated(&stand.rays, (f.origin, f.sight), along_normal_m)))
     };
-    Ok(rig
-        .check("75th percentile of the angle to Wyman's formula")
+    Ok(Check::of(rig, "75th percentile of the angle to Wyman's formula")
         .within((0.5, "deg"), error(2.0 * BALL_M))
         .control("way along the normal half as long", error(BALL_M))
         .with("from_exact_deg", ball_error_deg(&found, INDEX)))
@@ -258,8 +258,7 @@ fn environment(rig: &Rig<'_>) -> Result<Check> {
         }))
     };
     // Steps of an 8-bit display; a direction in 16-bit floats may fall into the next tile.
-    Ok(rig
-        .check("90th percentile of the radiance's relative error")
+    Ok(Check::of(rig, "90th percentile of the radiance's relative error")
         .within((0.03, "1"), error(0))
         .control("each held against the next direction", error(1)))
 }
@@ -304,8 +303,7 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     let index = scene.water.refractive_index;
     let side = if above { "above" } else { "below" };
     // Steps of an 8-bit display, and of the noise texture that makes the waves.
-    Ok(rig
-        .check(format!("from {side}: 75th percentile of the relative error"))
+    Ok(Check::of(rig, format!("from {side}: 75th percentile of the relative error"))
         .within((0.02, "1"), error(index))
         .control("index 10 % higher", error(1.1 * index)))
 }

@@ -4,7 +4,7 @@ use std::ops::Deref;
 
 use glam::{DVec3, UVec2};
 
-use super::{Check, Comparison, Result, VerifyError};
+use super::{Result, VerifyError};
 use fathom_gpu::{
     ColorTarget, DepthTarget, Gpu, GpuError, Stage, StageInfo, StageScope, Targets, read_buffer,
     read_texture,
@@ -63,11 +63,6 @@ impl Stand {
 impl<'g> Rig<'g> {
     pub fn new(gpu: &'g Gpu, stage: &'static str) -> Self {
         Self { resources: Resources::new(gpu), stage }
-    }
-
-    /// A comparison of the stage that the case judges: what is compared, and its statistic.
-    pub fn check(&self, what: impl Into<String>) -> Comparison {
-        Check::of(self.stage, what)
     }
 
     /// Why a case cannot be carried out: this is missing.
@@ -164,17 +159,20 @@ impl<'g> Rig<'g> {
 
     /// A texture of one colour throughout, in 16-bit floats so that it can be filtered everywhere.
     pub fn constant(&self, size: [u32; 2], color: [f32; 4]) -> Result<wgpu::Texture, GpuError> {
-        let texture = self.target("verify constant", size, wgpu::TextureFormat::Rgba16Float);
         let [r, g, b, a] = color.map(f64::from);
-        let clear = Clear { view: kit::view(&texture), to: To::Color(wgpu::Color { r, g, b, a }) };
-        self.run(&[&clear])?;
-        Ok(texture)
+        self.filled(size, wgpu::TextureFormat::Rgba16Float, wgpu::Color { r, g, b, a })
     }
 
-    /// Makes a texture grey throughout.
-    pub fn fill(&self, texture: &wgpu::Texture, grey: f64) -> Result<(), GpuError> {
-        let to = To::Color(wgpu::Color { r: grey, g: grey, b: grey, a: 1.0 });
-        self.run(&[&Clear { view: kit::view(texture), to }])
+    /// A texture of a format that is of one colour throughout.
+    pub fn filled(
+        &self,
+        size: [u32; 2],
+        format: wgpu::TextureFormat,
+        color: wgpu::Color,
+    ) -> Result<wgpu::Texture, GpuError> {
+        let texture = self.target("verify constant", size, format);
+        self.run(&[&Clear { view: kit::view(&texture), to: To::Color(color) }])?;
+        Ok(texture)
     }
 
     /// A depth texture of one value throughout.

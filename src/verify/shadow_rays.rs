@@ -99,13 +99,13 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
         }))
     };
     Ok(vec![
-        rig.check(format!("{kind:?}: 95th percentile of |start − surface|"))
+        Check::of(rig, format!("{kind:?}: 95th percentile of |start − surface|"))
             .within((0.01, "m"), places(DVec3::ZERO))
             .control("surface moved by 2 cm", places(0.02 * DVec3::Y)),
-        rig.check(format!("{kind:?}: 95th percentile of |direction − exact|"))
+        Check::of(rig, format!("{kind:?}: 95th percentile of |direction − exact|"))
             .within((5e-3, "1"), directions(0.0))
             .control("light turned by a degree", directions(0.0175)),
-        rig.check(format!("{kind:?}: share of pixels that face the light wrongly"))
+        Check::of(rig, format!("{kind:?}: share of pixels that face the light wrongly"))
             .within((0.01, "1"), facing(1.0))
             .control("normals reversed", facing(-1.0)),
     ])
@@ -145,8 +145,7 @@ fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Re
             Some(exact != shadowed(end))
         }))
     };
-    Ok(rig
-        .check(format!("scene {name}, {kind:?}: share of pixels whose shadow is wrong"))
+    Ok(Check::of(rig, format!("scene {name}, {kind:?}: share of pixels whose shadow is wrong"))
         .within((tolerance, "1"), wrong(0.0))
         .control("light turned", wrong(1.0))
         .with("shadowed_share", share(ends.iter().map(shadowed))))
@@ -189,8 +188,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
         }))
     };
     // Steps of an 8-bit display, and of the normals' 16-bit floats.
-    Ok(rig
-        .check(format!("{kind:?}: 90th percentile of the radiance's relative error"))
+    Ok(Check::of(rig, format!("{kind:?}: 90th percentile of the radiance's relative error"))
         .within((0.07, "1"), error(0))
         .control("shadows moved by a pixel", error(1)))
 }

@@ -111,10 +111,10 @@ fn single_lines(rig: &Rig<'_>) -> Checks {
     };
     Ok(vec![
         // Where within its pixel a line is evaluated is left to the driver: the way changes by some centimetres.
-        rig.check("90th percentile of the intensity's relative error")
+        Check::of(rig, "90th percentile of the intensity's relative error")
             .within((0.01, "1"), error(GAMMA_PER_M))
             .control("attenuation 10 % higher", error(1.1 * GAMMA_PER_M)),
-        rig.check("pixels fewer than the steps or more than the length of a line, at most")
+        Check::of(rig, "pixels fewer than the steps or more than the length of a line, at most")
             .within((6.0, "px"), off(0.0))
             .control("lines 30 px longer", off(30.0)),
         hidden(rig, &view)?,
@@ -138,8 +138,7 @@ fn hidden(rig: &Rig<'_>, view: &View) -> Result<Check> {
     let wrong =
         |wall_m: f64| share(found.iter().map(|(shown, view_m)| *shown != (*view_m <= wall_m)));
     // Where a line meets the wall, a pixel may fall to either side.
-    Ok(rig
-        .check("share of pixels shown behind a wall or hidden before it")
+    Ok(Check::of(rig, "share of pixels shown behind a wall or hidden before it")
         .within((0.03, "1"), wrong(WALL_M))
         .control("the wall a metre farther", wrong(WALL_M + 1.0)))
 }
@@ -153,8 +152,7 @@ fn gaussian(rig: &Rig<'_>, sigma_px: f64) -> Result<Check> {
         let off = blurred.data().iter().zip(exact.data()).map(|(a, b)| (a - b).abs());
         largest(off) / source.mean()
     };
-    Ok(rig
-        .check(format!("σ = {sigma_px} px: largest difference from the twin, of the mean"))
+    Ok(Check::of(rig, format!("σ = {sigma_px} px: largest difference from the twin, of the mean"))
         .within((1e-5, "1"), error(sigma_px))
         .control("a kernel 2 % wider", error(1.02 * sigma_px)))
 }

@@ -100,8 +100,7 @@ pub fn cases() -> Vec<Case> {
             let ends = ANGLES[..7].iter().map(|degrees| still.ends(rig, *degrees, method));
             Ok::<_, VerifyError>(most(&ends.collect::<Result<Vec<_>>>()?, |ends| ends.median_m))
         };
-        Ok(rig
-            .check("paper's estimator, light of 0° to 60°: largest median |hit − exact|")
+        Ok(Check::of(rig, "paper's estimator, light of 0° to 60°: largest median |hit − exact|")
             .within((MEDIAN_M, "m"), median_m(PAPER_MANY)?)
             .control("6 iterations", median_m(PAPER_SIX)?))
     }));
@@ -179,13 +178,13 @@ impl Setup {
         }
         let paper = self.ends(rig, CONTROL_DEG, PAPER_SIX)?;
         Ok(vec![
-            rig.check(format!("{what}: largest share that enters off the first place"))
+            Check::of(rig, format!("{what}: largest share that enters off the first place"))
                 .within((ENTER_WRONG, "1"), largest(wrong))
                 .control("three steps of Newton's method at 80°", newtons[GRAZING.len() - 1]),
-            rig.check(format!("{what}: largest median |hit − exact|"))
+            Check::of(rig, format!("{what}: largest median |hit − exact|"))
                 .within((MEDIAN_M, "m"), most(&ends, |ends| ends.median_m))
                 .control(PAPER, paper.median_m),
-            rig.check(format!("{what}: largest share lost in the light's frustum"))
+            Check::of(rig, format!("{what}: largest share lost in the light's frustum"))
                 .within((LOST, "1"), most(&ends, |ends| ends.lost))
                 .control(PAPER, paper.lost),
         ])
@@ -197,24 +196,30 @@ impl Setup {
         let paper = self.ends(rig, CONTROL_DEG, PAPER_SIX)?;
         let fewest = found.iter().map(|ends| ends.count as f64).fold(f64::INFINITY, f64::min);
         let mut checks = vec![
-            rig.check(format!("{what}: largest median |hit − exact|"))
+            Check::of(rig, format!("{what}: largest median |hit − exact|"))
                 .within((MEDIAN_M, "m"), most(&found, |ends| ends.median_m))
                 .control(PAPER, paper.median_m)
                 .with("p99_m", most(&found, |ends| ends.p99_m))
                 .with("unconverged_rate", most(&found, |ends| ends.unconverged))
                 .with("fewest_photons", fewest),
-            rig.check(format!("{what}: largest share lost of what lands in the light's frustum"))
-                .within((LOST, "1"), most(&found, |ends| ends.lost))
-                .control(PAPER, paper.lost),
+            Check::of(
+                rig,
+                format!("{what}: largest share lost of what lands in the light's frustum"),
+            )
+            .within((LOST, "1"), most(&found, |ends| ends.lost))
+            .control(PAPER, paper.lost),
         ];
         if self.floor == Floor::Covered {
             let traced = self.trace(rig, CONTROL_DEG, SECANT)?;
             let level = Tracer::new(&Floor::Level.objects())?;
             let bare = Ends::new(&traced, &traced.exact(&traced.stand.scene.water, &level));
             checks.push(
-                rig.check(format!("{what}: largest share that counts as converged and is off"))
-                    .within((FALSE, "1"), most(&found, |ends| ends.falsely_converged))
-                    .control("no slab", bare.falsely_converged),
+                Check::of(
+                    rig,
+                    format!("{what}: largest share that counts as converged and is off"),
+                )
+                .within((FALSE, "1"), most(&found, |ends| ends.falsely_converged))
+                .control("no slab", bare.falsely_converged),
             );
         }
         Ok(checks)

@@ -39,17 +39,15 @@ pub fn cases() -> Vec<Case> {
     ];
     for splatting in [Splatting::Compute, Splatting::Raster] {
         let rules = Rules { splatting, ..RULES };
-        let mut case = |what: &str, check: fn(&Rig<'_>, Rules) -> Checks| {
-            let what = format!("{what}, {}", name(splatting));
-            cases.push(Case::new(STAGE, what, move |rig| check(rig, rules)));
-        };
-        case("isolated splats: size and intensity", isolated);
-        case("conserved energy of synthetic photons", conserved);
-        case("depth test", depth_test);
-        case("splats within one surface", within_surface);
-        case("sum of many small contributions", accumulation);
-        case("splats that the border cuts", cut);
-        case("splats of more pixels than a loop has turns", large);
+        cases.extend([
+            by(rules, "isolated splats: size and intensity", isolated),
+            by(rules, "conserved energy of synthetic photons", conserved),
+            by(rules, "depth test", depth_test),
+            by(rules, "splats within one surface", within_surface),
+            by(rules, "sum of many small contributions", accumulation),
+            by(rules, "splats that the border cuts", cut),
+            by(rules, "splats of more pixels than a loop has turns", large),
+        ]);
     }
     for name in ["plane", "tank"] {
         cases.push(Case::new(STAGE, format!("conserved energy of scene {name}"), move |rig| {
@@ -57,6 +55,14 @@ pub fn cases() -> Vec<Case> {
         }));
     }
     cases
+}
+
+fn by<C: Into<Vec<Check>> + 'static>(
+    rules: Rules,
+    what: &str,
+    check: fn(&Rig<'_>, Rules) -> Result<C>,
+) -> Case {
+    Case::new(STAGE, format!("{what}, {}", name(rules.splatting)), move |rig| check(rig, rules))
 }
 
 /// The rules that splats follow, as the reference has them; controls change one.
@@ -247,10 +253,10 @@ fn isolated(rig: &Rig<'_>, rules: Rules) -> Checks {
     let wide = Rules { sizes_px: [MIN_PX, MAX_PX * 1.25], ..rules };
     let what = |of| format!("isolated splats, {}: {of}", name(rules.splatting));
     Ok(vec![
-        rig.check(what("covered pixels unlike the twin's, of all covered"))
+        Check::of(rig, what("covered pixels unlike the twin's, of all covered"))
             .within((coverage(rules.splatting), "1"), coverage_error(&rules)?)
             .control("s_max 25 px", coverage_error(&wide)?),
-        rig.check(what("largest relative error of intensity"))
+        Check::of(rig, what("largest relative error of intensity"))
             .within((1e-4, "1"), center_error(&rules)?)
             .control(MURKIER, center_error(&rules.murkier())?),
     ])
@@ -269,7 +275,7 @@ fn strewn(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<Twin>) {
 }
 
 /// Sum over the buffer against `Σ I exp(−γ d)`.
-fn conserved(rig: &Rig<'_>, rules: Rules) -> Checks {
+fn conserved(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let (photons, twins) = strewn(&view, 4096, NEAREST_M);
     let rules = Rules { intensity: Intensity::Conserving, ..rules };
@@ -279,15 +285,13 @@ fn conserved(rig: &Rig<'_>, rules: Rules) -> Checks {
         relative_error(sum, twins.iter().map(|twin| PHOTON_W * left(twin)).sum())
     };
     let drawn_by = name(rules.splatting);
-    let check = rig
-        .check(format!("conserved energy of 4096 photons, {drawn_by}, relative error"))
+    Ok(Check::of(rig, format!("conserved energy of 4096 photons, {drawn_by}, relative error"))
         .within((0.01, "1"), error(rules))
-        .control(MURKIER, error(rules.murkier()));
-    Ok(vec![check])
+        .control(MURKIER, error(rules.murkier())))
 }
 
 /// Splats before and behind a wall that faces the camera.
-fn depth_test(rig: &Rig<'_>, rules: Rules) -> Checks {
+fn depth_test(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let depth = rig::depth_ahead(&view, 5.0);
     let (photons, twins) = strewn(&view, 2000, 3.0);
@@ -298,15 +302,13 @@ fn depth_test(rig: &Rig<'_>, rules: Rules) -> Checks {
         Ok(relative_error(sum, rules.twin(&view.camera, &twins, &wall)?.sum()))
     };
     let drawn_by = name(rules.splatting);
-    let check = rig
-        .check(format!("splats before a wall, {drawn_by}: sum, relative error"))
+    Ok(Check::of(rig, format!("splats before a wall, {drawn_by}: sum, relative error"))
         .within((0.01, "1"), error(rules)?)
-        .control("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?);
-    Ok(vec![check])
+        .control("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?))
 }
 
 /// Exact photons of a scene with many edges, drawn where their own surface is seen: against the twin, pixel by pixel.
-fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
+fn within_surface(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     const VIEW: [u32; 2] = [400, 400];
     const GRID: u32 = 48;
     const BIAS_M: f64 = 0.3;
@@ -326,16 +328,15 @@ fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
     let squares = rules.twin(seen.camera, &twins, &depth)?;
     let what = format!("splats within one surface, {}", name(rules.splatting));
     // A plane's depth at a pixel is a difference of depths in f32: at 10 m it decides about pixels to within a millimetre.
-    let check = rig
-        .check(format!("{what}: sum of |difference from the twin|, of the sum"))
+    Ok(Check::of(rig, format!("{what}: sum of |difference from the twin|, of the sum"))
         .within((coverage(Splatting::Raster), "1"), difference(&image, &twin))
-        .control("squares over silhouettes", difference(&image, &squares));
-    Ok(vec![check.with("sum_over_that_of_squares", twin.sum() / squares.sum())])
+        .control("squares over silhouettes", difference(&image, &squares))
+        .with("sum_over_that_of_squares", twin.sum() / squares.sum()))
 }
 
 /// Thousands of contributions of 0.001 on one place: a 16-bit float sticks at 2 (PAPERS, UW "silent or wrong"), and 32 bits of a
 /// fixed-point sum begin anew at 0.256.
-fn accumulation(rig: &Rig<'_>, rules: Rules) -> Checks {
+fn accumulation(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     const PHOTONS: usize = 8192;
     const EACH_W: f64 = 1e-3;
     let view = rig::synthetic_view(SIZE, 0.0)?;
@@ -349,15 +350,16 @@ fn accumulation(rig: &Rig<'_>, rules: Rules) -> Checks {
         Splatting::Compute => 1e-6,
     };
     let drawn_by = name(rules.splatting);
-    let check = rig
-        .check(format!("8192 contributions of 0.001 at one pixel, {drawn_by}, relative error"))
-        .within((tolerance, "1"), error(image.clamped(256, 256)))
-        .control("sum in a 16-bit float", error(half_float_sum(EACH_W, PHOTONS)));
-    Ok(vec![check])
+    Ok(Check::of(
+        rig,
+        format!("8192 contributions of 0.001 at one pixel, {drawn_by}, relative error"),
+    )
+    .within((tolerance, "1"), error(image.clamped(256, 256)))
+    .control("sum in a 16-bit float", error(half_float_sum(EACH_W, PHOTONS))))
 }
 
 /// Splats of all sizes around the border, cut by it on each side; some lie all beyond it. Others are larger than the buffer's half.
-fn cut(rig: &Rig<'_>, rules: Rules) -> Checks {
+fn cut(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let mut random = Random::new(31);
     let side = f64::from(SIZE[0]);
@@ -376,7 +378,7 @@ fn cut(rig: &Rig<'_>, rules: Rules) -> Checks {
 }
 
 /// Splats of more pixels than an adapter may make turns of an invocation's loops.
-fn large(rig: &Rig<'_>, rules: Rules) -> Checks {
+fn large(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let photon = |at| photon_at(&view, at, 0.105, 1.0);
     let photons = [[250.3, 260.8], [240.1, 300.6]].map(photon);
@@ -390,7 +392,7 @@ fn extremes(
     photons: impl Iterator<Item = (Photon, Twin)>,
     rules: Rules,
     what: &str,
-) -> Checks {
+) -> Result<Check> {
     let (photons, twins): (Vec<_>, Vec<_>) = photons.unzip();
     let rules = Rules { sizes_px: EXTREMES_PX, ..rules };
     let image = draw_free(rig, view, &photons, &rules)?;
@@ -398,11 +400,9 @@ fn extremes(
         Ok(difference(&image, &rules.twin(&view.camera, &twins, &open())?))
     };
     let wide = Rules { sizes_px: [EXTREMES_PX[0], 1.25 * EXTREMES_PX[1]], ..rules };
-    let check = rig
-        .check(format!("{what}, {}: Σ |difference| / Σ", name(rules.splatting)))
+    Ok(Check::of(rig, format!("{what}, {}: Σ |difference| / Σ", name(rules.splatting)))
         .within((coverage(rules.splatting), "1"), error(&rules)?)
-        .control("s_max 500 px", error(&wide)?);
-    Ok(vec![check])
+        .control("s_max 500 px", error(&wide)?))
 }
 
 /// Scene `tank` with 36,864 photons: the compute shader's sums against the rasterizer's, pixel by pixel.
@@ -420,8 +420,7 @@ fn alike(rig: &Rig<'_>) -> Result<Check> {
     };
     let raster = drawn(Splatting::Raster, 1.0)?;
     let scattered = drawn(Splatting::Compute, 1.0)?;
-    Ok(rig
-        .check("scene tank, compute against the rasterizer: Σ |difference| / Σ")
+    Ok(Check::of(rig, "scene tank, compute against the rasterizer: Σ |difference| / Σ")
         .within((coverage(Splatting::Raster), "1"), difference(&scattered, &raster))
         .control("twice the depth bias", difference(&drawn(Splatting::Compute, 2.0)?, &raster))
         .with("relative_difference_of_sums", scattered.sum() / raster.sum() - 1.0))
@@ -464,8 +463,7 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Check> {
         Ok(rules.twin(&stand.scene.camera, &twins, &depth)?.sum())
     };
     let energy = expected(rules)?;
-    Ok(rig
-        .check(format!("scene {name}: conserved energy of exact photons, relative error"))
+    Ok(Check::of(rig, format!("scene {name}: conserved energy of exact photons, relative error"))
         .within((0.01, "1"), relative_error(sum, energy))
         .control(MURKIER, relative_error(sum, expected(rules.murkier())?))
         .with("emitted_w", frame.emitted_w)
@@ -498,8 +496,7 @@ fn point_flux(rig: &Rig<'_>) -> Result<Check> {
         let d = height_m + file.floor_depth_m;
         4.0 * (half_m.powi(2) / (half_m.powi(2) + d * d)).asin() * file.light.intensity_w_sr
     };
-    Ok(rig
-        .check("flux of a point light through the view, relative error")
+    Ok(Check::of(rig, "flux of a point light through the view, relative error")
         .within((0.01, "1"), relative_error(seen_w, flux_w(LIGHT_M)))
         .control("light 0.5 m higher", relative_error(seen_w, flux_w(LIGHT_M + 0.5))))
 }

@@ -68,8 +68,7 @@ fn energy(rig: &Rig<'_>) -> Result<Check> {
     let shown = pixels(SIZE).filter(|at| irradiance.at(*at) > 0.0);
     let brought: f64 = shown.map(|at| irradiance.at(at) * area(at)).sum();
     let flux = SPRITE.photon_w * transmittance(GAMMA_PER_M, 1.0) * lit.hits.len() as f64;
-    Ok(rig
-        .check("sum of irradiance × area over the photons' flux: relative error")
+    Ok(Check::of(rig, "sum of irradiance × area over the photons' flux: relative error")
         .within((0.01, "1"), relative_error(brought, flux))
         .control("one photon in twenty more", relative_error(brought, 1.05 * flux)))
 }
@@ -91,8 +90,7 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
         let irradiance = lit.irradiance(rig, &stand, &Sprite { visible_m, ..SPRITE })?;
         Ok(largest(wall.iter().map(|at| irradiance.at(*at))))
     };
-    Ok(rig
-        .check("greatest irradiance on a wall before the sprites")
+    Ok(Check::of(rig, "greatest irradiance on a wall before the sprites")
         .within((0.0, "W/m²"), brightest(SPRITE.visible_m)?)
         .control("whatever lies before them is lit", brightest(100.0)?)
         .with("pixels_of_the_wall", wall.len() as f64))
@@ -114,8 +112,7 @@ fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
         };
         largest(pixels(SIZE).map(error)) / largest(irradiance.data().iter().copied())
     };
-    Ok(rig
-        .check("largest |irradiance − Eq. 1| over the greatest irradiance")
+    Ok(Check::of(rig, "largest |irradiance − Eq. 1| over the greatest irradiance")
         .within((0.01, "1"), errors(SPRITE.radius_m))
         .control("radius 5 % larger", errors(1.05 * SPRITE.radius_m)))
 }
@@ -154,10 +151,10 @@ fn composed(rig: &Rig<'_>) -> Checks {
     };
     // Steps of an 8-bit display.
     Ok(vec![
-        rig.check("90th percentile of the added radiance's relative error")
+        Check::of(rig, "90th percentile of the added radiance's relative error")
             .within((0.03, "1"), errors(6.0))
             .control("6 % more light expected", errors(6.36)),
-        rig.check("90th percentile of the relative error of the shafts' radiance")
+        Check::of(rig, "90th percentile of the relative error of the shafts' radiance")
             .within((0.03, "1"), of_shafts(SHAFT_SCALE))
             .control("a scale 6 % larger", of_shafts(1.06 * SHAFT_SCALE)),
     ])

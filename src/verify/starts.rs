@@ -73,8 +73,7 @@ fn landings(rig: &Rig<'_>, kind: LightKind, aimed: bool, what: &str) -> Result<C
             Some(if landed { apart / exact.distance_m } else { f64::NAN })
         }))
     };
-    Ok(rig
-        .check(format!("{what}: largest |hit − exact| / path"))
+    Ok(Check::of(rig, format!("{what}: largest |hit − exact| / path"))
         .within((RELATIVE, "1"), error(1.33))
         .control("refractive index 1.34", error(1.34)))
 }
@@ -105,12 +104,12 @@ fn energy_law(rig: &Rig<'_>) -> Checks {
     };
     let weight = |answer: Option<&Answer>| answer.map_or(f64::NAN, |answer| answer.weight.into());
     Ok(vec![
-        rig.check("Fresnel over 0° to 89°: largest |T + R − 1|")
+        Check::of(rig, "Fresnel over 0° to 89°: largest |T + R − 1|")
             .within((1e-4, "1"), energy(1.33))
             .control("refractive index 1.34", energy(1.34))
             .with("transmittance_at_0_deg", weight(answers.first()))
             .with("transmittance_at_89_deg", weight(answers.last())),
-        rig.check("refraction over 0° to 89°: largest |direction − exact|")
+        Check::of(rig, "refraction over 0° to 89°: largest |direction − exact|")
             .within((1e-4, "1"), bent(1.33))
             .control("refractive index 1.34", bent(1.34)),
     ])

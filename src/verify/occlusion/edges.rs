@@ -31,8 +31,7 @@ pub fn cases() -> Vec<Case> {
                     largest(worst.iter().zip(bounds).map(|(error, bound)| -error - bound))
                 };
                 let what = format!("{what}: A less than documented");
-                let check = rig
-                    .check(what)
+                let check = Check::of(rig, what)
                     .within((ROUNDING, "1"), beyond(0))
                     .control("held against the figures of the next distance", beyond(1));
                 let with = |check: Check, (error, voxels): (&f64, f64)| {

@@ -60,8 +60,7 @@ fn plane(rig: &Rig<'_>) -> Result<Check> {
         let settings = Marching { guard, ..marching(settings) };
         found(rig, is_floor, &floor_points(0.0), &settings)
     };
-    Ok(rig
-        .check("largest A of a plane")
+    Ok(Check::of(rig, "largest A of a plane")
         .within((1e-6, "1"), largest(run(Guard::Variable)?))
         .control("constant guard of a voxel's diagonal", largest(run(Guard::Voxel)?))
         .with("mean_with_guard_of_seven_voxels", mean(run(Guard::SevenVoxels)?))
@@ -76,8 +75,7 @@ fn corner(rig: &Rig<'_>) -> Checks {
         let beside = |x_voxels: f64| beside_wall(x_voxels / R_MAX, reference::Attenuation::Hard);
         let (expected, other) = (beside(x_voxels - 0.03), beside(x_voxels + 6.0));
         let measured = mean(found(rig, is_corner, &floor_points(x_voxels), &marching(settings))?);
-        Ok(rig
-            .check(format!("A in a corner, {x_voxels} voxels from the wall"))
+        Ok(Check::of(rig, format!("A in a corner, {x_voxels} voxels from the wall"))
             .within((tolerance, "1"), (measured - expected).abs())
             .control("the wall six voxels away", (measured - other).abs())
             .with("expected", expected))
@@ -96,8 +94,7 @@ fn ball(rig: &Rig<'_>) -> Result<Check> {
     let law = |radius: f64| (radius / center.y).powi(2);
     // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
     let tolerance = law(radius + VOXEL_M) - law(radius);
-    Ok(rig
-        .check("A below a ball")
+    Ok(Check::of(rig, "A below a ball")
         .within((tolerance, "1"), (a - law(radius)).abs())
         .control("radius 1.3 times", (a - law(1.3 * radius)).abs())
         .with("expected", law(radius)))
@@ -126,8 +123,7 @@ fn ceiling(rig: &Rig<'_>) -> Result<Check> {
         let found = found(rig, is_ceiling, &points, &settings)?;
         Ok(largest(found.iter().zip(&heights).map(|(a, y)| (a - law(y)).abs())))
     };
-    Ok(rig
-        .check("A below a ceiling of a voxel, largest error at 16 places within a voxel")
+    Ok(Check::of(rig, "A below a ceiling of a voxel, largest error at 16 places within a voxel")
         .within((0.02, "1"), errors(None)?)
         .control("hits between whole steps only", errors(Some(Hit::Between))?))
 }

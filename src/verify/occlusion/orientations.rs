@@ -68,8 +68,9 @@ pub fn cases() -> Vec<Case> {
             Case::new(INFO.name, format!("orientations, {name}"), move |rig| {
                 let [default, other, mean] = worst(rig, make, control)?;
                 let what = format!("{name}, {ORIENTATIONS} orientations: largest RMS error of A");
-                let check =
-                    rig.check(what).within((tolerance, "1"), default).control(control.name, other);
+                let check = Check::of(rig, what)
+                    .within((tolerance, "1"), default)
+                    .control(control.name, other);
                 Ok(vec![check.with("over_all_orientations", mean)])
             })
         })

@@ -132,8 +132,7 @@ fn compare(rig: &Rig<'_>, per_object: bool, rays: u32, sizes: &[[u32; 2]]) -> Ch
             ("directions of the neighbouring pixel", measure(1, 1.0))
         };
         let what = format!("{count} volumes, {w}×{h}, {rays} rays");
-        Ok(rig
-            .check(format!("largest |GPU − f64 twin| of A, {what}"))
+        Ok(Check::of(rig, format!("largest |GPU − f64 twin| of A, {what}"))
             .within((TOLERANCE, "1"), measure(0, 1.0))
             .control(perturbed, control))
     };
@@ -157,8 +156,7 @@ fn counts(rig: &Rig<'_>) -> Result<Check> {
         relative_error(counted.samples as f64, samples.sum::<u64>() as f64)
     };
     // Rays that rounding of V ends a sample earlier or later.
-    Ok(rig
-        .check("samples counted over those of the f64 twin, less 1")
+    Ok(Check::of(rig, "samples counted over those of the f64 twin, less 1")
         .within((2e-3, "1"), off(1.0))
         .control("r_max 1.1 times", off(1.1))
         .with("samples_per_fragment", counted.samples as f64 / counted.fragments.max(1) as f64))

@@ -103,8 +103,7 @@ impl Marched {
 
 fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
     let marched = Marched::new(rig, OPAQUE, usize::MAX, &marching(change))?;
-    Ok(rig
-        .check(format!("largest |GPU − f64 twin| of A, {name}"))
+    Ok(Check::of(rig, format!("largest |GPU − f64 twin| of A, {name}"))
         .within((TOLERANCE, "1"), marched.beyond(1.0, 0.0))
         .control(
             "the twin's points 0.3 voxels higher",
@@ -116,8 +115,7 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
 fn many_rays(rig: &Rig<'_>) -> Result<Check> {
     let settings = Marching { rays: MANY_RAYS, ..marching(|_| ()) };
     let marched = Marched::new(rig, OPAQUE, 12, &settings)?;
-    Ok(rig
-        .check(format!("largest |GPU − f64 twin| of A, {MANY_RAYS} rays"))
+    Ok(Check::of(rig, format!("largest |GPU − f64 twin| of A, {MANY_RAYS} rays"))
         .within((TOLERANCE, "1"), marched.beyond(1.0, 0.0))
         .control("a fifth of what the rays meet left out", marched.beyond(0.8, 0.0))
         .with("mean", marched.mean()))
@@ -142,8 +140,7 @@ fn opacities(rig: &Rig<'_>) -> Result<Check> {
         let values = marched.host.values.iter().map(|v| v * alpha_scale).collect();
         marched.rms(&marched.march, &HostVolume { grid: marched.host.grid, values })
     };
-    Ok(rig
-        .check("RMS of GPU − f64 twin of A, opacities")
+    Ok(Check::of(rig, "RMS of GPU − f64 twin of A, opacities")
         .within((OPACITY_RMS, "1"), rms(1.0))
         .control("the twin's opacities 1.1 times", rms(1.1)))
 }
@@ -154,8 +151,7 @@ fn opacity_steps(rig: &Rig<'_>) -> Checks {
         let marched = glass(rig, Some(step_voxels))?;
         let rms =
             |exponent| marched.rms(&March { exponent, ..marched.march.clone() }, &marched.host);
-        Ok(rig
-            .check(format!("RMS of GPU − f64 twin of A, opacities, steps of {step_voxels}"))
+        Ok(Check::of(rig, format!("RMS of GPU − f64 twin of A, opacities, steps of {step_voxels}"))
             .within((OPACITY_RMS, "1"), rms(step_voxels))
             .control("the twin's exponent 1", rms(1.0))
             .with("mean", marched.mean()))
@@ -180,8 +176,7 @@ fn storages(rig: &Rig<'_>) -> Result<Check> {
     };
     let bits = run(Storage::Bits, 0.6)?;
     let equal = texture.iter().zip(&bits).map(|(a, b)| (a - b).abs() < 1e-3);
-    Ok(rig
-        .check("largest difference of A by texture and by bits beyond V's rounding")
+    Ok(Check::of(rig, "largest difference of A by texture and by bits beyond V's rounding")
         .within((TOLERANCE, "1"), outside(&texture))
         .control("threshold 0.7 for the texture", outside(&run(Storage::Texture, 0.7)?))
         .with("share_equal_within_1e-3", share(equal)))
@@ -206,8 +201,7 @@ fn skipping(rig: &Rig<'_>) -> Checks {
     let check = |(name, change): (&str, Change)| {
         let (plain, skipping) = (run(change, false)?, run(change, true)?);
         let differ = |values: &[f64]| differing(&plain, values);
-        Ok(rig
-            .check(format!("points whose A skipping changes, {name}"))
+        Ok(Check::of(rig, format!("points whose A skipping changes, {name}"))
             .within((0.0, "1"), differ(&skipping))
             .control("the pyramid empty", differ(&blind)))
     };

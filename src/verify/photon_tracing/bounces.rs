@@ -138,7 +138,8 @@ fn bounced(rig: &Rig<'_>, view: View, stage: &str, method: Method) -> Checks {
             }))
         };
         let lost = share(exact.iter().map(|photon| !found[photon.number].landed()));
-        let of = |what: &str| rig.check(format!("{optics:?}, {view:?} view, by {stage}: {what}"));
+        let of =
+            |what: &str| Check::of(rig, format!("{optics:?}, {view:?} view, by {stage}: {what}"));
         checks.push(
             of("median |end − exact end|")
                 .within((tolerance_m, "m"), off(|photon| photon.end))
@@ -182,7 +183,7 @@ fn tilted_mirrors(rig: &Rig<'_>) -> Checks {
     let photons = turned.len() as f64;
     // Ends also depend on how far the rasterizer moves corners.
     Ok(vec![
-        rig.check(what)
+        Check::of(rig, what)
             .within((1e-5, "1"), largest(turned))
             .control("normals of 16-bit floats", largest(turned_half))
             .with("photons", photons)

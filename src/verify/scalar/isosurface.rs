@@ -101,11 +101,11 @@ fn ball(rig: &Rig<'_>) -> Checks {
             }))
         };
     Ok(vec![
-        rig.check("distance of hits from the boundary, 95th percentile")
+        Check::of(rig, "distance of hits from the boundary, 95th percentile")
             .within((0.1, "voxel"), distance(BALL))
             .control("radius 0.2 voxels larger", distance(larger))
             .with("pixels", judged.len() as f64),
-        rig.check("error of the normal, 95th percentile")
+        Check::of(rig, "error of the normal, 95th percentile")
             .within((1.5, "°"), normal(BALL))
             .control("centre half a voxel higher", normal(moved)),
     ])
@@ -152,11 +152,13 @@ fn rejection(rig: &Rig<'_>) -> Checks {
                     (a - twin.hemispherical(&field, h.position, h.normal, 256)).abs()
                 }))
             };
-        Ok(rig
-            .check(format!("rejection, strata of {step}: mean error of A against f64 marching"))
-            .within((0.02, "1"), error(true))
-            .control("no sample rejected", error(false))
-            .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a))))
+        Ok(Check::of(
+            rig,
+            format!("rejection, strata of {step}: mean error of A against f64 marching"),
+        )
+        .within((0.02, "1"), error(true))
+        .control("no sample rejected", error(false))
+        .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a))))
     };
     // R_MAX_M is 16 voxels.
     [(32, "half a voxel"), (8, "two voxels")].into_iter().map(check).collect()
@@ -178,8 +180,7 @@ fn ball_over_slab(rig: &Rig<'_>) -> Checks {
         let error = |off: &[f64]| mean(off.iter().map(|off| off.abs()));
         let (exact, half) = (off(R_MAX_M), off(R_MAX_M / 2.0));
         let found = || judged.iter().map(|(a, _)| *a);
-        Ok(rig
-            .check(format!("rays end at {what}: mean error of A"))
+        Ok(Check::of(rig, format!("rays end at {what}: mean error of A"))
             .within((0.02, "1"), error(&exact))
             .control("nothing occluded", mean(found()))
             .with("mean_signed_error", mean(exact.iter().copied()))
@@ -215,8 +216,7 @@ fn shading(rig: &Rig<'_>) -> Result<Check> {
     };
     let ambient = setup.scalar.ambient;
     // A step of 8 bits, and normals of 16 bits.
-    Ok(rig
-        .check("albedo × visibility × light: largest error of the picture")
+    Ok(Check::of(rig, "albedo × visibility × light: largest error of the picture")
         .within((1.5 / 255.0, "1"), error(ambient))
         .control("a tenth more ambient light", error(ambient * 1.1)))
 }

@@ -83,8 +83,7 @@ fn block(rig: &Rig<'_>) -> Checks {
                 (opacity.at((x, y)) - exact.opacity(value, chord_m)).abs()
             }))
         };
-        Ok(rig
-            .check(format!("{}: largest error of opacity along the view", name(law)))
+        Ok(Check::of(rig, format!("{}: largest error of opacity along the view", name(law)))
             .within((1e-3, "1"), error(BLOCK))
             .control("values 2 % higher", error(BLOCK * 1.02))
             .with("opacity_most", largest(opacity.data().iter().copied())))
@@ -105,7 +104,7 @@ fn many_rays(rig: &Rig<'_>, mode: Mode) -> Checks {
         |a: &Image, b: &Image| largest(a.data().iter().zip(b.data()).map(|(a, b)| (a - b).abs()));
     let off = |other: &ScalarPicture| (many.visibility.mean() - other.visibility.mean()).abs();
     let black = Image::constant(8, 8, 0.0);
-    let check = |what: &str| rig.check(format!("{MANY_RAYS} rays: {what}"));
+    let check = |what: &str| Check::of(rig, format!("{MANY_RAYS} rays: {what}"));
     Ok(vec![
         check("mean visibility against that with 16 rays")
             .within((TOLERANCE, "1"), off(&few))
@@ -134,8 +133,7 @@ fn ramp(rig: &Rig<'_>) -> Result<Check> {
     let a = measured(rig, &volume, &scalar, DVec3::ZERO)?;
     let (sigma, fall) = (4.0 * 128.0 / 255.0, 4.0 * 60.0 / 255.0);
     let exact = on_ramp(sigma, fall, 1.0);
-    Ok(rig
-        .check("Eq. 3 against its integral: relative error")
+    Ok(Check::of(rig, "Eq. 3 against its integral: relative error")
         .within((1e-2, "1"), relative_error(a, exact))
         .control(
             "the sum without the factor 2 of uniform directions",
@@ -191,11 +189,13 @@ fn rough_checks(rig: &Rig<'_>, mode: Mode, exact: impl Fn(&Marching, u32) -> f64
             let twin = Marching { threshold: ends_at, rejection, ..twin(&scalar, &volume) };
             (a - exact(&twin, TWIN_RAYS)).abs()
         };
-        Ok(rig
-            .check(format!("{}: A with rejection and V_thres against f64 marching", name(law)))
-            .within((TOLERANCE, "1"), error(true))
-            .control("no sample rejected", error(false))
-            .with("occlusion", a))
+        Ok(Check::of(
+            rig,
+            format!("{}: A with rejection and V_thres against f64 marching", name(law)),
+        )
+        .within((TOLERANCE, "1"), error(true))
+        .control("no sample rejected", error(false))
+        .with("occlusion", a))
     };
     LAWS.into_iter().map(check).collect()
 }
@@ -222,7 +222,7 @@ fn interior(rig: &Rig<'_>) -> Checks {
         let exact = reference_law(&marched(Mode::Positional, law, 1.2, 8), &volume);
         let error = |value: f64| (far - exact.opacity(value, 1.2)).abs();
         checks.push(
-            rig.check(format!("{}: A_P within a homogeneous block", name(law)))
+            Check::of(rig, format!("{}: A_P within a homogeneous block", name(law)))
                 .within((1e-4, "1"), error(BLOCK))
                 .control("values 1 % higher", error(BLOCK * 1.01))
                 .with("occlusion", far),
@@ -230,7 +230,7 @@ fn interior(rig: &Rig<'_>) -> Checks {
         let product = |near: f64| relative_error(1.0 - far, (1.0 - near).powi(2));
         let what = format!("{}: transmittance of twice the length is the square", name(law));
         checks.push(
-            rig.check(what)
+            Check::of(rig, what)
                 .within((1e-4, "1"), product(near))
                 .control("occlusion 1 % higher", product(near * 1.01)),
         );
@@ -250,8 +250,7 @@ fn ball_and_face(rig: &Rig<'_>) -> Checks {
      -> Result<Check> {
         let volume = cubes(36, |p| (0.5 - distance_m(p) / VOXEL_M).clamp(0.0, 1.0) * 0.2);
         let a = measured(rig, &volume, &scalar, DVec3::ZERO)?;
-        Ok(rig
-            .check(format!("{what}: error of A_P (Eq. 8)"))
+        Ok(Check::of(rig, format!("{what}: error of A_P (Eq. 8)"))
             .within((TOLERANCE, "1"), (a - exact).abs())
             .control(other.0, (a - other.1).abs())
             .with("occlusion", exact))
@@ -281,8 +280,7 @@ fn pyramid(rig: &Rig<'_>) -> Result<Check> {
     let a = measured(rig, &volume, &scalar, ROUGH_POINT)?;
     let marching = twin(&scalar, &volume);
     let error = |volume: &Volume| (a - marching.positional(volume, ROUGH_POINT, TWIN_RAYS)).abs();
-    Ok(rig
-        .check("A_P from the next coarser level against f64 marching of means")
+    Ok(Check::of(rig, "A_P from the next coarser level against f64 marching of means")
         .within((TOLERANCE, "1"), error(&halved(&volume)))
         .control("the level below", error(&volume))
         .with("occlusion", a))
@@ -305,10 +303,10 @@ fn laws(rig: &Rig<'_>) -> Checks {
         Ok::<f64, VerifyError>(largest(dark.chain(seen.opacity.data().iter().copied())))
     };
     Ok(vec![
-        rig.check("rejection never adds: largest excess of A in a pixel")
+        Check::of(rig, "rejection never adds: largest excess of A in a pixel")
             .within((1e-6, "1"), more(without.data(), with.data()))
             .control("exchanged", more(with.data(), without.data())),
-        rig.check("an empty field hides nothing: largest A or opacity")
+        Check::of(rig, "an empty field hides nothing: largest A or opacity")
             .within((0.0, "1"), empty(0.0)?)
             .control("one step of 8 bits", empty(1.0 / 255.0)?),
     ])

@@ -69,12 +69,12 @@ fn no_errors(
     }
     let control = "grid moved by 0.02 voxels";
     Ok(vec![
-        rig.check(format!("{name}: voxels missed"))
+        Check::of(rig, format!("{name}: voxels missed"))
             .within((0.0, "1"), exact.false_negatives as f64)
             .control(control, perturbed.false_negatives as f64)
             .with("occupied_voxels", exact.occupied as f64)
             .with("borderline_voxels", exact.borderline as f64),
-        rig.check(format!("{name}: voxels too many"))
+        Check::of(rig, format!("{name}: voxels too many"))
             .within((0.0, "1"), exact.false_positives as f64)
             .control(control, perturbed.false_positives as f64),
     ])
@@ -96,8 +96,7 @@ fn alpha(rig: &Rig<'_>) -> Result<Check> {
         known.filter(differs).count() as f64
     };
     let borderline = exact.iter().filter(|alpha| alpha.is_none()).count();
-    Ok(rig
-        .check("voxels with another alpha or bit")
+    Ok(Check::of(rig, "voxels with another alpha or bit")
         .within((0.0, "1"), wrong(&exact))
         .control("alphas of two objects exchanged", wrong(&perturbed))
         .with("borderline_voxels", borderline as f64))

@@ -47,8 +47,7 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
         pixels(SIZE).filter(differs).count() as f64 / f64::from(SIZE[0] * SIZE[1])
     };
     let moved = Grid { origin_m: grid.origin_m + DVec3::new(0.01, 0.0, 0.0), ..grid };
-    Ok(rig
-        .check("share of pixels that see another place")
+    Ok(Check::of(rig, "share of pixels that see another place")
         .within((SHARE, "1"), wrong(&grid))
         .control("cubes moved by a centimetre", wrong(&moved)))
 }

@@ -28,8 +28,7 @@ fn clear(rig: &Rig<'_>) -> Result<Check> {
     let expected = [&[0], &full[1..]].concat();
     let wrong = differing(&rig.read(&all)?, &cleared) + differing(&rig.read(&head)?, &expected);
     let control = differing(&rig.read(&kept)?, &cleared);
-    Ok(rig
-        .check("words that are not as they should be")
+    Ok(Check::of(rig, "words that are not as they should be")
         .within((0.0, "1"), wrong)
         .control("a buffer that is not cleared", control))
 }
@@ -67,8 +66,7 @@ fn combine(rig: &Rig<'_>) -> Result<Check> {
         wrong += differing(&found, &or([x, y, z]));
         control += differing(&found, &or([x, y, y]));
     }
-    Ok(rig
-        .check("voxels that differ from the OR")
+    Ok(Check::of(rig, "voxels that differ from the OR")
         .within((0.0, "1"), wrong)
         .control("z's slicemap left out", control))
 }
@@ -105,7 +103,7 @@ fn unpack(rig: &Rig<'_>) -> Checks {
         }
         let name = if alpha { "alphas" } else { "bits" };
         checks.push(
-            rig.check(format!("texels that differ from the {name}"))
+            Check::of(rig, format!("texels that differ from the {name}"))
                 .within((0.0, "1"), wrong)
                 .control("voxels moved by one", control),
         );

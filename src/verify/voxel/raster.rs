@@ -82,7 +82,7 @@ struct Disagreeing {
 
 impl Disagreeing {
     fn check(&self, rig: &Rig<'_>, what: String) -> Check {
-        rig.check(what).within((0.0, "1"), self.exact).control(MOVED, self.moved)
+        Check::of(rig, what).within((0.0, "1"), self.exact).control(MOVED, self.moved)
     }
 }
 
@@ -166,7 +166,7 @@ fn against_surface(
             samples.check(rig, format!("{name}: voxels that differ from samples on three axes")),
         );
         checks.push(
-            rig.check(format!("{name}: voxels that no triangle touches"))
+            Check::of(rig, format!("{name}: voxels that no triangle touches"))
                 .within((0.0, "1"), exact.false_positives as f64)
                 .control(MOVED, perturbed.false_positives as f64)
                 .with("touched_voxels", exact.occupied as f64)
