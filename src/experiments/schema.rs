@@ -257,7 +257,9 @@ fn figures<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Published>,
     let mut published = Vec::new();
     for mut shared in Vec::<Map<String, Value>>::deserialize(deserializer)? {
         let own = match shared.remove("figures") {
-            Some(list) => Vec::<Map<String, Value>>::deserialize(list).map_err(de::Error::custom)?,
+            Some(list) => {
+                Vec::<Map<String, Value>>::deserialize(list).map_err(de::Error::custom)?
+            }
             None => vec![Map::new()],
         };
         for figure in own {
