@@ -19,8 +19,8 @@ thread_local! {
 
 /// A name. Copies of it share its text.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash, JsonSchema)]
-#[schemars(transparent)]
-pub struct Name(#[schemars(with = "String")] Arc<str>);
+#[schemars(with = "String", inline, description = "")]
+pub struct Name(Arc<str>);
 
 impl Name {
     pub fn as_str(&self) -> &str {
@@ -108,8 +108,8 @@ impl<'de> Deserialize<'de> for Name {
 
 /// Values by name, in the order of the names. Small: a [`BTreeMap`] has room for eleven from the first on.
 #[derive(Clone, PartialEq, Eq, JsonSchema)]
-#[schemars(transparent)]
-pub struct Named<V>(#[schemars(with = "BTreeMap<String, V>")] Vec<(Name, V)>);
+#[schemars(with = "BTreeMap<String, V>", inline, description = "")]
+pub struct Named<V>(Vec<(Name, V)>);
 
 impl<V> Named<V> {
     pub fn is_empty(&self) -> bool {

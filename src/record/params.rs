@@ -14,8 +14,8 @@ use super::names::MOST_KNOWN;
 
 /// A tree of parameters. Each of its groups is held once, by whatever number of cells.
 #[derive(Clone, Debug, Default, PartialEq, JsonSchema)]
-#[schemars(transparent)]
-pub struct Params(#[schemars(with = "Map<String, Value>")] Box<[Group]>);
+#[schemars(with = "Map<String, Value>", inline, description = "")]
+pub struct Params(Box<[Group]>);
 
 #[derive(Clone, Debug, PartialEq)]
 struct Group {
