@@ -501,7 +501,7 @@ fn radiance(
     const EXPOSURE: f64 = 0.8;
     let (map, pool) = (rig.grey(map), of_basin(basin));
     let lit = (&map, &pool);
-    let stage = Compose::new(&rig.resources, &stand.shared, gbuffer, lit, EXPOSURE, Shown::Scene)?;
+    let stage = Compose::new(&rig.resources, &stand.shared, gbuffer, lit, EXPOSURE, Shown::Image)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), BLUE)?;
     Ok(shown.map(|value| -(1.0 - value.powf(2.2)).ln() / EXPOSURE))
