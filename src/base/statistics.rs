@@ -82,6 +82,13 @@ pub fn median(samples: &[f64]) -> f64 {
     median_of_sorted(&sorted(samples))
 }
 
+/// The place of the sample nearest to the median; the first of several. None for no samples.
+pub fn nearest_to_median(samples: &[f64]) -> Option<usize> {
+    let median = median(samples);
+    let distances = samples.iter().map(|sample| (sample - median).abs()).enumerate();
+    distances.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(place, _)| place)
+}
+
 /// The median with its 95 % interval. A median of 0 and no interval for no samples.
 pub fn estimate(samples: &[f64]) -> Estimate {
     if samples.is_empty() {
@@ -259,6 +266,12 @@ mod tests {
     fn missed(n: usize, rank: usize) -> f64 {
         let choose = |k: usize| (0..k).fold(1.0, |all, i| all * (n - i) as f64 / (i + 1) as f64);
         2.0 * (0..rank).map(choose).sum::<f64>() / 2f64.powi(n as i32)
+    }
+
+    #[test]
+    fn the_sample_nearest_to_the_median_is_found() {
+        assert_eq!(nearest_to_median(&[5.0, 1.0, 3.0, 9.0, 3.5]), Some(4));
+        assert_eq!(nearest_to_median(&[]), None);
     }
 
     #[test]

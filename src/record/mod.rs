@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use strum::IntoStaticStr;
 
 use fathom_base::text;
 
@@ -44,7 +45,7 @@ pub use kinds::{
 };
 pub use lines::{
     Damage, Damaged, Line, LineWriter, MAX_LINE, Opened, Reading, RecordError, kept_aside,
-    read_lines, read_lines_of_this_format, stored,
+    read_lines, stored,
 };
 pub use lock::{FolderLock, LOCK, LockError};
 pub use machine::{MachineState, ThrottleReason, Throttling};
@@ -153,11 +154,10 @@ pub struct Adapter {
     Eq,
     PartialOrd,
     Ord,
-    Hash,
+    IntoStaticStr,
     Serialize,
     Deserialize,
     JsonSchema,
-    strum::IntoStaticStr,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -319,31 +319,6 @@ pub struct Measured {
 impl Measured {
     pub fn rejected_frames(&self) -> u32 {
         self.rejected.iter().map(|rejected| rejected.frames).sum()
-    }
-
-    /// Gives back the room that was made for more samples while they were read.
-    fn compact(&mut self) {
-        let FrameRecord {
-            rounds,
-            sampled_at_s,
-            machine,
-            envelope_samples_ns,
-            gap_samples_ns,
-            untimed_samples_ns,
-            ..
-        } = &mut self.frame;
-        rounds.shrink_to_fit();
-        machine.shrink_to_fit();
-        let of_frame = [sampled_at_s, envelope_samples_ns, gap_samples_ns, untimed_samples_ns];
-        of_frame.into_iter().for_each(Vec::shrink_to_fit);
-        self.stages.shrink_to_fit();
-        for stage in &mut self.stages {
-            stage.samples_ns.shrink_to_fit();
-            if let Some(fenced) = &mut stage.fenced {
-                fenced.wall_samples_ns.shrink_to_fit();
-                fenced.submit_cost_samples_ns.shrink_to_fit();
-            }
-        }
     }
 
     /// Its frames were timed.
