@@ -21,7 +21,7 @@ impl References {
         &mut self,
         gpu: &Gpu,
         timer: &mut FrameTimer,
-        cell: &dyn AnyPipeline,
+        cell: &AnyPipeline,
         reference: &PlannedReference,
     ) -> Result<f64, ReadoutError> {
         let stages = &reference.plan.stages;

@@ -146,7 +146,7 @@ pub fn reference(
             "--reference: with ao.occluder=opacity rays pass through transparent objects, those of the reference do not",
         );
     }
-    let marching = params.ao.marching(&subject.scene);
+    let marching = params.marching(&subject.scene);
     let attenuation = match marching.attenuation {
         marching::Attenuation::Linear => Attenuation::Linear,
         marching::Attenuation::Hard => Attenuation::Hard,

@@ -25,7 +25,7 @@ pub enum ReadoutError {
 
 /// A texture that the first present of the named stages leaves: the one of that name, or the first.
 pub fn texture<S: AsRef<str>>(
-    pipeline: &dyn AnyPipeline,
+    pipeline: &AnyPipeline,
     stages: &[S],
     output: Option<&str>,
 ) -> Option<wgpu::Texture> {
@@ -45,7 +45,7 @@ pub fn texture<S: AsRef<str>>(
 /// Its texels.
 pub fn image<S: AsRef<str>>(
     gpu: &Gpu,
-    pipeline: &dyn AnyPipeline,
+    pipeline: &AnyPipeline,
     stages: &[S],
     output: Option<&str>,
 ) -> Result<Pixels, ReadoutError> {

@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::rc::Rc;
 
-use super::caustics_image::{Compared, IMAGE_ERROR};
+use super::caustics_image::Compared;
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Pipeline};
+use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::{Bounds, Scene};
 use fathom_stages::frame::{Frame, Shared, View};
@@ -106,7 +106,9 @@ impl Pipeline for PhotonTracing {
         let irradiance = sprites.irradiance.clone();
         Ok(Self { params: params.clone(), view, photons, lists, irradiance, image })
     }
+}
 
+impl Drawing for PhotonTracing {
     fn image(&self) -> &wgpu::Texture {
         &self.image
     }
@@ -116,16 +118,12 @@ impl Pipeline for PhotonTracing {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
-        if judge.asks_for(IMAGE_ERROR) {
-            judged.add(self.caustics(judge)?.judged());
-        }
-        Ok(judged)
+        self.landing_errors(judge.gpu, judge.scene)
     }
 
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
         let found = self.found_caustics(judge.gpu)?;
-        Compared::new(judge, &self.view, &found)
+        Compared::new(judge, &self.view, &found).map(Some)
     }
 }
 

@@ -13,7 +13,7 @@ use std::rc::Rc;
 
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Pipeline};
+use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_reference::pool::Basin;
 use fathom_scene::Scene;
@@ -71,7 +71,9 @@ impl Pipeline for Planar {
         let compose = of_view.push(compose);
         Ok(Self { params: params.clone(), view, basin, transfers, points, compose })
     }
+}
 
+impl Drawing for Planar {
     fn image(&self) -> &wgpu::Texture {
         self.compose.texture()
     }

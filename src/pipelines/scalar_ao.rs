@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Pipeline};
+use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
@@ -74,7 +74,9 @@ impl Pipeline for ScalarAo {
         let (settings, camera) = (params.scalar.clone(), params.camera.clone());
         Ok(Self { settings, camera, cast, field, r_max_m })
     }
+}
 
+impl Drawing for ScalarAo {
     fn image(&self) -> &wgpu::Texture {
         self.cast.image()
     }

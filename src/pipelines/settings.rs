@@ -14,7 +14,7 @@ use fathom_stages::bilateral::BilateralUniforms;
 use fathom_stages::frame;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
-pub use fathom_stages::marching::Attenuation;
+pub use fathom_stages::marching::{Attenuation, R_MAX_SHARE};
 use fathom_stages::scene::deform::{self, Motion};
 use fathom_stages::transfer::map::MapUniforms;
 
@@ -324,9 +324,6 @@ impl Cells {
         Ok(volume)
     }
 }
-
-/// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry, dragon_dry and sponza.
-pub const R_MAX_SHARE: f64 = 0.25;
 
 /// Distance up to which geometry occludes, metres: as set, or where that is 0 a share of the scene's longest side.
 pub fn r_max_m(scene: &Scene, r_max_m: f64, r_max_share: f64) -> f64 {

@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 
 use glam::DMat4;
 
-use super::Pipeline;
 use super::lighting::{Composed, Seen};
 use super::occlusion::{self, OcclusionBuffers};
 use super::settings::{self, Update};
 use super::voxelization::{self, Voxelization};
+use super::{Drawing, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::ao;
@@ -21,7 +21,7 @@ use fathom_stages::marching::Marching;
 use fathom_stages::voxels::Voxels;
 
 pub use measure::{PointQuery, occlusion_at};
-pub use parameters::{Ao, Params};
+pub use parameters::Params;
 
 /// Voxelization, rays marched through the volumes, filter, composition.
 pub struct VolumeAo {
@@ -59,7 +59,7 @@ impl Pipeline for VolumeAo {
         let Voxelization { volumes } =
             voxelize(resources, &geometry, scene, params, params.voxel.update)?;
         let seen = Seen::draw(resources, (view, shared), &geometry, &params.shadow)?;
-        let marching = params.ao.marching(scene);
+        let marching = params.marching(scene);
         let textures = &seen.gbuffer.textures;
         let of_buffer = resources.sized_by("ao.rays × samples");
         let march = ao::march::March::new(
@@ -91,7 +91,9 @@ impl Pipeline for VolumeAo {
         };
         Ok(Self { marching, seen, view_projection, volumes, composed, buffers })
     }
+}
 
+impl Drawing for VolumeAo {
     fn image(&self) -> &wgpu::Texture {
         self.composed.compose.texture()
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::settings::{self, Animation, Update, VIEWPORT, Voxel};
 use super::voxelization::{self, Voxelization};
-use super::{Parameters, Pipeline};
+use super::{Drawing, Parameters, Pipeline};
 use fathom_base::parameter::ParamError;
 use fathom_gpu::{Gpu, GpuError, Stage, read_buffer, texture_bytes};
 use fathom_scene::{Camera, Light, Scene, SceneFile};
@@ -83,7 +83,9 @@ impl Pipeline for Voxelize {
         let view = CubeView::new(picture, &shared, &volumes, view.size_px.to_array())?;
         Ok(Self { volumes, view })
     }
+}
 
+impl Drawing for Voxelize {
     fn image(&self) -> &wgpu::Texture {
         self.view.texture()
     }

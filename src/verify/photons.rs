@@ -4,8 +4,8 @@ use glam::{DVec3, Vec2};
 
 use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use fathom_gpu::{GpuError, StageInfo};
+use fathom_pipelines::Built;
 use fathom_pipelines::underwater::{Params, Underwater};
-use fathom_pipelines::{AnyPipeline, Built};
 use fathom_reference::estimator::{behind_seen, estimate, exact_depth, first_crossing};
 use fathom_reference::photons::{Landed, Landing, PhotonGrid, land_all};
 use fathom_reference::quantities::{PhotonErrors, StoredPhoton, photon_errors};

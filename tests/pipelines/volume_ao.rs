@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, Pixels, read_texture};
 use fathom::pipelines::volume_ao::{Params, VolumeAo};
-use fathom::pipelines::{AnyPipeline, Built, Pipeline};
+use fathom::pipelines::{Built, Drawing};
 use fathom::reference::occlusion::{Attenuation, occlusion};
 use fathom::reference::rays::{PixelRays, Tracer};
 use fathom::scene::Scene;
@@ -31,7 +31,7 @@ impl Drawn {
     }
 
     fn figures(&self, gpu: &Gpu) -> BTreeMap<String, f64> {
-        Pipeline::quantities(&*self.pipeline, gpu).unwrap()
+        self.pipeline.quantities(gpu).unwrap()
     }
 
     fn stages(&self) -> Vec<&'static str> {
@@ -128,7 +128,7 @@ fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
     let [depth, normal] = [&gbuffer.depth, &gbuffer.normal].map(|t| read_texture(gpu, t).unwrap());
     let rays = PixelRays::new(&drawn.params.camera, image.width, image.height);
     let tracer = Tracer::new(&drawn.scene.objects).unwrap();
-    let r_max_m = drawn.params.ao.marching(&drawn.scene).r_max_m;
+    let r_max_m = drawn.params.marching(&drawn.scene).r_max_m;
     let seen: Vec<usize> = (0..depth.data.len()).filter(|i| depth.data[*i] < 1.0).collect();
     assert!(seen.len() >= 2_000, "{} points", seen.len());
     let errors: Vec<f64> = seen

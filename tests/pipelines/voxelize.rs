@@ -4,7 +4,7 @@
 use fathom::gpu::{Gpu, read_buffer};
 use fathom::pipelines::settings::{Deform, Method};
 use fathom::pipelines::voxelize::{Params, Voxelize};
-use fathom::pipelines::{AnyPipeline, Built, Pipeline};
+use fathom::pipelines::{Built, Drawing};
 use fathom::scene::{Scene, SceneFile};
 
 use super::gpu;
@@ -58,7 +58,7 @@ impl Fixture {
         let make = || Built::<Voxelize>::new(&self.gpu, &self.scene, &params);
         let pipeline = self.gpu.scoped(make).unwrap();
         let mut frame = pipeline.stages();
-        frame.extend(AnyPipeline::presenting(&pipeline));
+        frame.extend(pipeline.presenting());
         for _ in 0..2 {
             self.gpu.run(&frame).unwrap();
         }

@@ -66,7 +66,7 @@ impl PointQuery {
         scene.needs_objects(VolumeAo::NAME).map_err(GpuError::Unusable)?;
         let geometry = Geometry::new(resources, scene);
         let volumes = voxelize(resources, &geometry, scene, params, Update::Once)?.volumes;
-        let query = Query::new(resources, &volumes, points, &params.ao.marching(scene))?;
+        let query = Query::new(resources, &volumes, points, &params.marching(scene))?;
         Ok(Self(resources.push_once(query)))
     }
 }
