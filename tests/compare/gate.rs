@@ -12,9 +12,11 @@ use fathom::compare::launch::{
 };
 use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
 use fathom::compare::rounds::{self, Before, WorkerRole};
+use fathom::compare::store::StoredComparison;
 use fathom::compare::time;
 use fathom::gates::schedule::Schedule;
-use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Launch, Pair, Side};
+use fathom::record::Record;
+use fathom::record::comparison::{CellId, Compared, GateSettings, Side};
 use serde_json::{Map, json};
 
 use super::script::Script;
@@ -55,24 +57,18 @@ fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Compared> {
     lines
 }
 
-fn sorted(lines: Vec<Compared>) -> (Vec<Pair>, Vec<Fault>, Vec<Launch>) {
-    let (mut pairs, mut faults, mut launches) = (Vec::new(), Vec::new(), Vec::new());
-    for line in lines {
-        match line {
-            Compared::Pair(pair) => pairs.push(pair),
-            Compared::Fault(fault) => faults.push(fault),
-            Compared::Launch(launch) => launches.push(launch),
-            other => panic!("{other:?}"),
-        }
-    }
-    (pairs, faults, launches)
+fn sample(config: &str, stage: &str, frames: u32) -> WorkerRequest {
+    WorkerRequest::Sample { config: config.to_owned(), stage: stage.to_owned(), frames }
 }
 
 #[test]
 fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 2, 4);
-    let (pairs, faults, launches) = sorted(measure(&mut bench, &schedule));
+    let mut lines = vec![Compared::Header(Box::default())];
+    lines.extend(measure(&mut bench, &schedule));
+    let measured = StoredComparison::from_records(lines.into_iter().map(Record::from)).unwrap();
+    let StoredComparison { pairs, faults, launches, .. } = measured;
     assert_eq!(faults, []);
     assert_eq!(launches.len(), 2);
     assert_eq!(pairs.len(), 2 * 4 * 3, "two launches, four rounds, two cells and the control");
@@ -110,11 +106,6 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     assert_eq!(kinds[0], ("frame", Host));
     assert!(kinds.contains(&("caustics/trace", Compute)) && kinds.contains(&("compose", Render)));
 
-    let sample = |config: &str, stage: &str, frames| WorkerRequest::Sample {
-        config: config.to_owned(),
-        stage: stage.to_owned(),
-        frames,
-    };
     let Ok(Reply::Sample { ns, .. }) = ask(sample("plane", "caustics/splat", 3)) else {
         panic!("no sample")
     };
@@ -183,9 +174,8 @@ fn a_worker_that_hangs_costs_one_cell() {
     let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
     let control = Some(CellId::new("toy", "good"));
     let schedule = Schedule { control, ..schedule(&[("toy", "bad")], 3, 2) };
-    let (pairs, faults, launches) = sorted(measure(&mut bench, &schedule));
-    assert_eq!((pairs, launches), (Vec::new(), Vec::new()));
-    let [fault] = &faults[..] else { panic!("{faults:?}") };
+    let lines = measure(&mut bench, &schedule);
+    let [Compared::Fault(fault)] = &lines[..] else { panic!("{lines:?}") };
     assert_eq!(fault.cell, Some(CellId::new("toy", "bad")));
     assert_eq!(fault.side, Some(Side::Head));
     assert!(fault.reason.contains("no answer to `sample` within 1 s"), "{fault:?}");
@@ -210,8 +200,7 @@ fn a_hung_worker_is_killed_for_certain() {
     start.patience = HUNG;
     let mut worker = WorkerProcess::start(&start).unwrap();
     worker.greeted(&Waiting::PLAINLY).unwrap();
-    let request =
-        WorkerRequest::Sample { config: "toy".to_owned(), stage: "bad".to_owned(), frames: 1 };
+    let request = sample("toy", "bad", 1);
     let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
     assert!(matches!(fault, WorkerFault::Silent { seconds: 1, .. }), "{fault}");
     let pid = fs::read_to_string(pid).unwrap();

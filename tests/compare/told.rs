@@ -279,7 +279,6 @@ fn a_jobs_page_gets_the_markdown_of_a_fresh_comparison_only() {
 #[test]
 fn bad_input_is_one_clear_line_and_status_2() {
     for (options, reason) in [
-        ("", "nothing to compare with"),
         ("--base no-such-revision", "unknown revision `no-such-revision`"),
         ("--base-bin no/such/program", "no/such/program"),
         ("--base-bin x --gates exakt", "gates are exact, instructions, time"),

@@ -4,12 +4,9 @@ mod exports;
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::time::Duration;
+use std::process::Command;
 
-use crate::common::{
-    Ends, Place, SMALL, array, cells, fathom, holds, measured, names, records, signal,
-};
+use crate::common::{Ends, Place, SMALL, array, cells, fathom, holds, measured, names, records};
 use fathom::picture::RgbImage;
 use fathom::record::{NoteKind, Outcome, Record};
 use itertools::Itertools;
@@ -277,68 +274,4 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
         let name = format!("out/renders/vao-guard_scene=corner,ao.guard=variable{ending}.png");
         assert_eq!(picture(&place.path(name)).size(), [48, 48 + scale_px]);
     }
-}
-
-#[cfg(unix)]
-#[test]
-fn an_interrupted_run_ends_cleanly_and_resumes() {
-    let place = Place::new();
-    let out = &place.path("out");
-    let measure = |options: &str| {
-        let words = "run uw-waves --no-ceilings --precision 1e-9 --out out";
-        place.fathom(format!("{words} {SMALL} {options}"))
-    };
-    let mut endless = measure("--budget 600");
-    let mut child = endless.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-    // In the midst of its samples.
-    let begun = || {
-        let samples = out.join("samples.jsonl").metadata();
-        samples.is_ok_and(|samples| samples.len() > 0)
-    };
-    while !begun() {
-        assert_eq!(child.try_wait().unwrap(), None, "it ended before there were samples");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    signal("-INT", child.id());
-    assert_eq!(child.wait().unwrap().code(), Some(130));
-    assert!(matches!(records(out).last(), Some(Record::End(end)) if end.interrupted));
-    let first = cells(out);
-
-    measure("--budget 1 --resume").ends(0);
-    let all = cells(out);
-    assert!(all.iter().map(|cell| &cell.cell).all_unique(), "no cell is measured twice");
-    assert_eq!(all.len(), 8);
-    assert_eq!(all[..first.len()], first, "what was measured stays");
-}
-
-#[test]
-fn a_query_answers_at_points_in_their_order() {
-    let place = Place::new();
-    let query = |points: &str, options: &str| {
-        place.write("points.csv", points);
-        let words =
-            "query ao --scene ball --points points.csv --set voxel.resolution=48 --set ao.rays=32";
-        place.fathom(format!("{words} {options}"))
-    };
-    // On the floor far from the ball, beside its foot, and on its top.
-    let points = "note,x,y,z,nx,ny,nz\n\
-        far,-2.5,-4,-2.5,0,1,0\n\
-        foot,0.6,-4,0,0,3,0\n\
-        top,0,-2.4,0,0,1,0\n";
-    query(points, "-o out.csv").ends(0);
-    let written = place.read("out.csv");
-    let mut lines = written.lines();
-    assert_eq!(lines.next(), Some("x,y,z,nx,ny,nz,occlusion"));
-    let rows: Vec<Vec<f64>> =
-        lines.map(|line| line.split(',').map(|v| v.parse().unwrap()).collect()).collect();
-    assert_eq!(rows[1][..6], [0.6, -4.0, 0.0, 0.0, 3.0, 0.0]);
-    let occlusion: Vec<f64> = rows.iter().map(|row| row[6]).collect();
-    assert!(occlusion[0] < 0.02 && occlusion[2] < 0.02, "{occlusion:?}");
-    assert!(occlusion[1] > 0.2 && occlusion[1] < 0.9, "{occlusion:?}");
-    holds(&query(points, "").answer(), &["x,y,z,nx,ny,nz,occlusion\n"]);
-
-    let faulty = "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n0,-4,0,0,NaN,0\n";
-    query(faulty, "").refused("points.csv, line 3, column `ny`: `NaN` is not a number");
-    let short = "error: ao.r_max_m is 1.000e-3 m, less than a voxel";
-    query(points, "--set ao.r_max_m=0.001").refused(short);
 }

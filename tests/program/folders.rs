@@ -8,8 +8,8 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::common::{
-    Ends, Place, SMALL, Told, cells, holds, measured, names, own_experiment, repetitions, signal,
-    skipped_cell, write_records,
+    Ends, Place, SMALL, Told, cells, holds, measured, names, own_experiment, records, repetitions,
+    signal, skipped_cell, write_records,
 };
 use fathom::record::{self, Addition, Cell, FramePair, Record, Run, SCHEMA, SampleLine, StageTime};
 use rand::{RngExt, SeedableRng};
@@ -75,6 +75,9 @@ fn one_of_two(place: &Place, options: &str) -> String {
     signal("-INT", first.id());
     signal("-CONT", first.id());
     let told = Told::of(first.wait_with_output().unwrap(), 130);
+    assert!(
+        matches!(records(&place.path("out")).last(), Some(Record::End(end)) if end.interrupted)
+    );
     run(place, "--resume --budget 2").ends(0);
     told.err
 }
