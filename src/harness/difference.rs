@@ -4,22 +4,43 @@ use std::collections::HashMap;
 
 use thiserror::Error;
 
-use super::plan::PlannedReference;
-use super::readout::{self, ReadoutError};
 use super::subject::Subject;
-use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels};
+use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
 use fathom_pipelines::AnyPipeline;
+use fathom_stages::OutputData;
 
+/// Why nothing can be told of images that stages left behind.
 #[derive(Debug, Error)]
-pub enum DifferenceError {
+pub enum ReadoutError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Readout(#[from] ReadoutError),
+    #[error("no stage of {0} leaves a texture")]
+    NoTexture(String),
     #[error("the cell's image has {0} × {1} pixels, the reference's {2} × {3}")]
     Size(u32, u32, u32, u32),
     #[error("the reference is black")]
+    BlackReference,
+    #[error("the repetitions' images differ in size")]
+    Sizes,
+    #[error("the image is black")]
     Black,
+}
+
+/// Texels of the first texture that the first present of the named stages leaves.
+pub fn image(
+    gpu: &Gpu,
+    pipeline: &dyn AnyPipeline,
+    stages: &[String],
+) -> Result<Pixels, ReadoutError> {
+    let present = pipeline.stages();
+    let named = |name: &String| present.iter().find(|stage| stage.name() == name);
+    let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| stage.outputs());
+    let texture = outputs.find_map(|output| match output.data {
+        OutputData::Texture(texture) => Some(texture),
+        _ => None,
+    });
+    let texture = texture.ok_or_else(|| ReadoutError::NoTexture(stages.join(", ")))?;
+    Ok(read_texture(gpu, &texture)?)
 }
 
 /// Results of reference runs, each run once.
@@ -36,11 +57,10 @@ impl References {
         gpu: &Gpu,
         timer: &mut FrameTimer,
         cell: &dyn AnyPipeline,
-        reference: &PlannedReference,
-    ) -> Result<f64, DifferenceError> {
-        let stages = &reference.plan.stages;
-        let known = self.images(gpu, timer, &reference.subject, &[stages])?;
-        relative_rms(&readout::image(gpu, cell, stages, None)?, known[0])
+        (subject, stages): (&Subject, &[String]),
+    ) -> Result<f64, ReadoutError> {
+        let known = self.images(gpu, timer, subject, &[stages])?;
+        relative_rms(&image(gpu, cell, stages)?, known[0])
     }
 
     /// What the first present of each list's stages leaves, in a run of the subject that is made unless all of it is known.
@@ -50,7 +70,7 @@ impl References {
         timer: &mut FrameTimer,
         subject: &Subject,
         outputs: &[&[String]],
-    ) -> Result<Vec<&Pixels>, DifferenceError> {
+    ) -> Result<Vec<&Pixels>, ReadoutError> {
         let key =
             |stages: &[String]| format!("{stages:?} {} {}", subject.scene_name, subject.params);
         let keys: Vec<String> = outputs.iter().map(|stages| key(stages)).collect();
@@ -58,7 +78,7 @@ impl References {
             let pipeline = subject.build(gpu)?;
             timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
             for (key, stages) in keys.iter().zip(outputs) {
-                let image = readout::image(gpu, pipeline.as_ref(), stages, None)?;
+                let image = image(gpu, pipeline.as_ref(), stages)?;
                 self.images.insert(key.clone(), image);
             }
         }
@@ -66,16 +86,16 @@ impl References {
     }
 }
 
-fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, DifferenceError> {
+fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, ReadoutError> {
     if (image.width, image.height) != (reference.width, reference.height) {
         let Pixels { width, height, .. } = *reference;
-        return Err(DifferenceError::Size(image.width, image.height, width, height));
+        return Err(ReadoutError::Size(image.width, image.height, width, height));
     }
     let square = |x: f64| x * x;
     let pairs = image.data.iter().zip(&reference.data);
     let error: f64 = pairs.map(|(a, b)| square(f64::from(*a) - f64::from(*b))).sum();
     let power: f64 = reference.data.iter().map(|b| square(f64::from(*b))).sum();
-    if power > 0.0 { Ok((error / power).sqrt()) } else { Err(DifferenceError::Black) }
+    if power > 0.0 { Ok((error / power).sqrt()) } else { Err(ReadoutError::BlackReference) }
 }
 
 #[cfg(test)]
@@ -100,11 +120,11 @@ mod tests {
     fn images_of_other_sizes_and_black_references_are_refused() {
         assert!(matches!(
             relative_rms(&image(&[1.0]), &image(&[1.0, 2.0])),
-            Err(DifferenceError::Size(1, 1, 2, 1))
+            Err(ReadoutError::Size(1, 1, 2, 1))
         ));
         assert!(matches!(
             relative_rms(&image(&[1.0]), &image(&[0.0])),
-            Err(DifferenceError::Black)
+            Err(ReadoutError::BlackReference)
         ));
     }
 }

@@ -151,8 +151,8 @@ impl Journal {
     }
 
     /// A cell has its record. One that failed will be measured anew, from nothing.
-    pub fn close(&mut self, cell: &CellName, outcome: &Outcome) -> Result<(), RecordError> {
-        if matches!(outcome, Outcome::Failed { .. }) && self.open.contains(&cell.id) {
+    pub fn close(&mut self, cell: &CellName, failed: bool) -> Result<(), RecordError> {
+        if failed && self.open.contains(&cell.id) {
             self.unwritten.push(self.line(cell, ended()));
             self.write()?;
         }
@@ -193,27 +193,16 @@ fn ended() -> Addition {
     Addition { afresh: true, ..Addition::default() }
 }
 
-/// Cells of a folder that have samples and no record, each with its pairs of frames, for those who only read.
-pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<(CellName, usize)>, RecordError> {
+/// Pairs of frames of each cell of a folder that has samples and no record, for those who only read.
+pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<usize>, RecordError> {
     if !folder::is_there(path) {
         return Ok(Vec::new());
     }
-    let lines = read_lines::<SampleLine>(path)?.records;
-    let name = |line: &SampleLine| {
-        let name = CellName {
-            id: line.id.clone(),
-            experiment: line.experiment.clone(),
-            cell: line.cell.clone(),
-        };
-        (line.id.clone(), name)
-    };
-    let mut names: BTreeMap<String, CellName> = lines.iter().map(name).collect();
-    let mut cells = by_cell(lines);
+    let mut cells = by_cell(read_lines(path)?.records);
     for id in recorded(records) {
         cells.remove(&id);
     }
-    let named = |(id, earlier): (String, Earlier)| Some((names.remove(&id)?, earlier.pairs()));
-    Ok(cells.into_iter().filter_map(named).collect())
+    Ok(cells.values().map(Earlier::pairs).collect())
 }
 
 /// Ids of the cells that were measured.
@@ -269,8 +258,6 @@ mod tests {
         assert_eq!(notices, Vec::<String>::new());
         journal
     }
-
-    const FAILED: fn() -> Outcome = || Outcome::Failed { reason: "hot".to_owned() };
 
     #[test]
     fn what_was_kept_is_handed_out_once_after_the_process_is_gone() {
@@ -333,14 +320,14 @@ mod tests {
         for id in ["a", "b", "c"] {
             first.keep(&cell(id), pair(1.0)).unwrap();
         }
-        first.close(&cell("a"), &FAILED()).unwrap();
+        first.close(&cell("a"), true).unwrap();
         first.end().unwrap();
         let mut second = journal(&folder);
         assert_eq!(second.take_earlier(&cell("a")), [], "a failed cell begins anew");
         second.settle(["b".to_owned()]);
         assert_eq!(second.take_earlier(&cell("b")), []);
         second.keep(&cell("c"), pair(2.0)).unwrap();
-        second.close(&cell("c"), &FAILED()).unwrap();
+        second.close(&cell("c"), true).unwrap();
         second.end().unwrap();
         assert!(!path.exists());
     }

@@ -16,7 +16,7 @@ use super::subject::{Subject, SubjectError, Subjects};
 use super::views::OtherViews;
 use fathom_base::private;
 use fathom_base::text::{did_you_mean, nearest};
-use fathom_experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
+use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_gpu::Capacity;
 use fathom_record as record;
 use fathom_record::{Outcome, Part, Profile, resume_key};
@@ -65,9 +65,7 @@ impl Request {
             |name: &str| has(experiment, name) || !all.iter().any(|other| has(other, name));
         self.axes.iter().filter(|(name, _)| concerns(name)).cloned().collect()
     }
-}
 
-impl Request {
     /// Keeps the cells that were asked for by name. A name that no experiment has is an error.
     fn choose(&self, expanded: &mut [Vec<CellPlan>]) -> Result<(), PlanError> {
         if self.cells.is_empty() {
@@ -98,16 +96,11 @@ pub struct PlannedCell {
     pub subject: Subject,
     /// Beyond what the adapter can take, with the numbers.
     pub skip: Option<String>,
-    pub reference: Option<PlannedReference>,
+    /// What its result is held against; see [`CellPlan::reference`].
+    pub reference: Option<Subject>,
     /// The same seen from elsewhere, where the experiment asks for views.
     pub views: Option<OtherViews>,
     pub repetitions: Option<PlannedRepetitions>,
-}
-
-/// What a cell's result is held against.
-pub struct PlannedReference {
-    pub plan: ReferencePlan,
-    pub subject: Subject,
 }
 
 impl PlannedCell {
@@ -189,18 +182,13 @@ fn planned_cell(
     let mut subject =
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
-    let reference = match plan.reference.clone() {
-        Some(plan) => Some(PlannedReference { subject: subject(&plan.overrides)?, plan }),
-        None => None,
-    };
+    let reference = plan.reference.as_ref().map(|run| subject(&run.overrides)).transpose()?;
     let views = turns_deg.and_then(|turns_deg| OtherViews::of(&of_cell, turns_deg));
-    let repetitions = match &plan.repetitions {
-        Some(runs) => Some(PlannedRepetitions {
-            repeated: runs.repeated.iter().map(|run| subject(run)).collect::<Result<_, _>>()?,
-            limit: subject(&runs.limit)?,
-        }),
-        None => None,
-    };
+    let mut repetitions = None;
+    if let Some(runs) = &plan.repetitions {
+        let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_, _>>()?;
+        repetitions = Some(PlannedRepetitions { repeated, limit: subject(&runs.limit)? });
+    }
     let skip = of_cell.beyond(capacity).map_err(error)?;
     Ok(PlannedCell { subject: of_cell, skip, reference, views, repetitions, plan })
 }

@@ -10,7 +10,7 @@ use std::rc::Rc;
 use super::caustics_image::{Compared, IMAGE_ERROR};
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
-use super::{ErrorPicture, Judge, JudgeError, Judged, Pipeline};
+use super::{Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::{Bounds, Scene};
 use fathom_stages::frame::{Frame, Shared, View};
@@ -126,10 +126,6 @@ impl Pipeline for PhotonTracing {
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
         let found = self.found_caustics(judge.gpu)?;
         Compared::new(judge, &self.view, &found)
-    }
-
-    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
-        self.caustics(judge)?.error_picture()
     }
 }
 

@@ -25,7 +25,7 @@ use fathom_stages::planar::points::Points;
 use fathom_stages::scene;
 use fathom_stages::screen_ray::Transfers;
 
-pub use parameters::{Params, Show};
+pub use parameters::Params;
 
 /// Photons counted in an illumination map of a pool's floor and walls.
 pub struct Planar {
@@ -65,7 +65,7 @@ impl Pipeline for Planar {
         let pool = params.pool(&scene.water);
         let photon_w = view.weighted_flux_w() / f64::from(params.photons());
         let points = of_map.push(Points::new(of_map, shared, &transfers, &pool, photon_w)?);
-        let (exposure, shown) = (params.compose.exposure, params.compose.shown());
+        let (exposure, shown) = (params.compose.exposure, params.compose.show);
         let lit = (&points.map, &pool);
         let compose = Compose::new(of_view, shared, &gbuffer.textures, lit, exposure, shown)?;
         let compose = of_view.push(compose);

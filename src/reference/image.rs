@@ -1,10 +1,11 @@
 //! A grey image in f64, row 0 on top.
 
 use itertools::iproduct;
+use serde::{Deserialize, Serialize};
 
 use super::ReferenceError;
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Image {
     width: u32,
     height: u32,
@@ -56,6 +57,11 @@ impl Image {
 
     pub fn contains(&self, x: i64, y: i64) -> bool {
         (0..i64::from(self.width)).contains(&x) && (0..i64::from(self.height)).contains(&y)
+    }
+
+    /// Value at a pixel.
+    pub fn at(&self, (x, y): (u32, u32)) -> f64 {
+        self.clamped(x.into(), y.into())
     }
 
     /// Value at a pixel; coordinates beyond the border are clamped to it.

@@ -8,7 +8,7 @@ mod scaling;
 
 use itertools::Itertools;
 
-use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written, facts, page};
+use super::{Exporter, OfRun, ReportView, RunExporter, Written, facts, page};
 use fathom_base::text;
 
 pub const EXPORTER: RunExporter = Exporter {
@@ -23,19 +23,19 @@ pub const EXPORTER: RunExporter = Exporter {
 #[cfg(test)]
 const MOST_LINES: usize = 200;
 
-fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
+fn export(view: &ReportView<'_>) -> String {
     let mut text = String::new();
     head::write(view, &mut text);
     claims::write(view, &mut text);
     frames::write(view, &mut text);
     scaling::write(view, &mut text);
-    Ok(text)
+    text
 }
 
 /// What a run says in a few lines, for the terminal: the tally of verdicts and the slowest stages.
 pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
-    let tally = facts::tally(view);
-    let claims = (tally.all() > 0).then(|| format!("claims: {}", head::tally(&tally)));
+    let has_claims = view.sections.iter().any(|section| !section.rulings().is_empty());
+    let claims = has_claims.then(|| format!("claims: {}", head::tally(view)));
     let slowest = facts::slowest_stages(view, head::SLOWEST);
     let slowest = (!slowest.is_empty())
         .then(|| format!("slowest stages: {}", slowest.iter().map(head::slow).join("; ")));

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use fathom::compare::bench::Processes;
 use fathom::compare::launch::{
-    Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
+    Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
 };
 use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
 use fathom::compare::rounds::{self, Before, WorkerRole};
@@ -79,7 +79,7 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     }
     let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
     assert_eq!(judged.cells.len(), 2);
-    assert!(judged.cells.iter().all(|cell| cell.launches == 2 && cell.change.is_finite()));
+    assert!(judged.cells.iter().all(|cell| cell.launches.len() == 2 && cell.change.is_finite()));
     assert!(judged.controls.len() == 1);
 }
 
@@ -154,7 +154,7 @@ fn toy() -> GateConfiguration {
 }
 
 /// The patience with a worker that answers no sample at all. It need not be long.
-const HUNG: Patience = Patience { slow: Duration::from_secs(180), sample: Duration::from_secs(1) };
+const HUNG: Duration = Duration::from_secs(1);
 
 /// A worker that hangs for ever where its folder stays, and ends soon after it is gone.
 fn hangs(folder: &Path) -> String {
@@ -170,7 +170,7 @@ fn a_worker_that_hangs_costs_one_cell() {
     let hangs = hangs(folder.path());
     let hanging = Script { instead: &[("\"bad\"", &hangs)], ..Script::default() };
     let mut head = scripted(folder.path(), "head", &hanging);
-    head.patience = HUNG;
+    head.sample_patience = HUNG;
     let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
     let control = Some(CellId::new("toy", "good"));
     let schedule = Schedule { control, ..schedule(&[("toy", "bad")], 3, 2) };
@@ -197,7 +197,7 @@ fn a_hung_worker_is_killed_for_certain() {
             ..Script::default()
         },
     );
-    start.patience = HUNG;
+    start.sample_patience = HUNG;
     let mut worker = WorkerProcess::start(&start).unwrap();
     worker.greeted(&Waiting::PLAINLY).unwrap();
     let request = sample("toy", "bad", 1);

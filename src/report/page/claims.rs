@@ -3,10 +3,10 @@
 use indexmap::IndexMap;
 use maud::{Markup, html};
 
-use super::svg::{Axis, tenth};
-use super::{Page, PageSection};
+use super::table::{numbers, table, words};
+use super::{Page, PageSection, Tone};
+use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{three, trim_zeros};
-use crate::plots::scale::ScaleKind;
 use fathom_experiments::schema::Claim;
 use fathom_experiments::{RuledFigure, Ruling, Verdict};
 use fathom_record::Interval;
@@ -62,32 +62,21 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             ". "
             a href="#experiments" { "Experiments" } " has the plots."
         }
-        @if !open.is_empty() { (table(page, &open, "Claims that are not supported")) }
+        @if !open.is_empty() { (table_of(page, &open, "Claims that are not supported")) }
         @if !supported.is_empty() {
             details.supported {
                 summary { (supported.len()) " supported claims" }
-                (table(page, &supported, "Supported claims"))
+                (table_of(page, &supported, "Supported claims"))
             }
         }
     })
 }
 
-fn table(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Markup {
-    html! {
-        div.scroll tabindex="0" role="region" aria-label=(about) {
-            table.claims {
-                thead { tr {
-                    th scope="col" { "Verdict" }
-                    th scope="col" { "Claim" }
-                    th.number scope="col" { "Measured (interval)" }
-                    th scope="col" { "Against its band" }
-                    th.number scope="col" { "Band" }
-                    th.number scope="col" { "Published" }
-                } }
-                tbody { @for row in rows { (row_markup(page, row)) } }
-            }
-        }
-    }
+fn table_of(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Markup {
+    let heads = html! {
+        (words(&["Verdict", "Claim"])) (numbers(&["Measured (interval)"])) (words(&["Against its band"])) (numbers(&["Band", "Published"]))
+    };
+    table(about, "claims", &heads, &html! { @for row in rows { (row_markup(page, row)) } })
 }
 
 /// Claims in the order of their experiments, each once.
@@ -142,13 +131,13 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
 
 /// A verdict, told by a word, a mark and a colour.
 pub fn chip(verdict: Verdict) -> Markup {
-    let (class, mark) = match verdict {
-        Verdict::Contradicted => ("bad", "✕"),
-        Verdict::Inconclusive => ("open", "?"),
-        Verdict::NotRun => ("none", "–"),
-        Verdict::Supported => ("good", "✓"),
+    let tone = match verdict {
+        Verdict::Contradicted => Tone::Bad,
+        Verdict::Inconclusive => Tone::Open,
+        Verdict::NotRun => Tone::Neutral,
+        Verdict::Supported => Tone::Good,
     };
-    html! { span.chip.(class) { span aria-hidden="true" { (mark) " " } (verdict.to_string()) } }
+    tone.chip(&verdict.to_string())
 }
 
 /// `1.38 (1.30 – 1.46)`
@@ -187,9 +176,7 @@ fn axis(row: &Row<'_>) -> Option<Axis> {
 }
 
 fn picture(axis: &Axis, deciding: &RuledFigure, published: Option<f64>) -> Markup {
-    let [low, high] = [deciding.band.low, deciding.band.high].map(|end| axis.px_within(end));
-    let start = if deciding.band.low.is_finite() { low } else { MARGIN_PX };
-    let end = if deciding.band.high.is_finite() { high } else { WIDTH_PX - MARGIN_PX };
+    let [start, end] = [deciding.band.low, deciding.band.high].map(|end| axis.px_within(end));
     let middle = HEIGHT_PX / 2.0;
     let at = axis.px_within(deciding.value);
     let interval =

@@ -2,8 +2,10 @@
 
 use maud::{Markup, html};
 
-use super::svg::{self, Axis};
+use super::table::{table, words};
 use super::{Page, PageSection, Tone};
+use crate::axis::{Axis, tenth};
+use crate::svg;
 use fathom_record::Estimate;
 
 pub const SECTION: PageSection = PageSection { id: "history", title: "History", write };
@@ -106,18 +108,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 }
 
 fn changes(name: &str, rows: &[&ChangeRow]) -> Markup {
-    html! {
-        div.scroll tabindex="0" role="region" aria-label=(name) {
-            table.sortable.changes {
-                thead { tr {
-                    @for column in ["Figure", "Change", "Between the commits", "Days", "Runs", "Where"] {
-                        th scope="col" { (column) }
-                    }
-                } }
-                tbody { @for row in rows { (row_markup(row)) } }
-            }
-        }
-    }
+    let heads = words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
+    table(name, "sortable changes", &heads, &html! { @for row in rows { (row_markup(row)) } })
 }
 
 fn row_markup(row: &ChangeRow) -> Markup {
@@ -162,7 +154,7 @@ fn drawing(one: &HistoryChart) -> Option<Markup> {
     let values = one.points.iter().flat_map(|point| point.value.ends());
     let y = Axis::tight(values, [BOTTOM_PX, TOP_PX])?;
     let last = one.points.len().saturating_sub(1).max(1) as f64;
-    let x = |at: f64| svg::tenth(LEFT_PX + 6.0 + at / last * (RIGHT_PX - LEFT_PX - 12.0));
+    let x = |at: f64| tenth(LEFT_PX + 6.0 + at / last * (RIGHT_PX - LEFT_PX - 12.0));
     Some(html! {
         (svg::y_axis(&y, [LEFT_PX, RIGHT_PX], ""))
         (ends(one))
