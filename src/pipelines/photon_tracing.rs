@@ -3,15 +3,13 @@
 mod measure;
 mod parameters;
 
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::rc::Rc;
 
-use super::caustics_image::Compared;
+use super::Pipeline;
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
-use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
-use fathom_gpu::{Gpu, GpuError};
+use fathom_gpu::GpuError;
 use fathom_scene::{Bounds, Scene};
 use fathom_stages::frame::{Frame, Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
@@ -108,25 +106,6 @@ impl Pipeline for PhotonTracing {
     }
 }
 
-impl Drawing for PhotonTracing {
-    fn image(&self) -> &wgpu::Texture {
-        &self.image
-    }
-
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        self.measured_quantities(gpu)
-    }
-
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        self.landing_errors(judge.gpu, judge.scene)
-    }
-
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
-        let found = self.found_caustics(judge.gpu)?;
-        Compared::new(judge, &self.view, &found).map(Some)
-    }
-}
-
 /// Lines of sight meet nothing nearer to the water's surface than this.
 const START_M: f64 = 1e-3;
 
@@ -160,7 +139,7 @@ fn shafts(
 
 /// Flux of a photon of weight 1.
 fn photon_w(params: &Params, view: &View) -> f64 {
-    view.weighted_flux_w() / f64::from(params.photons())
+    view.weighted_flux_w() / f64::from(params.transfer.photons())
 }
 
 fn sprite(params: &Params, view: &View) -> Sprite {

@@ -193,16 +193,6 @@ settings! {
 }
 
 impl Animation {
-    /// What moves the geometry; none where it rests.
-    pub fn motion(&self) -> Option<Motion> {
-        match self.deform {
-            Deform::None => None,
-            Deform::Spin => Some(Motion::Spin),
-            Deform::Twist => Some(Motion::Twist),
-            Deform::Wave => Some(Motion::Wave),
-        }
-    }
-
     /// Cycles since time 0.
     pub fn cycles(&self) -> f64 {
         self.rate_hz * self.time_s
@@ -236,11 +226,14 @@ pub fn deform(
     scene: &Scene,
     animation: &Animation,
 ) -> Result<Option<deform::Deform>, GpuError> {
+    let motion = match animation.deform {
+        Deform::None => return Ok(None),
+        Deform::Spin => Motion::Spin,
+        Deform::Twist => Motion::Twist,
+        Deform::Wave => Motion::Wave,
+    };
     let amount = (animation.cycles(), animation.amplitude);
-    animation
-        .motion()
-        .map(|motion| deform::Deform::new(resources, geometry, scene, motion, amount))
-        .transpose()
+    deform::Deform::new(resources, geometry, scene, motion, amount).map(Some)
 }
 
 /// What a pipeline shows its stages where none of them looks photons up in the light's depth.

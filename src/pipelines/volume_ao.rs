@@ -3,16 +3,14 @@
 mod measure;
 mod parameters;
 
-use std::collections::BTreeMap;
-
 use glam::DMat4;
 
+use super::Pipeline;
 use super::lighting::{Composed, Seen};
 use super::occlusion::{self, OcclusionBuffers};
 use super::settings::{self, Update};
-use super::voxelization::{self, Voxelization};
-use super::{Drawing, Pipeline};
-use fathom_gpu::{Gpu, GpuError};
+use super::voxelization;
+use fathom_gpu::GpuError;
 use fathom_scene::Scene;
 use fathom_stages::ao;
 use fathom_stages::geometry::Geometry;
@@ -28,21 +26,11 @@ pub struct VolumeAo {
     marching: Marching,
     seen: Seen,
     view_projection: DMat4,
-    volumes: Vec<Voxels>,
+    /// What is marched through.
+    pub volumes: Vec<Voxels>,
     composed: Composed,
-    buffers: OcclusionBuffers,
-}
-
-impl VolumeAo {
-    /// The volumes that are marched through.
-    pub fn volumes(&self) -> &[Voxels] {
-        &self.volumes
-    }
-
     /// What the frame left of occlusion and of what the camera sees.
-    pub fn buffers(&self) -> &OcclusionBuffers {
-        &self.buffers
-    }
+    pub buffers: OcclusionBuffers,
 }
 
 impl Pipeline for VolumeAo {
@@ -56,8 +44,7 @@ impl Pipeline for VolumeAo {
         let view_projection = view.camera.view_projection(view.aspect());
         let shared = Seen::frame(resources, &view);
         let geometry = Geometry::new(resources, scene);
-        let Voxelization { volumes } =
-            voxelize(resources, &geometry, scene, params, params.voxel.update)?;
+        let volumes = voxelize(resources, &geometry, scene, params, params.voxel.update)?;
         let seen = Seen::draw(resources, (view, shared), &geometry, &params.shadow)?;
         let marching = params.marching(scene);
         let textures = &seen.gbuffer.textures;
@@ -93,24 +80,6 @@ impl Pipeline for VolumeAo {
     }
 }
 
-impl Drawing for VolumeAo {
-    fn image(&self) -> &wgpu::Texture {
-        self.composed.compose.texture()
-    }
-
-    fn shows_visibility(&self) -> bool {
-        self.composed.compose.shows_occlusion()
-    }
-
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        self.measured_quantities(gpu)
-    }
-
-    fn occlusion(&self) -> Option<&OcclusionBuffers> {
-        Some(&self.buffers)
-    }
-}
-
 /// The volumes of a scene, once rays through them are known to make sense.
 fn voxelize(
     resources: &Resources<'_>,
@@ -118,9 +87,9 @@ fn voxelize(
     scene: &Scene,
     params: &Params,
     update: Update,
-) -> Result<Voxelization, GpuError> {
+) -> Result<Vec<Voxels>, GpuError> {
     let grids = params.voxel.grids(scene, &params.camera, &params.animation)?;
     params.fits(scene, &grids)?;
     let volumes = voxelization::Volumes { grids, update, pyramid: params.ao.skipping };
-    Voxelization::new(resources, geometry, scene, &params.voxel, &params.animation, volumes)
+    voxelization::voxelize(resources, geometry, scene, &params.voxel, &params.animation, volumes)
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::settings::{self, Animation, Update, VIEWPORT, Voxel};
-use super::voxelization::{self, Voxelization};
+use super::voxelization;
 use super::{Drawing, Parameters, Pipeline};
 use fathom_base::parameter::ParamError;
 use fathom_gpu::{Gpu, GpuError, Stage, read_buffer, texture_bytes};
@@ -49,15 +49,8 @@ impl Parameters for Params {
 
 /// The volumes that a frame fills, and what draws them.
 pub struct Voxelize {
-    volumes: Vec<Voxels>,
+    pub volumes: Vec<Voxels>,
     view: CubeView,
-}
-
-impl Voxelize {
-    /// The volumes that a frame fills.
-    pub fn volumes(&self) -> &[Voxels] {
-        &self.volumes
-    }
 }
 
 impl Pipeline for Voxelize {
@@ -75,8 +68,8 @@ impl Pipeline for Voxelize {
             pyramid: params.pyramid,
         };
         let (voxel, animation) = (&params.voxel, &params.animation);
-        let Voxelization { volumes } =
-            Voxelization::new(resources, &geometry, scene, voxel, animation, volumes)?;
+        let volumes =
+            voxelization::voxelize(resources, &geometry, scene, voxel, animation, volumes)?;
         let picture = &resources.for_pictures().sized_by(VIEWPORT);
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = Shared::new(picture, &view);
@@ -96,7 +89,7 @@ impl Drawing for Voxelize {
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let mut occupied = 0.0;
-        for voxels in self.volumes() {
+        for voxels in &self.volumes {
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &voxels.bits)?);
             occupied += words.iter().map(|w| f64::from(w.count_ones())).sum::<f64>();
         }

@@ -27,7 +27,7 @@ fn draw(gpu: &Gpu, scene: &str, set: &str) -> Drawn {
 
 impl Drawn {
     fn visibility(&self, gpu: &Gpu) -> Pixels {
-        read_texture(gpu, &self.pipeline.buffers().raw.1).unwrap()
+        read_texture(gpu, &self.pipeline.buffers.raw.1).unwrap()
     }
 
     fn figures(&self, gpu: &Gpu) -> BTreeMap<String, f64> {
@@ -96,7 +96,7 @@ fn volumes_of_objects_multiply_and_glass_lets_light_through() {
     let crates = "voxel.method=slicemap ao.threshold=0.55 ao.offset_voxels=0.25 \
         ao.hit=between ao.r_max_m=0.5 objects=4";
     let each = draw_small(&gpu, "crates", &format!("voxel.per_object=true {crates}"));
-    assert_eq!(each.pipeline.volumes().len(), 4);
+    assert_eq!(each.pipeline.volumes.len(), 4);
     let all = draw_small(&gpu, "crates", crates);
     let [each, all] = [&each, &all].map(|d| 1.0 - mean(&d.visibility(&gpu)));
     assert!(each > 0.0 && all > 0.0 && (each / all - 1.0).abs() < 1.0, "{each} {all}");
@@ -124,7 +124,7 @@ fn geometry_moves_and_its_volume_with_it() {
 /// RMS and mean of A less that of 256 rays cast from the same pixels.
 fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
     let image = drawn.visibility(gpu);
-    let gbuffer = &drawn.pipeline.buffers().gbuffer;
+    let gbuffer = &drawn.pipeline.buffers.gbuffer;
     let [depth, normal] = [&gbuffer.depth, &gbuffer.normal].map(|t| read_texture(gpu, t).unwrap());
     let rays = PixelRays::new(&drawn.params.camera, image.width, image.height);
     let tracer = Tracer::new(&drawn.scene.objects).unwrap();

@@ -70,7 +70,7 @@ impl Fixture {
     }
 
     fn bits(&self, pipeline: &Voxelize, volume: usize) -> Vec<u8> {
-        read_buffer(&self.gpu, &pipeline.volumes()[volume].bits).unwrap()
+        read_buffer(&self.gpu, &pipeline.volumes[volume].bits).unwrap()
     }
 }
 
@@ -123,7 +123,7 @@ fn each_object_fills_its_own_volume() {
             params.voxel.method = method;
             params.voxel.per_object = true;
         });
-        assert_eq!(apart.volumes().len(), 3);
+        assert_eq!(apart.volumes.len(), 3);
         let mut alone = Fixture::new();
         alone.scene.objects.drain(..2);
         let pipeline = alone.frames(|params| params.voxel.method = method);
