@@ -27,11 +27,7 @@ pub enum ReadoutError {
 }
 
 /// Texels of the first texture that the first present of the named stages leaves.
-pub fn image(
-    gpu: &Gpu,
-    pipeline: &AnyPipeline,
-    stages: &[String],
-) -> Result<Pixels, ReadoutError> {
+pub fn image(gpu: &Gpu, pipeline: &AnyPipeline, stages: &[String]) -> Result<Pixels, ReadoutError> {
     let present = pipeline.stages();
     let named = |name: &String| present.iter().find(|stage| stage.name() == name);
     let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| stage.outputs());
