@@ -80,9 +80,9 @@ fn twin(rig: &Rig<'_>) -> Checks {
         let exact = off(&method);
         let farther = HorizonSplit { r_max_m: method.r_max_m * 1.02, ..method };
         Ok(Check::of(rig, format!("{name}: 95th percentile of |GPU − f64 twin|"))
-            .within((TWIN_P95, "1"), p95(exact.clone()))
-            .control("r_max 2 % greater", p95(off(&farther)))
-            .with("other_seed", p95(off(&HorizonSplit { seed: 0, ..method })))
+            .within((TWIN_P95, "1"), percentile::<95>(exact.clone()))
+            .control("r_max 2 % greater", percentile::<95>(off(&farther)))
+            .with("other_seed", percentile::<95>(off(&HorizonSplit { seed: 0, ..method })))
             .with("median", median(exact.clone()))
             .with("largest", largest(exact))
             .with("mean_occlusion", found.mean()))

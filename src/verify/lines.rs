@@ -160,12 +160,11 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
         });
         Ok(largest(errors.into_iter().collect::<Result<Vec<_>>>()?))
     };
-    Ok(Check::of(
-        rig,
-        "energy of lines of 1.5 to 12 px in buffers of 192 to 768 px: largest relative error",
-    )
-    .within((0.02, "1"), worst(true)?)
-    .control("the paper's rule", worst(false)?))
+    let what =
+        "energy of lines of 1.5 to 12 px in buffers of 192 to 768 px: largest relative error";
+    Ok(Check::of(rig, what)
+        .within((0.02, "1"), worst(true)?)
+        .control("the paper's rule", worst(false)?))
 }
 
 struct LineErrors {

@@ -323,17 +323,16 @@ fn looked_up(rig: &Rig<'_>) -> Checks {
     for side in SIDES {
         found.see(rig, &noise, side)?;
     }
-    let error = |moved: f64| p95(found.lit.iter().map(|lit| lit.off(&noise, moved)));
+    let error = |moved: f64| percentile::<95>(found.lit.iter().map(|lit| lit.off(&noise, moved)));
     let lacking =
         |sides: &[f64]| largest(Face::ALL.map(|face| ENOUGH_PX - found.pixels(face, sides)));
+    let added =
+        "95th percentile of the relative error of the light that the map adds, pixel by pixel";
     // Steps of an 8-bit display.
     Ok(vec![
-        Check::of(
-            rig,
-            "95th percentile of the relative error of the light that the map adds, pixel by pixel",
-        )
-        .within((0.05, "1"), error(0.0))
-        .control("looked up a fifth of a texel further", error(0.2)),
+        Check::of(rig, added)
+            .within((0.05, "1"), error(0.0))
+            .control("looked up a fifth of a texel further", error(0.2)),
         Check::of(rig, "pixels that the face which is seen least lacks")
             .within((0.0, "px"), lacking(&SIDES))
             .control("seen from one side", lacking(&SIDES[..1])),

@@ -90,7 +90,7 @@ fn single_lines(rig: &Rig<'_>) -> Checks {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let lines = drawn(rig, &view, 3, 1.0)?;
     let error = |gamma_per_m: f64| {
-        p90(lines.iter().flat_map(|(line, lit)| {
+        percentile::<90>(lines.iter().flat_map(|(line, lit)| {
             lit.iter().map(move |(at, value)| relative_error(*value, line.at(*at, gamma_per_m)))
         }))
     };
