@@ -89,14 +89,14 @@ fn ball(rig: &Rig<'_>) -> Checks {
     }
     let eye = setup.camera.position();
     let distance = |solid: Solid| {
-        percentile(judged.iter().map(|h| {
+        percentile::<95>(judged.iter().map(|h| {
             let met = eye + h.direction * seen.distance_m.data()[h.pixel];
             solid.distance(met).abs() / VOXEL_M
         }))
     };
     let normal =
         |solid: Solid| {
-            percentile(judged.iter().map(|h| {
+            percentile::<95>(judged.iter().map(|h| {
                 seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()
             }))
         };
@@ -116,12 +116,6 @@ impl ScalarPicture {
         let axis = |i: usize| self.normal.as_ref().map_or(0.0, |n| n[i].data()[pixel]);
         DVec3::new(axis(0), axis(1), axis(2))
     }
-}
-
-fn percentile(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values[(values.len() - 1) * 95 / 100]
 }
 
 /// Pixels of a ball over a slab, some of all, each with A as the stage finds it.
@@ -152,13 +146,11 @@ fn rejection(rig: &Rig<'_>) -> Checks {
                     (a - twin.hemispherical(&field, h.position, h.normal, 256)).abs()
                 }))
             };
-        Ok(Check::of(
-            rig,
-            format!("rejection, strata of {step}: mean error of A against f64 marching"),
-        )
-        .within((0.02, "1"), error(true))
-        .control("no sample rejected", error(false))
-        .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a))))
+        let what = format!("rejection, strata of {step}: mean error of A against f64 marching");
+        Ok(Check::of(rig, what)
+            .within((0.02, "1"), error(true))
+            .control("no sample rejected", error(false))
+            .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a))))
     };
     // R_MAX_M is 16 voxels.
     [(32, "half a voxel"), (8, "two voxels")].into_iter().map(check).collect()
