@@ -41,8 +41,7 @@ fn look_at(rig: &Rig<'_>) -> Checks {
             .within((1e-5, "rad"), off(0.5))
             .control("middle taken at 0.55 of the frustum", off(0.55))
     };
-    let kinds = [(LightKind::Directional, "directional"), (LightKind::Point, "point")];
-    Ok(kinds.map(check).into())
+    Ok(rig::LIGHTS.map(check).into())
 }
 
 fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {

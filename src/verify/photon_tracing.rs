@@ -308,7 +308,7 @@ fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
 /// Layers from lists against peeled ones.
 fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let setup = Setup::new(rig, name, LAYERS)?;
-    let rig::Stand { shared, geometry, .. } = &setup.stand;
+    let Stand { shared, geometry, .. } = &setup.stand;
     let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?.data;
     let unlike = |room: u32| -> Result<f64> {
         let lists = Lists::new(rig, shared, (geometry, Part::Solid), SIZE, room)?;
