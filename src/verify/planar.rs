@@ -39,8 +39,10 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
+type Make = fn() -> Result<Scene>;
+
 /// What a pool is lit by, and where it is.
-const SETTINGS: [(&str, fn() -> Result<Scene>); 4] = [
+const SETTINGS: [(&str, Make); 4] = [
     ("sun", sunny),
     // From the other side, through a surface that reflects.
     ("low sun, Fresnel", || {
