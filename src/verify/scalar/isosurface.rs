@@ -1,8 +1,7 @@
 //! `scalar/isosurface` on a ball and a slab whose boundaries are known.
 
-use super::{ScalarPicture, Setup, VOXEL_M, cubes, looking, settings};
-use crate::prelude::*;
-use fathom_pipelines::scalar_ao::{Gather, Mode, Scalar, Stop};
+use super::*;
+use fathom_pipelines::scalar_ao::{Gather, Stop};
 use fathom_reference::isosurface::{Solid, first, occlusion};
 use fathom_reference::media::{Law, Marching};
 use fathom_reference::occlusion::Attenuation;

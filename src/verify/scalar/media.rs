@@ -1,10 +1,6 @@
 //! `scalar/direct` and `scalar/positional` against closed forms and f64 marching.
 
-use super::{
-    ScalarPicture, Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings,
-};
-use crate::prelude::*;
-use fathom_pipelines::scalar_ao::{Law, Mode, Scalar};
+use super::*;
 use fathom_reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
 
 const DIRECT: &str = "scalar/direct";
