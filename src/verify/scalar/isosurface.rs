@@ -88,14 +88,14 @@ fn ball(rig: &Rig<'_>) -> Checks {
     }
     let eye = setup.camera.position();
     let distance = |solid: Solid| {
-        percentile::<95>(judged.iter().map(|h| {
+        p95(judged.iter().map(|h| {
             let met = eye + h.direction * seen.distance_m.data()[h.pixel];
             solid.distance(met).abs() / VOXEL_M
         }))
     };
     let normal =
         |solid: Solid| {
-            percentile::<95>(judged.iter().map(|h| {
+            p95(judged.iter().map(|h| {
                 seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()
             }))
         };
@@ -115,6 +115,13 @@ impl ScalarPicture {
         let axis = |i: usize| self.normal.as_ref().map_or(0.0, |n| n[i].data()[pixel]);
         DVec3::new(axis(0), axis(1), axis(2))
     }
+}
+
+/// 95th percentile; between two of the errors the lesser.
+fn p95(errors: impl Iterator<Item = f64>) -> f64 {
+    let mut errors: Vec<f64> = errors.collect();
+    errors.sort_by(f64::total_cmp);
+    errors[(errors.len() - 1) * 95 / 100]
 }
 
 /// Pixels of a ball over a slab, some of all, each with A as the stage finds it.
