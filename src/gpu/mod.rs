@@ -22,7 +22,7 @@ pub use ceilings::{CopyCheck, ceilings, compare_copies, limits, measure};
 pub use error::GpuError;
 pub use fathom_clock::{
     Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, Fault, FrameSample,
-    FrameTimer, HostClock, HostTime, MachineReader, StageCounters, StageSample, StageScope,
+    FrameTimer, HostClock, HostTime, MachineReader, StageCounters, StageScope,
     SubmitCost, Targets, audit, audit_all, audit_cpu_time, audit_table, count,
 };
 pub use layout::{BoundStruct, Member, StructLayout};

@@ -104,7 +104,7 @@ fn what_was_timed_by_another_clock_does_not_count() {
     let mock = resumed(&other).run(&SHORT);
     for cell in 0..3 {
         let samples = mock.samples(cell);
-        assert_eq!(samples.stages[1].clock, Clock::FencedHost);
+        assert_eq!(samples.stages()[1].clock, Clock::FencedHost);
         assert_eq!(samples.earlier_pairs, 0);
         let new: Vec<Addition> = by_cell(&mock.kept).remove(&cell).unwrap();
         assert!(new[0].afresh, "the next run must not go back to them");
@@ -112,10 +112,10 @@ fn what_was_timed_by_another_clock_does_not_count() {
         // Of both runs' lines, as they stand in the file.
         let all: Vec<Addition> =
             by_cell(&other).remove(&cell).unwrap().into_iter().chain(new).collect();
-        assert_eq!(Samples::of(&all).untimed_ns, samples.untimed_ns);
+        assert_eq!(Samples::of(&all).taken, samples.taken);
     }
     // Should the line that says so be lost, clocks are still not mixed.
     let (old, new) = (whole.kept[0].1.clone(), other[0].1.clone());
     let mixed = Samples::of(&[old, new.clone()]);
-    assert_eq!(mixed.untimed_ns, Samples::of(&[new]).untimed_ns);
+    assert_eq!(mixed.taken, Samples::of(&[new]).taken);
 }
