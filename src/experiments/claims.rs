@@ -44,7 +44,7 @@ pub fn least_samples() -> usize {
     statistics::least_samples(ALPHA)
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Display)]
 #[strum(serialize_all = "lowercase")]
 pub enum Verdict {
     Contradicted,
