@@ -471,7 +471,7 @@ fn is_zero<N: Default + PartialEq>(count: &N) -> bool {
 }
 
 /// How a run ended.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct End {
     /// Wall time after set-up (device, audit, pipeline and asset preparation), seconds.
     pub measuring_wall_s: f64,
