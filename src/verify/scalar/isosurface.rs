@@ -93,12 +93,11 @@ fn ball(rig: &Rig<'_>) -> Checks {
             solid.distance(met).abs() / VOXEL_M
         }))
     };
-    let normal =
-        |solid: Solid| {
-            p95(judged.iter().map(|h| {
-                seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()
-            }))
-        };
+    let normal = |solid: Solid| {
+        p95(judged
+            .iter()
+            .map(|h| seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()))
+    };
     Ok(vec![
         Check::of(rig, "distance of hits from the boundary, 95th percentile")
             .within((0.1, "voxel"), distance(BALL))
