@@ -139,7 +139,7 @@ impl Output {
 }
 
 struct Built {
-    pipeline: Box<dyn AnyPipeline>,
+    pipeline: Box<AnyPipeline>,
     counters: Vec<StageCounters>,
     /// Once they have been asked for.
     found: Option<Findings>,
@@ -215,7 +215,7 @@ impl<'a> CellExecutor<'a> {
 
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
-    fn find(&mut self, cell: usize, pipeline: &dyn AnyPipeline) -> Findings {
+    fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> Findings {
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
@@ -256,7 +256,7 @@ impl<'a> CellExecutor<'a> {
     fn views(
         &mut self,
         cell: usize,
-        pipeline: &dyn AnyPipeline,
+        pipeline: &AnyPipeline,
         findings: &mut Findings,
     ) -> Option<Result<RgbImage, PictureError>> {
         let name = &self.experiment.views.as_ref()?.quantity;
@@ -273,7 +273,7 @@ impl<'a> CellExecutor<'a> {
     }
 
     /// Differences from the cell's reference run, and between its repetitions.
-    fn compared(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
+    fn compared(&mut self, cell: usize, pipeline: &AnyPipeline, findings: &mut Findings) {
         let Session { gpu, timer, references, .. } = &mut *self.session;
         let PlannedCell { plan, reference, repetitions, .. } = &self.cells[cell];
         if let (Some(asked), Some(subject)) = (&plan.reference, reference) {
@@ -298,7 +298,7 @@ impl<'a> CellExecutor<'a> {
     fn pictures(
         &mut self,
         cell: usize,
-        pipeline: &dyn AnyPipeline,
+        pipeline: &AnyPipeline,
         views: Option<Result<RgbImage, PictureError>>,
         findings: &mut Findings,
     ) {
