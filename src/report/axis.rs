@@ -1,4 +1,8 @@
-//! Linear and logarithmic axes along pixels of a chart, with ticks at round numbers.
+//! Linear and logarithmic axes with ticks at round numbers, of the plots and of the page.
+
+use std::ops::{Deref, Range};
+
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
 use crate::format;
 
@@ -16,62 +20,76 @@ impl ScaleKind {
             ScaleKind::Log => "logarithmic",
         }
     }
+
+    /// The same where there is little room.
+    pub fn short(self) -> &'static str {
+        match self {
+            ScaleKind::Linear => "linear",
+            ScaleKind::Log => "log",
+        }
+    }
 }
 
 /// Least height of a scale that does not begin at 0, as a share of its values.
 const LEAST_SPREAD: f64 = 0.05;
 
-/// An axis that lies along pixels of a chart. Data are mapped to its own coordinate: the value, or its decimal logarithm.
+/// Data are mapped to an axis' own coordinate: the value, or its decimal logarithm.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
+pub struct Scale {
     pub kind: ScaleKind,
-    low: f64,
-    high: f64,
+    pub low: f64,
+    pub high: f64,
     ticks: Vec<f64>,
-    /// The pixels of the low and the high end.
-    pub ends_px: [f64; 2],
 }
 
-impl Axis {
-    /// An axis that holds all values with room around them; none where no value can be shown.
-    pub fn fit(
-        kind: ScaleKind,
-        values: impl IntoIterator<Item = f64>,
-        ends_px: [f64; 2],
-    ) -> Option<Axis> {
+/// Coordinates of a plot's axis on pixels.
+impl Ranged for Scale {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, coordinate: &f64, limit: (i32, i32)) -> i32 {
+        let along = (self.share(*coordinate) * f64::from(limit.1 - limit.0)).round() as i32;
+        // What lies far off the axis is off the picture, too.
+        limit.0.saturating_add(along)
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        self.ticks.clone()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.low..self.high
+    }
+}
+
+impl ValueFormatter<f64> for Scale {
+    fn format(coordinate: &f64) -> String {
+        format::si(*coordinate)
+    }
+}
+
+impl Scale {
+    /// A scale that holds all values with room around them; none where no value can be shown.
+    pub fn fit(kind: ScaleKind, values: impl IntoIterator<Item = f64>) -> Option<Scale> {
         let shown = |value: &f64| value.is_finite() && (kind == ScaleKind::Linear || *value > 0.0);
         let [low, high] = ends(values.into_iter().filter(shown))?;
         Some(match kind {
             // Quantities of one sign are seen against zero.
-            ScaleKind::Linear => Axis::linear(low.min(0.0), high, ends_px),
-            ScaleKind::Log => Axis::log(low, high, ends_px),
+            ScaleKind::Linear => Scale::linear(low.min(0.0), high),
+            ScaleKind::Log => Scale::log(low, high),
         })
     }
 
-    /// A linear axis about the values, of at least [`LEAST_SPREAD`] of them, so that the eye does not take noise for steps; none
+    /// A linear scale about the values, of at least [`LEAST_SPREAD`] of them, so that the eye does not take noise for steps; none
     /// where no value is finite.
-    pub fn tight(values: impl IntoIterator<Item = f64>, ends_px: [f64; 2]) -> Option<Axis> {
+    fn tight(values: impl IntoIterator<Item = f64>) -> Option<Scale> {
         let [low, high] = ends(values.into_iter().filter(|value| value.is_finite()))?;
         let least = LEAST_SPREAD * low.abs().max(high.abs());
         let missing = (least - (high - low)).max(0.0) / 2.0;
-        Some(Axis::linear(low - missing, high + missing, ends_px))
+        Some(Scale::linear(low - missing, high + missing))
     }
 
-    /// From one value to the other, without room around them.
-    pub fn spanning(kind: ScaleKind, values: [f64; 2], ends_px: [f64; 2]) -> Option<Axis> {
-        let mut axis = Axis::fit(kind, values, ends_px)?;
-        let [low, high] = values;
-        (axis.low, axis.high) = (axis.at(low)?, axis.at(high)?);
-        Some(axis)
-    }
-
-    /// A linear axis of bars, which begin at 0.
-    pub fn of_bars(values: impl IntoIterator<Item = f64>, ends_px: [f64; 2]) -> Option<Axis> {
-        let axis = Axis::fit(ScaleKind::Linear, values, ends_px)?;
-        Some(Axis { low: axis.low.max(0.0), ..axis })
-    }
-
-    fn linear(low: f64, high: f64, ends_px: [f64; 2]) -> Axis {
+    fn linear(low: f64, high: f64) -> Scale {
         let high = if high > low { high } else { low + 1.0 };
         let step = nice((high - low) / 5.0);
         let first = (low / step).floor() as i64;
@@ -79,11 +97,10 @@ impl Axis {
         let margin = 0.03 * (high - low);
         let ticks = (first..=last).map(|index| index as f64 * step);
         let ticks = ticks.filter(|tick| (low - margin..=high + margin).contains(tick)).collect();
-        let (low, high) = (low - margin, high + margin);
-        Axis { kind: ScaleKind::Linear, low, high, ticks, ends_px }
+        Scale { kind: ScaleKind::Linear, low: low - margin, high: high + margin, ticks }
     }
 
-    fn log(low: f64, high: f64, ends_px: [f64; 2]) -> Axis {
+    fn log(low: f64, high: f64) -> Scale {
         let (low, high) = (low.log10(), high.log10());
         let margin = (0.05 * (high - low)).max(0.06);
         let (low, high) = (low - margin, high + margin);
@@ -98,12 +115,7 @@ impl Axis {
             [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]];
         let ticks = choices.into_iter().map(within).find(|ticks| ticks.len() >= 3);
         let ticks = ticks.unwrap_or_else(|| within(choices[3]));
-        Axis { kind: ScaleKind::Log, low, high, ticks, ends_px }
-    }
-
-    /// The same axis along other pixels.
-    pub fn along(&self, ends_px: [f64; 2]) -> Axis {
-        Axis { ends_px, ..self.clone() }
+        Scale { kind: ScaleKind::Log, low, high, ticks }
     }
 
     /// The coordinate of a value; none for what a logarithm cannot show.
@@ -115,6 +127,63 @@ impl Axis {
         coordinate.is_finite().then_some(coordinate)
     }
 
+    /// How far along the axis a coordinate lies, 0 … 1.
+    fn share(&self, coordinate: f64) -> f64 {
+        (coordinate - self.low) / (self.high - self.low)
+    }
+
+    pub fn tick_label(&self, coordinate: f64) -> String {
+        let value = match self.kind {
+            ScaleKind::Linear if coordinate.abs() < 1e-12 => 0.0,
+            ScaleKind::Linear => coordinate,
+            ScaleKind::Log => 10_f64.powf(coordinate),
+        };
+        if (1e3..1e4).contains(&value.abs().round()) {
+            return format!("{value:.0}");
+        }
+        format::si(value)
+    }
+}
+
+/// A scale that lies along pixels of a chart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    scale: Scale,
+    /// The pixels of the low and the high end.
+    pub ends_px: [f64; 2],
+}
+
+impl Deref for Axis {
+    type Target = Scale;
+
+    fn deref(&self) -> &Scale {
+        &self.scale
+    }
+}
+
+impl Axis {
+    /// See [`Scale::fit`].
+    pub fn fit(
+        kind: ScaleKind,
+        values: impl IntoIterator<Item = f64>,
+        ends_px: [f64; 2],
+    ) -> Option<Axis> {
+        Some(Axis { scale: Scale::fit(kind, values)?, ends_px })
+    }
+
+    /// See [`Scale::tight`].
+    pub fn tight(values: impl IntoIterator<Item = f64>, ends_px: [f64; 2]) -> Option<Axis> {
+        Some(Axis { scale: Scale::tight(values)?, ends_px })
+    }
+
+    /// From one value to the other, without room around them.
+    pub fn spanning(kind: ScaleKind, values: [f64; 2], ends_px: [f64; 2]) -> Option<Axis> {
+        let mut scale = Scale::fit(kind, values)?;
+        let [low, high] = values;
+        (scale.low, scale.high) = (scale.at(low)?, scale.at(high)?);
+        Some(Axis { scale, ends_px })
+    }
+
     /// The pixel of a value; none for what a logarithm cannot show.
     pub fn px(&self, value: f64) -> Option<f64> {
         Some(self.px_at(self.at(value)?))
@@ -122,9 +191,8 @@ impl Axis {
 
     /// The pixel of a coordinate: of a value, or of its decimal logarithm.
     pub fn px_at(&self, coordinate: f64) -> f64 {
-        let share = (coordinate - self.low) / (self.high - self.low);
         let [low, high] = self.ends_px;
-        tenth(low + share * (high - low))
+        tenth(low + self.share(coordinate) * (high - low))
     }
 
     /// The coordinates of its ends.
@@ -144,19 +212,8 @@ impl Axis {
 
     /// Pixels and labels.
     pub fn ticks(&self) -> Vec<(f64, String)> {
-        self.ticks.iter().map(|tick| (self.px_at(*tick), self.tick_label(*tick))).collect()
-    }
-
-    fn tick_label(&self, coordinate: f64) -> String {
-        let value = match self.kind {
-            ScaleKind::Linear if coordinate.abs() < 1e-12 => 0.0,
-            ScaleKind::Linear => coordinate,
-            ScaleKind::Log => 10_f64.powf(coordinate),
-        };
-        if (1e3..1e4).contains(&value.abs().round()) {
-            return format!("{value:.0}");
-        }
-        format::si(value)
+        let ticks = self.scale.ticks.iter();
+        ticks.map(|tick| (self.px_at(*tick), self.tick_label(*tick))).collect()
     }
 }
 

@@ -1,5 +1,7 @@
-//! Series over a number, as page and plots both draw them: points with their intervals, the lines through them, and fitted power
-//! laws.
+//! Series over a number, as page and plots both show them: points with their intervals and fitted power laws. Here is also how the
+//! page draws them.
+
+use std::ops::Deref;
 
 use itertools::Itertools;
 use maud::{Markup, html};
@@ -11,13 +13,8 @@ use fathom_experiments::{Measure, Scaling, scaling};
 use fathom_record::{Cell, Estimate};
 
 /// A measure of cells that differ along an axis.
-pub struct Series<'a> {
+pub struct Figures<'a> {
     pub y: &'a Measure,
-    /// What tells it from the others of its chart.
-    pub name: String,
-    /// Of CSS.
-    pub color: String,
-    pub shape: Shape,
     /// By x, in the units shown.
     pub points: Vec<Point<'a>>,
     /// Whether its points have an order, so that a line may join them.
@@ -26,6 +23,24 @@ pub struct Series<'a> {
     pub fit: Option<Result<Scaling, String>>,
     /// Of x and y, from the record to what is shown.
     factors: [f64; 2],
+}
+
+/// Figures as the page draws them.
+pub struct Series<'a> {
+    pub figures: Figures<'a>,
+    /// What tells it from the others of its chart.
+    pub name: String,
+    /// Of CSS.
+    pub color: String,
+    pub shape: Shape,
+}
+
+impl<'a> Deref for Series<'a> {
+    type Target = Figures<'a>;
+
+    fn deref(&self) -> &Figures<'a> {
+        &self.figures
+    }
 }
 
 /// A cell, in the units shown.
@@ -51,13 +66,7 @@ pub struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    pub fn read(
-        &self,
-        cells: &[&'a Cell],
-        name: String,
-        color: String,
-        shape: Shape,
-    ) -> Series<'a> {
+    pub fn read(&self, cells: &[&'a Cell]) -> Figures<'a> {
         let Source { x, y, factors, joined, fitted } = *self;
         let point = |cell: &&'a Cell| {
             let measured = cell.measured()?;
@@ -73,11 +82,11 @@ impl<'a> Source<'a> {
         let points = cells.iter().filter_map(point);
         let points = points.sorted_by(|a, b| a.x.total_cmp(&b.x)).collect();
         let fit = (joined && fitted).then(|| scaling(y, x, cells, FIXED_SHARE));
-        Series { y, name, color, shape, points, joined, fit, factors }
+        Figures { y, points, joined, fit, factors }
     }
 }
 
-impl<'a> Series<'a> {
+impl Figures<'_> {
     pub fn fitted(&self) -> Option<&Scaling> {
         self.fit.as_ref()?.as_ref().ok()
     }
@@ -90,6 +99,16 @@ impl<'a> Series<'a> {
         })
     }
 
+    /// Ends of a fitted line, in the units shown.
+    pub fn ends_of(&self, fit: &Scaling) -> [[f64; 2]; 2] {
+        [fit.range.0, fit.range.1].map(|x| {
+            let y = (fit.slope.intercept + fit.slope.slope * x.ln()).exp();
+            [x * self.factors[0], y * self.factors[1]]
+        })
+    }
+}
+
+impl Series<'_> {
     /// The height of its last point.
     pub fn end_px(&self, y: &Axis) -> f64 {
         y.px_within(self.points.last().map_or(f64::NAN, |point| point.y.median))
@@ -113,13 +132,6 @@ impl<'a> Series<'a> {
                 polyline.series.fit points=(fitted) style={ "stroke:" (self.color) } {}
             }
         }
-    }
-
-    fn ends_of(&self, fit: &Scaling) -> [[f64; 2]; 2] {
-        [fit.range.0, fit.range.1].map(|x| {
-            let y = (fit.slope.intercept + fit.slope.slope * x.ln()).exp();
-            [x * self.factors[0], y * self.factors[1]]
-        })
     }
 
     /// A mark and the interval of each point that the axes can show.

@@ -5,14 +5,13 @@ use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 
 use indexmap::IndexMap;
 use itertools::Itertools;
 use serde_json::Value;
 
 use super::colors::StageColors;
-use super::plots::{Figure, PlotInput};
+use super::plots::Figure;
 use fathom_base::folder::Folder;
 use fathom_experiments as experiments;
 use fathom_experiments::{CellPlan, Experiment, Ruling, label_text};
@@ -24,7 +23,7 @@ pub struct ReportView<'a> {
     pub ends: Vec<&'a End>,
     pub sections: Vec<Section<'a>>,
     /// Of every stage that was measured, but not of the CPU's part of a frame.
-    pub colors: Rc<StageColors>,
+    pub colors: StageColors,
     /// Where the run's pictures lie.
     pub folder: Option<PathBuf>,
     /// What of the input it does not hold.
@@ -86,8 +85,6 @@ pub struct Section<'a> {
     pub pictures: Vec<(&'a Cell, &'a Picture)>,
     /// How many parameters the plan sets in each of its cells.
     settings: HashMap<String, usize>,
-    /// Of the view.
-    colors: Rc<StageColors>,
     rulings: OnceCell<Vec<Ruling>>,
     figure: OnceCell<Figure>,
 }
@@ -125,8 +122,7 @@ impl<'a> ReportView<'a> {
         }
         let stages = view.measured().flat_map(|(_, measured)| &measured.stages);
         let stages = stages.filter(|stage| stage.clock != Clock::Host);
-        view.colors = Rc::new(StageColors::new(stages.map(|stage| stage.stage.as_str())));
-        view.sections.iter_mut().for_each(|section| section.colors = view.colors.clone());
+        view.colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
         view
     }
 
@@ -260,13 +256,9 @@ impl<'a> Section<'a> {
 
     pub(super) fn figure(&self) -> &Figure {
         self.figure.get_or_init(|| match &self.experiment {
-            Some(experiment) => Figure::new(&PlotInput {
-                experiment,
-                cells: self.cells(),
-                rulings: self.rulings(),
-                software: self.software(),
-                colors: &self.colors,
-            }),
+            Some(experiment) => {
+                Figure::new(experiment, self.cells(), self.rulings(), self.software())
+            }
             None => Figure::default(),
         })
     }

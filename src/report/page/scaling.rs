@@ -224,19 +224,19 @@ fn series<'a>(
 ) -> Option<Series<'a>> {
     let factors = [spec.x, y].map(|measure| measure.label().unit.factor());
     let source = Source { x: spec.x, y, factors, joined, fitted: spec.kind == ScaleKind::Log };
-    let mut series = source.read(cells, name, paint(page, y).css(), Shape::of(run));
-    let [first, .., last] = series.points.as_slice() else { return None };
+    let mut figures = source.read(cells);
+    let [first, .., last] = figures.points.as_slice() else { return None };
     if first.x >= last.x {
         return None;
     }
     // Of many points some, spread over all.
-    let step = series.points.len().div_ceil(MOST_POINTS);
-    series.points = series.points.into_iter().step_by(step).collect();
+    let step = figures.points.len().div_ceil(MOST_POINTS);
+    figures.points = figures.points.into_iter().step_by(step).collect();
     let label = page.naming(run, "\n");
-    for point in &mut series.points {
-        point.tip = Some(tip(&label, &series.name, y, point));
+    for point in &mut figures.points {
+        point.tip = Some(tip(&label, &name, y, point));
     }
-    Some(series)
+    Some(Series { figures, name, color: paint(page, y).css(), shape: Shape::of(run) })
 }
 
 fn tip(run: &str, name: &str, y: &Measure, point: &Point<'_>) -> String {
@@ -343,7 +343,7 @@ fn drawing(page: &Page<'_>, spec: &Spec<'_>, series: &[Series<'_>]) -> Option<Ma
     let right_px = SIZE_PX[0] - widest.min(LABELS_PX);
     let points = series.iter().flat_map(|one| &one.points);
     let x = Axis::fit(spec.kind, points.map(|point| point.x), [LEFT_PX, right_px])?;
-    let y = Axis::fit(spec.kind, series.iter().flat_map(Series::ends), [BOTTOM_PX, TOP_PX])?;
+    let y = Axis::fit(spec.kind, series.iter().flat_map(|one| one.ends()), [BOTTOM_PX, TOP_PX])?;
     let axes = [&x, &y];
     Some(html! {
         (svg::x_axis(&x, [TOP_PX, BOTTOM_PX], ""))
