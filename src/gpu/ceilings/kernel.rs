@@ -1,7 +1,6 @@
 //! What kernels share: the trait, resources, and which one belongs to a limit.
 
-use crate::StageScope;
-use crate::{Gpu, GpuError, Stage, StageInfo};
+use crate::{Gpu, GpuError, StageScope, TimedStage};
 use fathom_record::PassKind;
 use fathom_record::ceilings::{Limit, TexelFormat};
 
@@ -45,9 +44,9 @@ pub(super) struct Turns<'a> {
     pub turns: u32,
 }
 
-impl Stage for Turns<'_> {
-    fn info(&self) -> &'static StageInfo {
-        const { &StageInfo::unlisted("ceiling") }
+impl TimedStage for Turns<'_> {
+    fn name(&self) -> &'static str {
+        "ceiling"
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
