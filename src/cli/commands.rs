@@ -10,6 +10,7 @@ use crate::folder::{self, Folder};
 use crate::gpu::{self, Gpu};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, Figure, FigureError, Rendered};
+use crate::harness::outcome::Counts;
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
@@ -69,10 +70,11 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     print_summary(&summary);
     in_short.iter().for_each(tell::done);
     print_pages(&files);
-    let nothing = summary.measured + summary.failed + summary.kept == 0;
+    let Counts { measured, failed, .. } = summary.counts;
+    let nothing = measured + failed + summary.kept == 0;
     Ok(match &summary.skip_reason {
         _ if summary.end.interrupted => ExitCode::from(INTERRUPTED),
-        _ if summary.failed > 0 => ExitCode::from(SOMETHING_FAILED),
+        _ if failed > 0 => ExitCode::from(SOMETHING_FAILED),
         Some(reason) if nothing => super::fail(&format!("every cell was skipped; {reason}")),
         _ => ExitCode::SUCCESS,
     })
@@ -114,7 +116,7 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
 }
 
 fn print_summary(summary: &Summary) {
-    let Summary { measured, skipped, failed, kept, end, .. } = summary;
+    let Summary { counts: Counts { measured, skipped, failed }, kept, end, .. } = summary;
     tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
@@ -486,7 +488,7 @@ fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     reading.damaged.notices(&output.records()).into_iter().for_each(tell::note);
     let unfinished = journal::unfinished(&output.samples(), &reading.records)?;
     if !unfinished.is_empty() {
-        let pairs: usize = unfinished.iter().map(|(_, pairs)| pairs).sum();
+        let pairs: usize = unfinished.iter().sum();
         let (cells, folder) = (unfinished.len(), output.folder.display());
         let notice = format!(
             "{folder}: {cells} cells with {pairs} pairs of frames have no record yet; `fathom run --resume --out {folder}` goes on"

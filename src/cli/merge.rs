@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use super::commands::{Outcome, SOMETHING_FAILED};
-use crate::harness::merge::{self, Counts, Merged, OfAdapter, Staging};
+use crate::harness::merge::{self, Merged, OfAdapter, Staging};
+use crate::harness::outcome::Counts;
 use crate::record::{Damaged, Reading};
 use crate::{exporters, tell, text};
 

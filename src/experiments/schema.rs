@@ -259,8 +259,8 @@ impl Published {
     }
 
     /// Frame times in milliseconds, from the shortest to the longest that the figure allows for.
-    pub fn span_ms(&self) -> (f64, f64) {
-        (1e3 / self.fps_high.unwrap_or(self.fps), 1e3 / self.fps)
+    pub fn span_ms(&self) -> [f64; 2] {
+        [self.fps_high.unwrap_or(self.fps), self.fps].map(|fps| 1e3 / fps)
     }
 }
 

@@ -21,17 +21,14 @@ pub fn of_run(
     header: &Run,
     before: &[Record],
 ) -> Result<Vec<Ceiling>, GpuError> {
-    let alike = |run: &&Run| {
+    let alike = |run: &Run| {
         let conditions = (&run.adapter, &run.conditions, &run.clocks, run.shader_checks);
         let here = (&header.adapter, &header.conditions, &header.clocks, header.shader_checks);
         conditions == here && !run.ceilings.is_empty()
     };
-    let runs = before.iter().rev().filter_map(|record| match record {
-        Record::Run(run) => Some(run.as_ref()),
-        _ => None,
-    });
-    match runs.filter(alike).map(|run| run.ceilings.clone()).next() {
-        Some(ceilings) => Ok(ceilings),
+    let mut runs = before.iter().rev().filter_map(Record::try_as_run_ref);
+    match runs.find(|run| alike(run)) {
+        Some(run) => Ok(run.ceilings.clone()),
         None => gpu::ceilings(gpu, plan),
     }
 }

@@ -2,25 +2,11 @@
 
 use std::collections::HashMap;
 
-use thiserror::Error;
-
 use super::plan::PlannedReference;
 use super::readout::{self, ReadoutError};
 use super::subject::Subject;
 use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels};
 use fathom_pipelines::AnyPipeline;
-
-#[derive(Debug, Error)]
-pub enum DifferenceError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Readout(#[from] ReadoutError),
-    #[error("the cell's image has {0} × {1} pixels, the reference's {2} × {3}")]
-    Size(u32, u32, u32, u32),
-    #[error("the reference is black")]
-    Black,
-}
 
 /// Results of reference runs, each run once.
 #[derive(Default)]
@@ -37,7 +23,7 @@ impl References {
         timer: &mut FrameTimer,
         cell: &dyn AnyPipeline,
         reference: &PlannedReference,
-    ) -> Result<f64, DifferenceError> {
+    ) -> Result<f64, ReadoutError> {
         let stages = &reference.plan.stages;
         let known = self.images(gpu, timer, &reference.subject, &[stages])?;
         relative_rms(&readout::image(gpu, cell, stages, None)?, known[0])
@@ -50,7 +36,7 @@ impl References {
         timer: &mut FrameTimer,
         subject: &Subject,
         outputs: &[&[String]],
-    ) -> Result<Vec<&Pixels>, DifferenceError> {
+    ) -> Result<Vec<&Pixels>, ReadoutError> {
         let key =
             |stages: &[String]| format!("{stages:?} {} {}", subject.scene_name, subject.params);
         let keys: Vec<String> = outputs.iter().map(|stages| key(stages)).collect();
@@ -66,16 +52,16 @@ impl References {
     }
 }
 
-fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, DifferenceError> {
+fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, ReadoutError> {
     if (image.width, image.height) != (reference.width, reference.height) {
         let Pixels { width, height, .. } = *reference;
-        return Err(DifferenceError::Size(image.width, image.height, width, height));
+        return Err(ReadoutError::Size(image.width, image.height, width, height));
     }
     let square = |x: f64| x * x;
     let pairs = image.data.iter().zip(&reference.data);
     let error: f64 = pairs.map(|(a, b)| square(f64::from(*a) - f64::from(*b))).sum();
     let power: f64 = reference.data.iter().map(|b| square(f64::from(*b))).sum();
-    if power > 0.0 { Ok((error / power).sqrt()) } else { Err(DifferenceError::Black) }
+    if power > 0.0 { Ok((error / power).sqrt()) } else { Err(ReadoutError::BlackReference) }
 }
 
 #[cfg(test)]
@@ -100,11 +86,11 @@ mod tests {
     fn images_of_other_sizes_and_black_references_are_refused() {
         assert!(matches!(
             relative_rms(&image(&[1.0]), &image(&[1.0, 2.0])),
-            Err(DifferenceError::Size(1, 1, 2, 1))
+            Err(ReadoutError::Size(1, 1, 2, 1))
         ));
         assert!(matches!(
             relative_rms(&image(&[1.0]), &image(&[0.0])),
-            Err(DifferenceError::Black)
+            Err(ReadoutError::BlackReference)
         ));
     }
 }

@@ -9,7 +9,7 @@ use fathom_picture::RgbImage;
 
 use super::difference::References;
 use super::journal::{CellName, Journal};
-use super::outcome::{Facts, Findings, measured};
+use super::outcome::{Findings, measured};
 use super::picture::PictureError;
 use super::plan::PlannedCell;
 use super::progress::Progress;
@@ -246,7 +246,7 @@ impl<'a> CellExecutor<'a> {
     }
 
     /// The record of a cell from what was sampled of it up to now. None where its pipeline is gone.
-    fn record(&mut self, cell: usize, samples: Samples) -> Option<Cell> {
+    fn record(&mut self, cell: usize, samples: &Samples) -> Option<Cell> {
         let mut built = self.built[cell].take()?;
         let found = match built.found.take() {
             Some(found) => found,
@@ -254,8 +254,8 @@ impl<'a> CellExecutor<'a> {
         };
         built.found = Some(found.clone());
         let pipeline = built.pipeline.as_ref();
-        let facts = Facts { pipeline, counters: &built.counters, found, precision: self.precision };
-        let outcome = Outcome::Measured(Box::new(measured(samples, facts)));
+        let measured = measured(samples, pipeline, &built.counters, found, self.precision);
+        let outcome = Outcome::Measured(Box::new(measured));
         self.built[cell] = Some(built);
         Some(self.cells[cell].record(outcome))
     }
@@ -340,11 +340,9 @@ impl<'a> CellExecutor<'a> {
     }
 
     /// The record of a cell that is finished, with its stages' shares of their ceilings.
-    fn sampled(&mut self, cell: usize, samples: Samples) -> Option<Cell> {
+    fn sampled(&mut self, cell: usize, samples: &Samples) -> Option<Cell> {
         let mut record = self.record(cell, samples)?;
-        let Outcome::Measured(measured) = &mut record.outcome else {
-            return Some(record);
-        };
+        let measured = record.measured_mut()?;
         let Session { gpu, plan, ceilings, .. } = &mut *self.session;
         let again = |limit| gpu::measure(gpu, *plan, limit);
         if let Err(reason) = super::ceilings::add_shares(measured, ceilings, again) {
@@ -428,7 +426,7 @@ impl Executor for CellExecutor<'_> {
         // What is found out about a cell may take long.
         self.output.journal.write()?;
         let record = match result {
-            CellResult::Sampled(samples) => self.sampled(cell, samples),
+            CellResult::Sampled(samples) => self.sampled(cell, &samples),
             CellResult::Failed(reason) => Some(self.failed(cell, reason)),
         };
         let record = record.unwrap_or_else(|| self.failed(cell, "its pipeline is gone".to_owned()));
@@ -458,9 +456,8 @@ impl Executor for CellExecutor<'_> {
         if self.experiment.claim.is_empty() {
             return BTreeSet::new();
         }
-        let live = cells
-            .iter()
-            .filter_map(|(cell, samples)| Some((*cell, self.record(*cell, (*samples).clone())?)));
+        let live =
+            cells.iter().filter_map(|(cell, samples)| Some((*cell, self.record(*cell, samples)?)));
         let live: Vec<(usize, Cell)> = live.collect();
         let all: Vec<&Cell> =
             self.finished.iter().chain(live.iter().map(|(_, cell)| cell)).collect();

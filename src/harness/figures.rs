@@ -1,16 +1,15 @@
 //! Published figures as data: `benches/figures/*.toml`. Each lists the panels that are rendered for it, which [`sheet`](super::sheet)
 //! puts together with their captions.
 
+use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use fathom_picture::RgbImage;
 use serde::Deserialize;
 use serde_json::{Map, Value};
-use thiserror::Error;
 
-use super::picture::PictureError;
 use super::render::{self, Bare};
-use super::subject::{Subject, SubjectError, Subjects};
+use super::subject::{Subject, Subjects};
 use fathom_base::text::{check_id, did_you_mean, nearest};
 use fathom_embedded::Folders;
 use fathom_experiments::flatten;
@@ -23,16 +22,14 @@ pub const ALL: &str = "all";
 /// Samples of a pixel where a panel and the command line say nothing.
 const SAMPLES: u32 = 4;
 
-#[derive(Debug, Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum FigureError {
     #[error("unknown figure `{name}`{}; `fathom list figures` lists all", did_you_mean(.nearest))]
     Unknown { name: String, nearest: Option<String> },
     #[error("figure `{name}`: {message}")]
     Invalid { name: String, message: String },
     #[error("figure `{figure}`, panel `{panel}`: {source}")]
-    Subject { figure: String, panel: String, source: Box<SubjectError> },
-    #[error("figure `{figure}`, panel `{panel}`: {source}")]
-    Picture { figure: String, panel: String, source: Box<PictureError> },
+    Panel { figure: String, panel: String, source: Box<dyn Error + Send + Sync> },
     #[error("cannot write to {}: {source}", path.display())]
     Folder { path: PathBuf, source: std::io::Error },
 }
@@ -154,15 +151,12 @@ impl Figure {
             if panel.samples.is_some_and(|n| n == 0 || n.isqrt().pow(2) != n) {
                 return fault("samples must be a square number");
             }
-            if let Some([left, top, right, bottom]) = panel.crop {
-                let sound = |low: f64, high: f64| 0.0 <= low && low < high && high <= 1.0;
-                if !sound(left, right) || !sound(top, bottom) {
-                    return fault("crop must be left, top, right, bottom within 0 … 1");
-                }
+            let sound = |low: f64, high: f64| 0.0 <= low && low < high && high <= 1.0;
+            if panel.crop.is_some_and(|[l, t, r, b]| !sound(l, r) || !sound(t, b)) {
+                return fault("crop must be left, top, right, bottom within 0 … 1");
             }
-            if panel.pipeline.as_ref().or(self.pipeline.as_ref()).is_none()
-                || panel.scene.as_ref().or(self.scene.as_ref()).is_none()
-            {
+            let (pipeline, scene, _) = self.setting(panel, &[]);
+            if pipeline.is_empty() || scene.is_empty() {
                 return fault("neither it nor the figure names pipeline and scene");
             }
         }
@@ -195,31 +189,27 @@ impl Figure {
         samples: Option<u32>,
     ) -> Result<Vec<Rendered>, FigureError> {
         let mut known = Known::of_earlier_runs();
-        let rendered = |panel: &Panel| {
+        let mut rendered = |panel: &Panel| -> Result<Rendered, Box<dyn Error + Send + Sync>> {
             let (pipeline, scene, params) = self.setting(panel, more);
-            let subject = subjects.subject(pipeline, scene, &params).map_err(|source| {
-                let (figure, panel) = (self.id.clone(), panel.caption.clone());
-                FigureError::Subject { figure, panel, source: Box::new(source) }
-            })?;
+            let subject = subjects.subject(pipeline, scene, &params)?;
             let samples = samples.or(panel.samples).unwrap_or(SAMPLES);
-            let picture = match panel.shows {
-                Shown::Image => render::bare(gpu, &subject, samples),
-                Shown::Caustics | Shown::CausticsReference => {
-                    let exact = panel.shows == Shown::CausticsReference;
-                    render::caustics(gpu, &subject, &mut known, exact)
-                }
+            let mut picture = match panel.shows {
+                Shown::Image => render::bare(gpu, &subject, samples)?,
+                Shown::Caustics => render::caustics(gpu, &subject, &mut known, false)?,
+                Shown::CausticsReference => render::caustics(gpu, &subject, &mut known, true)?,
             };
-            let picture = picture.map_err(|source| {
-                let (figure, panel) = (self.id.clone(), panel.caption.clone());
-                FigureError::Picture { figure, panel, source: Box::new(source) }
-            })?;
-            let picture = match panel.crop {
-                Some(crop) => Bare { image: cropped(&picture.image, crop), ..picture },
-                None => picture,
-            };
+            if let Some(crop) = panel.crop {
+                picture.image = cropped(&picture.image, crop);
+            }
             Ok(Rendered { picture, caption: caption(panel, &subject) })
         };
-        self.panel.iter().map(rendered).collect()
+        let named = |panel: &Panel| {
+            rendered(panel).map_err(|source| {
+                let (figure, panel) = (self.id.clone(), panel.caption.clone());
+                FigureError::Panel { figure, panel, source }
+            })
+        };
+        self.panel.iter().map(named).collect()
     }
 }
 

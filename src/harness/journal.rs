@@ -193,27 +193,16 @@ fn ended() -> Addition {
     Addition { afresh: true, ..Addition::default() }
 }
 
-/// Cells of a folder that have samples and no record, each with its pairs of frames, for those who only read.
-pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<(CellName, usize)>, RecordError> {
+/// Pairs of frames of each cell of a folder that has samples and no record, for those who only read.
+pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<usize>, RecordError> {
     if !folder::is_there(path) {
         return Ok(Vec::new());
     }
-    let lines = read_lines::<SampleLine>(path)?.records;
-    let name = |line: &SampleLine| {
-        let name = CellName {
-            id: line.id.clone(),
-            experiment: line.experiment.clone(),
-            cell: line.cell.clone(),
-        };
-        (line.id.clone(), name)
-    };
-    let mut names: BTreeMap<String, CellName> = lines.iter().map(name).collect();
-    let mut cells = by_cell(lines);
+    let mut cells = by_cell(read_lines(path)?.records);
     for id in recorded(records) {
         cells.remove(&id);
     }
-    let named = |(id, earlier): (String, Earlier)| Some((names.remove(&id)?, earlier.pairs()));
-    Ok(cells.into_iter().filter_map(named).collect())
+    Ok(cells.values().map(Earlier::pairs).collect())
 }
 
 /// Ids of the cells that were measured.

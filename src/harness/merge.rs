@@ -17,12 +17,15 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use super::outcome::Counts;
 use super::plan::PlanError;
 use fathom_experiments::ExperimentError;
 use fathom_record::output::{OutputError, OutputFolder};
-use fathom_record::{Adapter, Damaged, LockError, Part, Record, RecordError, Run, Shard, read};
+use fathom_record::{
+    Adapter, Damaged, LockError, Part, Reading, Record, RecordError, Run, Shard, read,
+};
 
-pub use records::{CellId, Counts};
+pub use records::CellId;
 pub use staging::Staging;
 
 #[derive(Debug, Error)]
@@ -97,9 +100,7 @@ pub fn sources(folders: &[PathBuf]) -> Result<Vec<OfAdapter>, MergeError> {
         let adapter = &source.header.adapter;
         match groups.iter_mut().find(|group| same_adapter(&group.adapter, adapter)) {
             Some(group) => group.sources.push(source),
-            None => {
-                groups.push(OfAdapter { adapter: adapter.clone(), sources: vec![source] });
-            }
+            None => groups.push(OfAdapter { adapter: adapter.clone(), sources: vec![source] }),
         }
     }
     for group in &mut groups {
@@ -124,12 +125,9 @@ impl Source {
     fn read(folder: &Path) -> Result<Self, MergeError> {
         let path = OutputFolder { folder: folder.to_owned() }.records();
         let reading = read(&path)?;
-        let last = reading.records.iter().rev().find_map(|record| match record {
-            Record::Run(run) => Some((**run).clone()),
-            _ => None,
-        });
+        let last = reading.records.iter().rev().find_map(Record::try_as_run_ref);
         let folder = folder.to_owned();
-        let Some(header) = last else {
+        let Some(header) = last.cloned() else {
             // A file without any sound record is named with its damage.
             fathom_record::empty_or_sound(&path, &reading)?;
             return Err(MergeError::NoHeader { folder });
@@ -141,7 +139,8 @@ impl Source {
         if !part.is_one() {
             return Err(MergeError::NoSuchShard { folder, part });
         }
-        Ok(Self { folder, records: reading.records, damaged: reading.damaged, shard, header })
+        let Reading { records, damaged } = reading;
+        Ok(Self { folder, records, damaged, shard, header: *header })
     }
 
     fn belongs_to(&self, first: &Path, header: &Run, shard: &Shard) -> Result<(), MergeError> {
@@ -153,12 +152,9 @@ impl Source {
             ("the number of shards", shard.of != self.shard.of),
             ("experiments, cells or parameters", shard.plan != self.shard.plan),
         ];
+        let (first, other) = (first.to_owned(), self.folder.clone());
         match differs.into_iter().find(|(_, differs)| *differs) {
-            Some((what, _)) => Err(MergeError::OtherRun {
-                first: first.to_owned(),
-                other: self.folder.clone(),
-                what,
-            }),
+            Some((what, _)) => Err(MergeError::OtherRun { first, other, what }),
             None => Ok(()),
         }
     }

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use fathom_clock::{Samples, StageSamples, frame_record, sampling_notes, stage_record};
-use fathom_gpu::{Stage, StageCounters};
+use fathom_gpu::StageCounters;
 use fathom_pipelines::AnyPipeline;
-use fathom_record::{ErrorFigure, Measured, Note, NoteKind, Picture, StageRecord};
+use fathom_record::{Cell, ErrorFigure, Measured, Note, NoteKind, Outcome, Picture, StageRecord};
 
 /// What is found out about a cell after its last frame, and what could not be.
 #[derive(Clone, Default)]
@@ -18,20 +18,39 @@ pub struct Findings {
     pub pictures: Vec<Picture>,
 }
 
-/// What is known of a cell besides its samples.
-pub struct Facts<'a> {
-    pub pipeline: &'a dyn AnyPipeline,
-    pub counters: &'a [StageCounters],
-    pub found: Findings,
-    /// The precision asked for.
-    pub precision: f64,
+/// Cells by what became of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    pub measured: usize,
+    pub skipped: usize,
+    pub failed: usize,
 }
 
-/// The record of a measured cell. Quantities that are not finite are left out and noted.
-pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
-    let frame = frame_record(&samples);
-    let Findings { quantities, repeated, errors, mut notes, pictures } = facts.found;
-    notes.extend(sampling_notes(&samples, &frame.untimed, facts.precision));
+impl Counts {
+    pub fn of<'a>(cells: impl IntoIterator<Item = &'a Cell>) -> Self {
+        let mut counts = Self::default();
+        for cell in cells {
+            *match cell.outcome {
+                Outcome::Measured(_) => &mut counts.measured,
+                Outcome::Skipped { .. } => &mut counts.skipped,
+                Outcome::Failed { .. } => &mut counts.failed,
+            } += 1;
+        }
+        counts
+    }
+}
+
+/// The record of a measured cell, whose frame time was to have this precision. Quantities that are not finite are left out and noted.
+pub fn measured(
+    samples: &Samples,
+    pipeline: &dyn AnyPipeline,
+    counters: &[StageCounters],
+    found: Findings,
+    precision: f64,
+) -> Measured {
+    let frame = frame_record(samples);
+    let Findings { quantities, repeated, errors, mut notes, pictures } = found;
+    notes.extend(sampling_notes(samples, &frame.untimed, precision));
     let (quantities, unusable): (BTreeMap<_, _>, BTreeMap<_, _>) =
         quantities.into_iter().partition(|(_, value)| value.is_finite());
     let (errors, unusable_errors): (Vec<_>, Vec<_>) =
@@ -42,9 +61,9 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
         Note::new(NoteKind::NotFinite, format!("{name} left out: it is not a finite number"))
     }));
     Measured {
-        stages: stage_records(&samples, facts.pipeline, facts.counters),
+        stages: stage_records(samples, pipeline, counters),
         frame,
-        allocated_bytes: facts.pipeline.allocated_bytes(),
+        allocated_bytes: pipeline.allocated_bytes(),
         quantities: quantities.into(),
         repeated,
         errors,
@@ -73,9 +92,7 @@ fn stage_records(
         |stage: &StageSamples| stage_record(stage, work(&stage.name), counted(&stage.name));
     if samples.stages.is_empty() {
         // Nothing was timed: what is known of its stages is their work.
-        let untimed = |stage: &&dyn Stage| StageSamples::none(stage.name());
-        let untimed: Vec<StageSamples> = stages.iter().map(untimed).collect();
-        return untimed.iter().map(record).collect();
+        return stages.iter().map(|stage| record(&StageSamples::none(stage.name()))).collect();
     }
     samples.stages.iter().map(record).collect()
 }

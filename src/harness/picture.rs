@@ -1,30 +1,27 @@
 //! A pipeline's final image, as a PNG file.
 
+use std::error::Error;
 use std::path::{Path, PathBuf};
-
-use thiserror::Error;
 
 use super::scale;
 use fathom_base::folder::{self, Folder};
 use fathom_gpu::{Gpu, GpuError, read_texture};
-use fathom_picture::{Effort, EncodeError, RgbImage};
+use fathom_picture::{Effort, RgbImage};
 use fathom_pipelines::{AnyPipeline, JudgeError};
 
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
 const GAMMA: f32 = 2.2;
 
-#[derive(Debug, Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum PictureError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     #[error(transparent)]
     Judge(#[from] JudgeError),
-    #[error("cannot write {}: {source}", path.display())]
-    Encode { path: PathBuf, source: EncodeError },
     #[error("cannot write {}: pictures are PNG files, so their names end in `.png`", path.display())]
     NotPng { path: PathBuf },
     #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: std::io::Error },
+    Write { path: PathBuf, source: Box<dyn Error + Send + Sync> },
 }
 
 /// The image of the last frame; visibility gets a scale below.
@@ -79,8 +76,7 @@ pub fn write(image: &RgbImage, folder: &Folder, name: &Path) -> Result<(), Pictu
     if !name.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
         return Err(PictureError::NotPng { path });
     }
-    let bytes = image.to_png(Effort::Fast);
-    let bytes = bytes.map_err(|source| PictureError::Encode { path: path.clone(), source })?;
+    let bytes = image.to_png(Effort::Fast).map_err(|source| unwritten(&path, source))?;
     folder.write(name, &bytes).map_err(|source| unwritten(&path, source))
 }
 
@@ -90,8 +86,8 @@ pub fn write_to(image: &RgbImage, path: &Path) -> Result<(), PictureError> {
     write(image, &folder, name)
 }
 
-pub fn unwritten(path: &Path, source: std::io::Error) -> PictureError {
-    PictureError::Write { path: path.to_owned(), source }
+pub fn unwritten(path: &Path, source: impl Into<Box<dyn Error + Send + Sync>>) -> PictureError {
+    PictureError::Write { path: path.to_owned(), source: source.into() }
 }
 
 #[cfg(test)]

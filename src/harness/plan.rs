@@ -65,9 +65,7 @@ impl Request {
             |name: &str| has(experiment, name) || !all.iter().any(|other| has(other, name));
         self.axes.iter().filter(|(name, _)| concerns(name)).cloned().collect()
     }
-}
 
-impl Request {
     /// Keeps the cells that were asked for by name. A name that no experiment has is an error.
     fn choose(&self, expanded: &mut [Vec<CellPlan>]) -> Result<(), PlanError> {
         if self.cells.is_empty() {
@@ -189,18 +187,16 @@ fn planned_cell(
     let mut subject =
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
-    let reference = match plan.reference.clone() {
-        Some(plan) => Some(PlannedReference { subject: subject(&plan.overrides)?, plan }),
-        None => None,
-    };
+    let mut reference = None;
+    if let Some(plan) = plan.reference.clone() {
+        reference = Some(PlannedReference { subject: subject(&plan.overrides)?, plan });
+    }
     let views = turns_deg.and_then(|turns_deg| OtherViews::of(&of_cell, turns_deg));
-    let repetitions = match &plan.repetitions {
-        Some(runs) => Some(PlannedRepetitions {
-            repeated: runs.repeated.iter().map(|run| subject(run)).collect::<Result<_, _>>()?,
-            limit: subject(&runs.limit)?,
-        }),
-        None => None,
-    };
+    let mut repetitions = None;
+    if let Some(runs) = &plan.repetitions {
+        let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_, _>>()?;
+        repetitions = Some(PlannedRepetitions { repeated, limit: subject(&runs.limit)? });
+    }
     let skip = of_cell.beyond(capacity).map_err(error)?;
     Ok(PlannedCell { subject: of_cell, skip, reference, views, repetitions, plan })
 }

@@ -168,29 +168,35 @@ pub fn write(
     occlusion: &[f32],
     reference: Option<&[f64]>,
 ) -> Result<(), QueryError> {
-    written(target, writer, |csv| {
-        let more = REFERENCE.iter().filter(|_| reference.is_some());
-        csv.write_record(COLUMNS.iter().chain([&ANSWER]).chain(more))?;
-        for (i, (row, occlusion)) in rows.iter().zip(occlusion).enumerate() {
-            let numbers = [row.position_m.to_array(), row.normal.to_array()].concat();
-            let fields = numbers.iter().map(f64::to_string);
-            let exact = reference.and_then(|all| all.get(i));
-            let exact = exact.map(|exact| [*exact, f64::from(*occlusion) - exact]);
-            let answers = [f64::from(*occlusion)].into_iter().chain(exact.into_iter().flatten());
-            csv.write_record(fields.chain(answers.map(|answer| format!("{answer:.6}"))))?;
-        }
-        Ok(())
-    })
+    let more = REFERENCE.iter().filter(|_| reference.is_some());
+    let header = COLUMNS.iter().chain([&ANSWER]).chain(more).map(ToString::to_string).collect();
+    let row = |(i, (row, occlusion)): (usize, (&SurfaceRow, &f32))| {
+        let occlusion = f64::from(*occlusion);
+        let exact = reference.and_then(|all| all.get(i));
+        let exact = exact.map(|exact| [*exact, occlusion - exact]);
+        let answers = [occlusion].into_iter().chain(exact.into_iter().flatten());
+        let numbers = numbers([row.position_m, row.normal]);
+        numbers.chain(answers.map(|answer| format!("{answer:.6}"))).collect()
+    };
+    written(target, writer, header, rows.iter().zip(occlusion).enumerate().map(row))
 }
 
-/// Writes the rows that `write` gives; `target` names the writer in errors.
-fn written<W: Write>(
+/// The fields of two vectors.
+fn numbers(vectors: [DVec3; 2]) -> impl Iterator<Item = String> {
+    vectors.into_iter().flat_map(|v| v.to_array()).map(|number| number.to_string())
+}
+
+/// Writes rows below a header; `target` names the writer in errors.
+fn written(
     target: &str,
-    writer: W,
-    write: impl FnOnce(&mut csv::Writer<W>) -> csv::Result<()>,
+    writer: impl Write,
+    header: Vec<String>,
+    mut rows: impl Iterator<Item = Vec<String>>,
 ) -> Result<(), QueryError> {
     let mut csv = csv::Writer::from_writer(writer);
-    let written = write(&mut csv).and_then(|()| csv.flush().map_err(csv::Error::from));
+    let written =
+        csv.write_record(header).and_then(|()| rows.try_for_each(|row| csv.write_record(row)));
+    let written = written.and_then(|()| csv.flush().map_err(csv::Error::from));
     written.map_err(|source| QueryError::Write { target: target.to_owned(), source })
 }
 

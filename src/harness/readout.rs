@@ -6,12 +6,21 @@ use fathom_gpu::{Gpu, GpuError, Pixels, read_texture};
 use fathom_pipelines::AnyPipeline;
 use fathom_stages::OutputData;
 
+/// Why nothing can be told of images that stages left behind.
 #[derive(Debug, Error)]
 pub enum ReadoutError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     #[error("no stage of {0} leaves a texture")]
     NoTexture(String),
+    #[error("the cell's image has {0} × {1} pixels, the reference's {2} × {3}")]
+    Size(u32, u32, u32, u32),
+    #[error("the reference is black")]
+    BlackReference,
+    #[error("the repetitions' images differ in size")]
+    Sizes,
+    #[error("the image is black")]
+    Black,
 }
 
 /// A texture that the first present of the named stages leaves: the one of that name, or the first.

@@ -1,28 +1,12 @@
 //! Noise and bias of a cell's result apart: its frame is drawn several times with the photon grids at other places, and once
 //! densely. UW §4.2.
 
-use thiserror::Error;
-
-use super::difference::{DifferenceError, References};
+use super::difference::References;
 use super::readout::{self, ReadoutError};
 use super::subject::Subject;
 use fathom_base::statistics::mean;
 use fathom_experiments::schema::RepeatedOutput;
 use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels};
-
-#[derive(Debug, Error)]
-pub enum RepetitionsError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Readout(#[from] ReadoutError),
-    #[error(transparent)]
-    Limit(#[from] DifferenceError),
-    #[error("the repetitions' images differ in size")]
-    Size,
-    #[error("the image is black")]
-    Black,
-}
 
 /// The runs of a cell: the same with its photon grids at other places, and its dense limit.
 pub struct PlannedRepetitions {
@@ -47,7 +31,7 @@ pub fn noise_and_bias(
     references: &mut References,
     planned: &PlannedRepetitions,
     outputs: &[RepeatedOutput],
-) -> Result<Vec<NoiseAndBias>, RepetitionsError> {
+) -> Result<Vec<NoiseAndBias>, ReadoutError> {
     let mut images: Vec<Vec<Pixels>> = outputs.iter().map(|_| Vec::new()).collect();
     // One pipeline at a time: only the outputs are kept.
     for subject in &planned.repeated {
@@ -63,10 +47,10 @@ pub fn noise_and_bias(
 }
 
 impl NoiseAndBias {
-    fn of(images: &[Pixels], limit: &Pixels) -> Result<Self, RepetitionsError> {
+    fn of(images: &[Pixels], limit: &Pixels) -> Result<Self, ReadoutError> {
         let alike = |image: &Pixels| image.data.len() == limit.data.len();
         if !images.iter().all(alike) {
-            return Err(RepetitionsError::Size);
+            return Err(ReadoutError::Sizes);
         }
         let count = images.len() as f64;
         // Means over every other repetition, each of which is spread evenly over the unit square.
@@ -74,7 +58,7 @@ impl NoiseAndBias {
         let (halves, whole) = ([half(0), half(1)], middle(images.iter()));
         let level = mean(whole.iter().copied());
         if level <= 0.0 {
-            return Err(RepetitionsError::Black);
+            return Err(ReadoutError::Black);
         }
         let from_whole =
             |image: &Pixels| mean_square(image.data.iter().map(|v| f64::from(*v)), &whole);
@@ -157,8 +141,8 @@ mod tests {
         let of = |value: f64| picture(|| value);
         let small = Pixels { width: 1, height: 1, channels: 1, data: vec![1.0] };
         let sizes = NoiseAndBias::of(&[of(1.0), of(1.0)], &small);
-        assert!(matches!(sizes, Err(RepetitionsError::Size)));
+        assert!(matches!(sizes, Err(ReadoutError::Sizes)));
         let black = NoiseAndBias::of(&[of(0.0), of(0.0)], &of(1.0));
-        assert!(matches!(black, Err(RepetitionsError::Black)));
+        assert!(matches!(black, Err(ReadoutError::Black)));
     }
 }

@@ -9,6 +9,7 @@ use thiserror::Error;
 use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, Session, Spent};
 use super::journal::Journal;
+use super::outcome::Counts;
 use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
 use super::progress::{self, Progress};
 use super::sample::{self, Settings};
@@ -78,11 +79,9 @@ pub struct Options {
 #[derive(Clone, Debug)]
 pub struct Summary {
     pub out: PathBuf,
-    pub measured: usize,
-    pub skipped: usize,
+    pub counts: Counts,
     /// Why the first skipped cell was.
     pub skip_reason: Option<String>,
-    pub failed: usize,
     /// Cells of an earlier run that were not measured again.
     pub kept: usize,
     pub end: End,
@@ -169,32 +168,25 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
 
 /// A folder is gone on with as the part of the run that it was begun as.
 fn same_shard(held: &Held, asked: Option<&Shard>) -> Result<(), RunError> {
-    let runs = held.before.iter().filter_map(|record| match record {
-        Record::Run(run) => Some(run.shard.as_ref()),
-        _ => None,
-    });
-    for holds in runs {
-        if holds.map(|shard| (shard.part(), &shard.plan))
-            != asked.map(|shard| (shard.part(), &shard.plan))
-        {
-            let told = |shard: Option<&Shard>| match shard {
-                Some(shard) => format!("shard {} of the plan {}", shard.part(), shard.plan),
-                None => "a whole run".to_owned(),
-            };
-            let (holds, asked) = (told(holds), told(asked));
-            return Err(RunError::OtherShard { folder: held.output.folder.clone(), holds, asked });
+    let told = |shard: Option<&Shard>| match shard {
+        Some(shard) => format!("shard {} of the plan {}", shard.part(), shard.plan),
+        None => "a whole run".to_owned(),
+    };
+    let asked = told(asked);
+    let runs = held.before.iter().filter_map(Record::try_as_run_ref);
+    match runs.map(|run| told(run.shard.as_ref())).find(|holds| *holds != asked) {
+        Some(holds) => {
+            Err(RunError::OtherShard { folder: held.output.folder.clone(), holds, asked })
         }
+        None => Ok(()),
     }
-    Ok(())
 }
 
 /// A round that no sample of these records or samples has.
 fn next_round(before: &[Record], journal: &Journal) -> u32 {
-    let of_record = |record: &Record| match record {
-        Record::Cell(cell) => cell.measured()?.frame.rounds.iter().copied().max(),
-        _ => None,
-    };
-    let last = before.iter().filter_map(of_record).max().max(journal.last_round());
+    let cells = before.iter().filter_map(Record::try_as_cell_ref);
+    let rounds = cells.filter_map(|cell| cell.measured()).flat_map(|cell| &cell.frame.rounds);
+    let last = rounds.copied().max().max(journal.last_round());
     last.map_or(0, |last| last + 1)
 }
 
@@ -240,10 +232,7 @@ fn check(options: &Options) -> Result<(), RunError> {
 
 fn profile(options: &Options, resumed: Option<&Held>, gpu: &Gpu) -> Profile {
     let before = resumed.map_or(&[][..], |held| &held.before);
-    let resumed = before.iter().rev().find_map(|record| match record {
-        Record::Run(run) => Some(run.profile),
-        _ => None,
-    });
+    let resumed = before.iter().rev().find_map(Record::try_as_run_ref).map(|run| run.profile);
     let default = if gpu.adapter.software { Profile::Quick } else { Profile::Paper };
     options.profile.or(resumed).unwrap_or(default)
 }
@@ -432,20 +421,11 @@ impl Measurement<'_> {
 
 /// Counts the cells after the last header.
 fn summary(out: PathBuf, records: &[Record], end: End, kept: usize) -> Summary {
-    let (mut measured, mut skipped, mut skip_reason, mut failed) = (0, 0, None, 0);
-    let since = records.iter().rposition(|record| matches!(record, Record::Run(_))).unwrap_or(0);
-    for record in &records[since..] {
-        let Record::Cell(cell) = record else {
-            continue;
-        };
-        match &cell.outcome {
-            Outcome::Measured(_) => measured += 1,
-            Outcome::Failed { .. } => failed += 1,
-            Outcome::Skipped { reason } => {
-                skipped += 1;
-                skip_reason.get_or_insert_with(|| reason.clone());
-            }
-        }
-    }
-    Summary { out, measured, skipped, skip_reason, failed, kept, end }
+    let since = records.iter().rposition(|record| record.try_as_run_ref().is_some()).unwrap_or(0);
+    let cells = || records[since..].iter().filter_map(Record::try_as_cell_ref).map(Box::as_ref);
+    let skip_reason = cells().find_map(|cell| match &cell.outcome {
+        Outcome::Skipped { reason } => Some(reason.clone()),
+        _ => None,
+    });
+    Summary { out, counts: Counts::of(cells()), skip_reason, kept, end }
 }

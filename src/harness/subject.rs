@@ -1,6 +1,7 @@
 //! One pipeline on one scene with all its parameters: what can be checked, built and run.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
+use std::collections::hash_map::{Entry, HashMap};
 use std::rc::Rc;
 
 use serde_json::Value;
@@ -60,9 +61,8 @@ impl Subject {
 
     /// Makes the pipeline's resources; any fault of the device comes back as an error.
     pub fn build(&self, gpu: &Gpu) -> Result<Box<dyn AnyPipeline>, GpuError> {
-        if let Some(reason) =
-            self.beyond(&gpu.capacity).map_err(|e| GpuError::Unusable(e.to_string()))?
-        {
+        let beyond = self.beyond(&gpu.capacity);
+        if let Some(reason) = beyond.map_err(|e| GpuError::Unusable(e.to_string()))? {
             return Err(GpuError::Limit(reason));
         }
         gpu.scoped(|| self.configuration.build(gpu, &self.scene))
@@ -78,22 +78,23 @@ impl Subject {
 
     /// For a picture of `factor` times the columns and rows; none where the pipeline has no such picture.
     pub fn enlarged(&self, factor: u32) -> Option<Self> {
-        let configuration = self.configuration.enlarged(factor)?;
-        Some(Self { params: configuration.tree(), configuration, ..self.clone() })
+        Some(self.with(self.configuration.enlarged(factor)?))
     }
 
     /// The same seen from elsewhere. The geometry is shared: pipelines take the camera from the parameters.
     #[must_use]
     pub fn seen_from(&self, camera: Camera) -> Self {
-        let configuration = self.configuration.seen_from(camera);
-        Self { params: configuration.tree(), configuration, ..self.clone() }
+        self.with(self.configuration.seen_from(camera))
     }
 
     /// The same with other random numbers; none where the pipeline has no seed.
     #[must_use]
     pub fn reseeded(&self, added: u32) -> Option<Self> {
-        let configuration = self.configuration.reseeded(added)?;
-        Some(Self { params: configuration.tree(), configuration, ..self.clone() })
+        Some(self.with(self.configuration.reseeded(added)?))
+    }
+
+    fn with(&self, configuration: Rc<dyn Configuration>) -> Self {
+        Self { params: configuration.tree(), configuration, ..self.clone() }
     }
 }
 
@@ -155,12 +156,12 @@ impl Subjects {
     }
 
     fn file(&mut self, scene: &str) -> Result<SceneFile, SceneError> {
-        if let Some(file) = self.files.get(scene) {
-            return Ok(file.clone());
-        }
-        let file = SceneFile::load_from(&self.catalog.scenes, scene)?;
-        self.files.insert(scene.to_owned(), file.clone());
-        Ok(file)
+        Ok(match self.files.entry(scene.to_owned()) {
+            Entry::Occupied(known) => known.get().clone(),
+            Entry::Vacant(new) => {
+                new.insert(SceneFile::load_from(&self.catalog.scenes, scene)?).clone()
+            }
+        })
     }
 
     fn scene(&mut self, file: SceneFile) -> Result<Rc<Scene>, SceneError> {
@@ -168,16 +169,12 @@ impl Subjects {
             return Ok(Rc::clone(scene));
         }
         let scene = Rc::new(Scene::build(&file)?);
-        self.tell(&scene.stand_ins);
-        self.built.push((file, Rc::clone(&scene)));
-        Ok(scene)
-    }
-
-    fn tell(&mut self, stand_ins: &[String]) {
-        for stand_in in stand_ins {
+        for stand_in in &scene.stand_ins {
             if !self.silent && self.told.insert(stand_in.clone()) {
                 tell::note(format!("stand-in: {stand_in}"));
             }
         }
+        self.built.push((file, Rc::clone(&scene)));
+        Ok(scene)
     }
 }

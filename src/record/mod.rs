@@ -59,7 +59,7 @@ pub const SCHEMA: u32 = 3;
 const ID: &str = "^[a-z0-9-]+$";
 
 /// A line of `records.jsonl`. Times are nanoseconds where a name ends in `_ns`, seconds where it ends in `_s`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, strum::EnumTryAs)]
 #[serde(tag = "record", rename_all = "snake_case")]
 pub enum Record {
     Run(Box<Run>),

@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 
+use super::bisected;
 use super::rays::Tracer;
 use fathom_scene::LightFrame;
 
@@ -50,18 +51,11 @@ pub fn first_crossing(
 ) -> Option<f64> {
     let depth = |d: f64| behind(d).unwrap_or(f64::NEG_INFINITY);
     let place = |step: u32| reach_m * f64::from(step) / f64::from(steps);
-    (0..steps).map(|step| (place(step), place(step + 1))).find_map(|(mut low, mut high)| {
+    (0..steps).map(|step| [place(step), place(step + 1)]).find_map(|[low, high]| {
         if depth(low) >= 0.0 || depth(high) < 0.0 {
             return None;
         }
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            if depth(middle) < 0.0 {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
+        let [low, high] = bisected([low, high], HALVINGS, |d| depth(d) >= 0.0);
         (depth(high) - depth(low) < EDGE_M).then_some(high)
     })
 }

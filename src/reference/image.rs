@@ -1,10 +1,11 @@
 //! A grey image in f64, row 0 on top.
 
 use itertools::iproduct;
+use serde::{Deserialize, Serialize};
 
 use super::ReferenceError;
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Image {
     width: u32,
     height: u32,

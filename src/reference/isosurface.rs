@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 
+use super::bisected;
 use super::media::interpolated;
-use super::occlusion::{Attenuation, cosine_direction, hammersley, tangent_frame};
+use super::occlusion::{Attenuation, cosine_direction, over_hemisphere, tangent_frame};
 use fathom_scene::Volume;
 
 /// Where the values of a field, interpolated trilinearly, reach one from outside.
@@ -34,17 +35,9 @@ impl FieldSurface<'_> {
         let at = |d: f64| origin + direction * d;
         let steps = (most_m / step_m).ceil() as u32;
         let k = (0..=steps).find(|&k| self.inside(at((f64::from(k) * step_m).min(most_m))))?;
-        let mut high = (f64::from(k) * step_m).min(most_m);
-        let mut low = (high - step_m).max(0.0);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            if self.inside(at(middle)) {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-        Some(high)
+        let high = (f64::from(k) * step_m).min(most_m);
+        let low = (high - step_m).max(0.0);
+        Some(bisected([low, high], HALVINGS, |d| self.inside(at(d)))[1])
     }
 
     /// The first point of the surface on a ray from outside.
@@ -78,14 +71,9 @@ impl FieldSurface<'_> {
         if self.inside(origin) {
             return None;
         }
-        let frame = tangent_frame(normal);
-        let sum: f64 = (0..rays)
-            .filter_map(|i| {
-                self.entry(origin, frame * cosine_direction(hammersley(i, rays)), r_max_m)
-            })
-            .map(|distance_m| attenuation.at(distance_m / r_max_m))
-            .sum();
-        Some(sum / f64::from(rays.max(1)))
+        Some(over_hemisphere(normal, rays, |direction| {
+            Some(attenuation.at(self.entry(origin, direction, r_max_m)? / r_max_m))
+        }))
     }
 }
 
@@ -170,24 +158,12 @@ pub fn occlusion(
 
 #[cfg(test)]
 mod tests {
+    use super::super::media::tests::field;
     use super::*;
 
     /// A ball and a slab whose values fall from 1 to 0 over four cells of 0.1 m.
     fn blurred() -> Volume {
-        let cells = 60u32;
-        let centre = |i: u32| (f64::from(i) + 0.5) * 0.1 - 3.0;
-        let places = itertools::iproduct!(0..cells, 0..cells, 0..cells);
-        let value = |(z, y, x)| {
-            let p = DVec3::new(centre(x), centre(y), centre(z));
-            (0.5 - BALL.distance(p).min(SLAB.distance(p)) / 0.4).clamp(0.0, 1.0) as f32
-        };
-        Volume {
-            name: "test".into(),
-            cells: [cells; 3],
-            origin_m: DVec3::splat(-3.0),
-            spacing_m: DVec3::splat(0.1),
-            data: places.map(value).collect(),
-        }
+        field(60, |p| (0.5 - BALL.distance(p).min(SLAB.distance(p)) / 0.4).clamp(0.0, 1.0))
     }
 
     #[test]

@@ -197,14 +197,15 @@ fn mean_over_unit(f: impl Fn(f64) -> f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use itertools::iproduct;
 
     use super::*;
 
     const VOXEL_M: f64 = 0.1;
 
-    fn field(cells: u32, f: impl Fn(DVec3) -> f64) -> Volume {
+    /// A cube of so many cells of 0.1 m a side about the origin.
+    pub fn field(cells: u32, f: impl Fn(DVec3) -> f64) -> Volume {
         let half = f64::from(cells) * VOXEL_M / 2.0;
         let centre = |i: u32| (f64::from(i) + 0.5) * VOXEL_M - half;
         let places = iproduct!(0..cells, 0..cells, 0..cells);

@@ -58,6 +58,19 @@ pub mod splat;
 pub mod surface;
 pub mod voxel;
 
+/// Halves an interval whose upper end is beyond a border and whose lower one is not, so many times.
+fn bisected(
+    [mut low, mut high]: [f64; 2],
+    halvings: u32,
+    beyond: impl Fn(f64) -> bool,
+) -> [f64; 2] {
+    for _ in 0..halvings {
+        let middle = 0.5 * (low + high);
+        *if beyond(middle) { &mut high } else { &mut low } = middle;
+    }
+    [low, high]
+}
+
 /// Why a reference could not be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ReferenceError {

@@ -43,15 +43,21 @@ pub fn occlusion(
     rays: u32,
 ) -> f64 {
     let origin = position + normal * (ORIGIN_OFFSET * r_max_m);
+    over_hemisphere(normal, rays, |direction| {
+        let hit = tracer.cast(origin, direction, 0.0, r_max_m)?;
+        Some(attenuation.at(hit.distance_m / r_max_m))
+    })
+}
+
+/// The mean over `rays` cosine-distributed low-discrepancy directions around a unit normal; what has no value counts as 0.
+pub(super) fn over_hemisphere(
+    normal: DVec3,
+    rays: u32,
+    value: impl Fn(DVec3) -> Option<f64>,
+) -> f64 {
     let frame = tangent_frame(normal);
-    let sum: f64 = (0..rays)
-        .filter_map(|i| {
-            let direction = frame * cosine_direction(hammersley(i, rays));
-            tracer.cast(origin, direction, 0.0, r_max_m)
-        })
-        .map(|hit| attenuation.at(hit.distance_m / r_max_m))
-        .sum();
-    sum / f64::from(rays.max(1))
+    let directions = (0..rays).map(|i| frame * cosine_direction(hammersley(i, rays)));
+    directions.filter_map(value).sum::<f64>() / f64::from(rays.max(1))
 }
 
 /// A(p) of VAO Eq. 3 where surfaces let light through: γ of a ray is 1 − Π (1 − α) over the surfaces that it crosses within r_max,
@@ -65,29 +71,24 @@ pub fn occlusion_through(
     rays: u32,
 ) -> f64 {
     let origin = position + normal * (ORIGIN_OFFSET * r_max_m);
-    let frame = tangent_frame(normal);
-    let sum: f64 = (0..rays)
-        .map(|i| {
-            let direction = frame * cosine_direction(hammersley(i, rays));
-            let (mut open, mut from_m) = (1.0, 0.0);
-            while open > 0.0
-                && let Some(hit) = tracer.cast(origin, direction, from_m, r_max_m)
-            {
-                open *= 1.0 - alphas[hit.object];
-                // Past the edge that two triangles of a surface share.
-                from_m = hit.distance_m + SAME_SURFACE * r_max_m;
-            }
-            1.0 - open
-        })
-        .sum();
-    sum / f64::from(rays.max(1))
+    over_hemisphere(normal, rays, |direction| {
+        let (mut open, mut from_m) = (1.0, 0.0);
+        while open > 0.0
+            && let Some(hit) = tracer.cast(origin, direction, from_m, r_max_m)
+        {
+            open *= 1.0 - alphas[hit.object];
+            // Past the edge that two triangles of a surface share.
+            from_m = hit.distance_m + SAME_SURFACE * r_max_m;
+        }
+        Some(1.0 - open)
+    })
 }
 
 /// Hits nearer to one another than this share of r_max are one crossing.
 const SAME_SURFACE: f64 = 1e-7;
 
 /// Point i of a Hammersley set of `count`, in [0, 1)²; the first coordinate lies in the middle of its stratum.
-pub(super) fn hammersley(i: u32, count: u32) -> [f64; 2] {
+fn hammersley(i: u32, count: u32) -> [f64; 2] {
     [(f64::from(i) + 0.5) / f64::from(count), f64::from(i.reverse_bits()) / 4_294_967_296.0]
 }
 

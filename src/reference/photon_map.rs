@@ -37,9 +37,8 @@ pub struct Lighting<'a> {
 /// Irradiance by two independent halves of the photons.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotonMap {
-    size: [u32; 2],
-    /// W/m², in rows.
-    halves: [Vec<f64>; 2],
+    /// W/m².
+    halves: [Image; 2],
     /// Flux that lands in view, W, by each half.
     pub landed_w: [f64; 2],
 }
@@ -55,50 +54,39 @@ impl PhotonMap {
     /// `columns`² photons in each half, for a picture of `size` pixels.
     pub fn new(lighting: &Lighting<'_>, size: [u32; 2], columns: u32) -> PhotonMap {
         let [first, second] = [0, 1].map(|seed| lighting.gather(size, columns, seed));
-        PhotonMap { size, halves: [first.0, second.0], landed_w: [first.1, second.1] }
+        PhotonMap { halves: [first.0, second.0], landed_w: [first.1, second.1] }
     }
 
     /// The same in blocks of pixels.
     #[must_use]
     pub fn in_blocks(&self, side: u32) -> PhotonMap {
-        let image = |half: usize| {
-            Image::of(self.size, |x, y| self.halves[half][(y * self.size[0] + x) as usize])
-        };
-        let reduced = [0, 1].map(|half| image(half).in_blocks(side));
-        let size = reduced[0].size();
-        PhotonMap {
-            size,
-            halves: reduced.map(|half| half.data().to_vec()),
-            landed_w: self.landed_w,
-        }
+        let halves = self.halves.each_ref().map(|half| half.in_blocks(side));
+        PhotonMap { halves, landed_w: self.landed_w }
     }
 
     /// The mean of both halves.
     pub fn irradiance(&self) -> Image {
         let [a, b] = &self.halves;
-        let [width, _] = self.size;
-        let mean = |x: u32, y: u32| {
-            let i = (y * width + x) as usize;
-            0.5 * (a[i] + b[i])
-        };
-        Image::of(self.size, mean)
+        Image::of(a.size(), |x, y| {
+            let [a, b] = [a, b].map(|half| half.clamped(x.into(), y.into()));
+            0.5 * (a + b)
+        })
     }
 
     /// Mean |error| of [`Self::irradiance`] over its mean: half of the halves' difference, whose errors are independent.
     pub fn noise(&self) -> f64 {
-        let [a, b] = &self.halves;
-        let apart: f64 = a.iter().zip(b).map(|(a, b)| 0.5 * (a - b).abs()).sum();
-        let both: f64 = a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).sum();
-        apart / both
+        let [a, b] = self.halves.each_ref().map(|half| half.data().iter());
+        let apart: f64 = a.zip(b).map(|(a, b)| 0.5 * (a - b).abs()).sum();
+        apart / self.irradiance().sum()
     }
 }
 
 impl Lighting<'_> {
     /// Irradiance of each pixel, and the flux in view, by one grid of photons.
-    fn gather(&self, size: [u32; 2], columns: u32, seed: u32) -> (Vec<f64>, f64) {
+    fn gather(&self, size: [u32; 2], columns: u32, seed: u32) -> (Image, f64) {
         let [width, height] = size;
         let rays = PixelRays::new(self.camera, width, height);
-        let mut irradiance = vec![0.0; width as usize * height as usize];
+        let mut irradiance = Image::constant(width, height, 0.0);
         let mut landed_w = 0.0;
         for first in (0..columns).step_by(ROWS_AT_ONCE as usize) {
             let rows = first..(first + ROWS_AT_ONCE).min(columns);
@@ -111,8 +99,8 @@ impl Lighting<'_> {
             };
             let seen: Vec<Vec<Seen>> = rows.into_par_iter().map(of_row).collect();
             for photon in seen.iter().flatten() {
-                let [x, y] = photon.pixel;
-                irradiance[(y * width + x) as usize] += photon.irradiance;
+                let [x, y] = photon.pixel.map(i64::from);
+                irradiance.add(x, y, photon.irradiance);
                 landed_w += photon.flux_w;
             }
         }
@@ -152,8 +140,7 @@ impl Lighting<'_> {
                 self.intensity_w_sr * self.plane_area() * self.cosine(incident).powi(3)
             }
         };
-        let passed =
-            if self.water.fresnel { entering(self.water, &landed.entry, incident) } else { 1.0 };
+        let passed = entering(self.water, landed.entry.normal, incident);
         emitted * passed * transmittance(self.water.attenuation_per_m, landed.hit.distance_m)
     }
 

@@ -131,10 +131,13 @@ pub fn land_ray(water: &Water, tracer: &Tracer, origin: DVec3, incident: DVec3) 
     }
 }
 
-/// Share of an unpolarised photon's energy that enters the water with it (Fresnel); `incident` has unit length.
-pub fn entering(water: &Water, entry: &Entry, incident: DVec3) -> f64 {
-    let cosine = incident.dot(entry.normal).abs();
-    fresnel_transmittance(cosine, 1.0, water.refractive_index)
+/// Share of an unpolarised photon's energy that enters the water with it: Fresnel's, or all of it where that is left aside. Both
+/// directions have unit length.
+pub fn entering(water: &Water, normal: DVec3, incident: DVec3) -> f64 {
+    if !water.fresnel {
+        return 1.0;
+    }
+    fresnel_transmittance(incident.dot(normal).abs(), 1.0, water.refractive_index)
 }
 
 /// Landing of every `step`th photon of a grid, in memory order, on all cores.

@@ -5,7 +5,8 @@
 use glam::DVec3;
 use itertools::iproduct;
 
-use super::optics::{fresnel_transmittance, transmittance};
+use super::optics::transmittance;
+use super::photons::entering;
 use fathom_scene::{Light, LightFrame, LightKind, Water};
 
 /// Rounding at the border of a rectangle, as a share of its side.
@@ -177,12 +178,7 @@ pub fn share_left(frame: &LightFrame, water: &Water, entry: DVec3, path_m: f64) 
             (incident, incident.dot(frame.forward).powi(3))
         }
     };
-    let entering = if water.fresnel {
-        let cosine = incident.dot(water.normal(entry.x, entry.z)).abs();
-        fresnel_transmittance(cosine, 1.0, water.refractive_index)
-    } else {
-        1.0
-    };
+    let entering = entering(water, water.normal(entry.x, entry.z), incident);
     spread * entering * transmittance(water.attenuation_per_m, path_m)
 }
 

@@ -75,16 +75,22 @@ pub struct Splat {
 /// half-open square (top-left rule), and drawn if the splat is not behind the depth stored there by
 /// more than `bias`. `depth` may have another resolution; it is read at the nearest texel.
 pub fn rasterize(target: &mut Image, splats: &[Splat], depth: &Image, bias: f64) {
-    let (width, height) = (target.width(), target.height());
+    let size = target.size();
     for splat in splats {
-        let columns = covered(splat.center_px[0], splat.size_px, width);
-        let rows = covered(splat.center_px[1], splat.size_px, height);
-        for (y, x) in iproduct!(rows, columns) {
-            let u = (x as f64 + 0.5) / f64::from(width);
-            let v = (y as f64 + 0.5) / f64::from(height);
-            if splat.depth <= depth.nearest(u, v) + bias {
-                target.add(x, y, splat.value);
-            }
+        splat.draw(target, |at| {
+            let [u, v] = [0, 1].map(|k| (at[k] as f64 + 0.5) / f64::from(size[k]));
+            splat.depth <= depth.nearest(u, v) + bias
+        });
+    }
+}
+
+impl Splat {
+    /// Adds its value to the covered pixels where it is seen.
+    fn draw(&self, target: &mut Image, is_seen: impl Fn([i64; 2]) -> bool) {
+        let [columns, rows] =
+            [0, 1].map(|k| covered(self.center_px[k], self.size_px, target.size()[k]));
+        for (y, x) in iproduct!(rows, columns).filter(|(y, x)| is_seen([*x, *y])) {
+            target.add(x, y, self.value);
         }
     }
 }
@@ -108,21 +114,16 @@ pub fn rasterize_within_surfaces(
     seen: &CameraDepth<'_>,
     reach_m: f64,
 ) {
-    let (width, height) = (target.width(), target.height());
+    let size = target.size();
     for SurfaceSplat { splat, photon_depth, slope } in splats {
-        let columns = covered(splat.center_px[0], splat.size_px, width);
-        let rows = covered(splat.center_px[1], splat.size_px, height);
-        for (y, x) in iproduct!(rows, columns) {
-            let from_center = [x as f64, y as f64];
-            let rise = [0, 1].map(|k| slope[k] * (from_center[k] + 0.5 - splat.center_px[k]));
+        splat.draw(target, |at| {
+            let rise = [0, 1].map(|k| slope[k] * (at[k] as f64 + 0.5 - splat.center_px[k]));
             let rise = rise[0] + rise[1];
-            let [column, row] = seen.texel([x, y], [width, height]);
+            let [column, row] = seen.texel(at, size);
             let z = seen.depth.clamped(column, row);
             let behind_m = seen.view_m(z) - seen.view_m(photon_depth + rise);
-            if splat.depth + rise <= z && behind_m <= reach_m {
-                target.add(x, y, splat.value);
-            }
-        }
+            splat.depth + rise <= z && behind_m <= reach_m
+        });
     }
 }
 

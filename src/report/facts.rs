@@ -295,7 +295,7 @@ impl Exponent<'_, '_> {
 
     /// What grows: a stage's name, or the measure in words.
     pub fn y_title(&self) -> String {
-        self.y.stage_name().unwrap_or_else(|| self.y.label().words)
+        names::measure(self.y)
     }
 }
 

@@ -24,16 +24,23 @@ pub fn three(value: f64) -> String {
 
 /// A duration in milliseconds with its interval, `12.3 (12.1 – 12.6)`; where there is none, the samples: `12.1; 12.3; 12.6`.
 pub fn ms(ns: &Estimate, samples_ns: &[f64]) -> String {
-    let Estimate { median, interval, .. } = ns.scaled(1.0 / NS_PER_MS);
-    match interval {
-        Some(Interval { low, high }) => {
-            format!("{} ({} – {})", three(median), three(low), three(high))
-        }
+    match ns.interval {
+        Some(_) => interval(&ns.scaled(1.0 / NS_PER_MS)),
         None if samples_ns.is_empty() => "–".to_owned(),
         None => {
             let samples: Vec<String> = samples_ns.iter().map(|ns| three(ns / NS_PER_MS)).collect();
             samples.join("; ")
         }
+    }
+}
+
+/// A figure with its interval: `1.38 (1.30 – 1.46)`.
+pub fn interval(figure: &Estimate) -> String {
+    match figure.interval {
+        Some(Interval { low, high }) => {
+            format!("{} ({} – {})", three(figure.median), three(low), three(high))
+        }
+        None => three(figure.median),
     }
 }
 

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::format::{NS_PER_MS, three};
 use super::timed::{NamedTime, times};
-use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
+use super::{Exporter, OfRun, ReportView, RunExporter, Written};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "github-action-benchmark",
@@ -36,9 +36,9 @@ pub fn text(entries: &[Entry]) -> String {
     json + "\n"
 }
 
-fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
+fn export(view: &ReportView<'_>) -> String {
     let entries: Vec<Entry> = times(view).into_iter().map(entry).collect();
-    Ok(text(&entries))
+    text(&entries)
 }
 
 fn entry(named: NamedTime) -> Entry {
@@ -71,7 +71,7 @@ mod tests {
     fn every_entry_has_what_the_action_asks_for() {
         let records = fixtures::run();
         let view = ReportView::new(&records, None);
-        let all: Vec<Value> = serde_json::from_str(&export(&view).unwrap()).unwrap();
+        let all: Vec<Value> = serde_json::from_str(&export(&view)).unwrap();
         assert_eq!(all.len(), times(&view).len());
         for entry in &all {
             let texts = ["name", "unit", "extra", "range"];

@@ -2,6 +2,7 @@
 //!
 //! A [`RunExporter`] turns a [`ReportView`] of a run's records into files.
 
+mod axis;
 pub mod bencher;
 pub mod ceilings;
 mod cells_csv;
@@ -14,7 +15,9 @@ pub mod github_benchmark;
 pub mod junit;
 pub mod page;
 mod plots;
+mod series;
 mod summary;
+mod svg;
 mod timed;
 mod trust;
 mod view;
@@ -41,8 +44,6 @@ use fathom_base::text;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    #[error("cannot draw the plot of `{experiment}`: {message}")]
-    Plot { experiment: String, message: String },
     #[error("there is no cell with timed frames")]
     NoFrames,
     #[error("no timed cell `{}`{}", text::line(.name), text::did_you_mean(.nearest))]
@@ -56,6 +57,12 @@ pub enum ReportError {
 pub struct Artifact {
     pub name: String,
     pub bytes: Vec<u8>,
+}
+
+impl Artifact {
+    pub fn of(name: impl Into<String>, text: String) -> Artifact {
+        Artifact { name: name.into(), bytes: text.into_bytes() }
+    }
 }
 
 /// A format of reports.
@@ -86,11 +93,11 @@ pub type RunExporter = Exporter<OfRun>;
 /// What is made of a run.
 pub enum OfRun {
     /// The text of one file.
-    One(fn(&ReportView<'_>) -> Result<String, ReportError>),
+    One(fn(&ReportView<'_>) -> String),
     /// The text of one file, written row by row: that of a large run fills memory.
     Rows(fn(&ReportView<'_>, &mut dyn Write) -> io::Result<()>),
     /// A file for each experiment or pipeline.
-    Several(fn(&ReportView<'_>) -> Result<Vec<Artifact>, ReportError>),
+    Several(fn(&ReportView<'_>) -> Vec<Artifact>),
     /// The text of one file about one frame.
     Frame(fn(&ChosenFrame<'_>) -> String),
 }
@@ -115,7 +122,7 @@ impl Exported {
 impl<F> Exporter<F> {
     /// Its only file with this text.
     pub fn one(&self, text: String) -> Exported {
-        Exported::One(Artifact { name: self.file.to_owned(), bytes: text.into_bytes() })
+        Exported::One(Artifact::of(self.file, text))
     }
 }
 
@@ -127,14 +134,14 @@ impl RunExporter {
         choice: &FrameChoice,
     ) -> Result<Exported, ReportError> {
         Ok(match self.export {
-            OfRun::One(export) => self.one(export(view)?),
+            OfRun::One(export) => self.one(export(view)),
             OfRun::Rows(export) => {
                 let mut bytes = Vec::new();
                 // Writing to memory does not fail.
                 let _ = export(view, &mut bytes);
                 Exported::One(Artifact { name: self.file.to_owned(), bytes })
             }
-            OfRun::Several(export) => Exported::Several(export(view)?),
+            OfRun::Several(export) => Exported::Several(export(view)),
             OfRun::Frame(export) => self.one(export(&view.frame(choice)?)),
         })
     }

@@ -8,7 +8,7 @@ mod scaling;
 
 use itertools::Itertools;
 
-use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written, facts, page};
+use super::{Exporter, OfRun, ReportView, RunExporter, Written, facts, page};
 use fathom_base::text;
 
 pub const EXPORTER: RunExporter = Exporter {
@@ -23,13 +23,13 @@ pub const EXPORTER: RunExporter = Exporter {
 #[cfg(test)]
 const MOST_LINES: usize = 200;
 
-fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
+fn export(view: &ReportView<'_>) -> String {
     let mut text = String::new();
     head::write(view, &mut text);
     claims::write(view, &mut text);
     frames::write(view, &mut text);
     scaling::write(view, &mut text);
-    Ok(text)
+    text
 }
 
 /// What a run says in a few lines, for the terminal: the tally of verdicts and the slowest stages.

@@ -6,13 +6,14 @@ use std::collections::hash_map::Entry::{Occupied, Vacant};
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 use indexmap::IndexMap;
 use itertools::Itertools;
 use serde_json::Value;
 
 use super::colors::StageColors;
-use super::plots::Figure;
+use super::plots::{Figure, PlotInput};
 use fathom_base::folder::Folder;
 use fathom_experiments as experiments;
 use fathom_experiments::{CellPlan, Experiment, Ruling, label_text};
@@ -24,7 +25,7 @@ pub struct ReportView<'a> {
     pub ends: Vec<&'a End>,
     pub sections: Vec<Section<'a>>,
     /// Of every stage that was measured, but not of the CPU's part of a frame.
-    pub colors: StageColors,
+    pub colors: Rc<StageColors>,
     /// Where the run's pictures lie.
     pub folder: Option<PathBuf>,
     /// What of the input it does not hold.
@@ -86,6 +87,8 @@ pub struct Section<'a> {
     pub pictures: Vec<(&'a Cell, &'a Picture)>,
     /// How many parameters the plan sets in each of its cells.
     settings: HashMap<String, usize>,
+    /// Of the view.
+    colors: Rc<StageColors>,
     rulings: OnceCell<Vec<Ruling>>,
     figure: OnceCell<Figure>,
 }
@@ -117,7 +120,8 @@ impl<'a> ReportView<'a> {
         }
         let stages = view.measured().flat_map(|(_, measured)| &measured.stages);
         let stages = stages.filter(|stage| stage.clock != Clock::Host);
-        view.colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
+        view.colors = Rc::new(StageColors::new(stages.map(|stage| stage.stage.as_str())));
+        view.sections.iter_mut().for_each(|section| section.colors = view.colors.clone());
         view
     }
 
@@ -267,9 +271,13 @@ impl<'a> Section<'a> {
 
     pub(super) fn figure(&self) -> &Figure {
         self.figure.get_or_init(|| match &self.experiment {
-            Some(experiment) => {
-                Figure::new(experiment, self.cells(), self.rulings(), self.software())
-            }
+            Some(experiment) => Figure::new(&PlotInput {
+                experiment,
+                cells: self.cells(),
+                rulings: self.rulings(),
+                software: self.software(),
+                colors: &self.colors,
+            }),
             None => Figure::default(),
         })
     }

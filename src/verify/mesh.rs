@@ -168,8 +168,7 @@ fn corner(scene: &Scene, frame: &LightFrame, photon: &Photon, landed: &Landed) -
         LightKind::Directional => frame.forward,
         LightKind::Point => (entry - frame.position).normalize(),
     };
-    let passed =
-        if scene.water.fresnel { entering(&scene.water, &landed.entry, incident) } else { 1.0 };
+    let passed = entering(&scene.water, landed.entry.normal, incident);
     let left = transmittance(scene.water.attenuation_per_m, photon.distance_m.into()) * passed;
     Corner { entry, hit: photon.hit_m.as_dvec3(), left }
 }

@@ -1,11 +1,12 @@
 //! The records of a merged run.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use indexmap::{IndexMap, IndexSet};
 use itertools::Itertools;
 
 use super::super::journal;
+use super::super::outcome::Counts;
 use super::super::plan::{self, Request};
 use super::{MergeError, Merged, OfAdapter, Source};
 use fathom_experiments::Experiment;
@@ -19,14 +20,6 @@ const OF_SHARD: [(&str, bool); 3] = [("--shard", true), ("--out", true), ("--res
 
 /// An experiment and its cell.
 pub type CellId = (String, String);
-
-/// Cells of a merged run by what became of them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    pub measured: usize,
-    pub skipped: usize,
-    pub failed: usize,
-}
 
 /// Cells that were measured under one header.
 struct Sitting {
@@ -49,7 +42,7 @@ impl OfAdapter {
             sitting.cells.sort_by_key(|cell| definitions.get_index_of(&cell.experiment));
         }
         let merged = Merged {
-            counts: counts(&sittings),
+            counts: Counts::of(sittings.iter().flat_map(|sitting| &sitting.cells)),
             missing: self.missing(&definitions, &sittings)?,
             absent: self.absent(),
             notes,
@@ -64,11 +57,8 @@ impl OfAdapter {
     /// Of each experiment, in the order of the plan.
     fn definitions(&self) -> IndexMap<String, Definition> {
         let records = self.sources.iter().flat_map(|source| &source.records);
-        let definitions = records.filter_map(|record| match record {
-            Record::Experiment(definition) => Some((definition.id.clone(), definition.clone())),
-            _ => None,
-        });
-        definitions.collect()
+        let definitions = records.filter_map(Record::try_as_experiment_ref);
+        definitions.map(|known| (known.id.clone(), known.clone())).collect()
     }
 
     fn missing(
@@ -81,11 +71,9 @@ impl OfAdapter {
         };
         let planned = planned(definitions, &shard.selection, header.profile)?;
         let cells = sittings.iter().flat_map(|sitting| &sitting.cells);
-        let there: IndexSet<(&str, &str)> =
-            cells.map(|cell| (cell.experiment.as_str(), cell.cell.as_str())).collect();
-        let is_missing =
-            |(experiment, cell): &CellId| !there.contains(&(experiment.as_str(), cell.as_str()));
-        Ok(planned.into_iter().filter(is_missing).collect())
+        let there: HashSet<CellId> =
+            cells.map(|cell| (cell.experiment.clone(), cell.cell.clone())).collect();
+        Ok(planned.into_iter().filter(|cell| !there.contains(cell)).collect())
     }
 
     fn absent(&self) -> Vec<Part> {
@@ -101,7 +89,7 @@ impl OfAdapter {
             let output = OutputFolder { folder: source.folder.clone() };
             notes.extend(source.damaged.notices(&output.records()));
             let unfinished = journal::unfinished(&output.samples(), &source.records);
-            let unfinished = unfinished.map_or(0, |cells| cells.len());
+            let unfinished = unfinished.unwrap_or_default().len();
             if unfinished > 0 {
                 let folder = source.folder.display();
                 notes.push(format!(
@@ -163,8 +151,8 @@ fn kept(sources: &[Source]) -> (Vec<Vec<bool>>, usize) {
     for (_, place, line) in best.values() {
         kept[*place][*line] = true;
     }
-    let is_cell = |record: &&Record| matches!(record, Record::Cell(_));
-    let cells = sources.iter().flat_map(|source| &source.records).filter(is_cell).count();
+    let records = sources.iter().flat_map(|source| &source.records);
+    let cells = records.filter_map(Record::try_as_cell_ref).count();
     (kept, cells - best.len())
 }
 
@@ -224,18 +212,6 @@ fn without_shard(command: &[String]) -> Vec<String> {
         }
     }
     kept
-}
-
-fn counts(sittings: &[Sitting]) -> Counts {
-    let mut counts = Counts::default();
-    for cell in sittings.iter().flat_map(|sitting| &sitting.cells) {
-        match cell.outcome {
-            Outcome::Measured(_) => counts.measured += 1,
-            Outcome::Skipped { .. } => counts.skipped += 1,
-            Outcome::Failed { .. } => counts.failed += 1,
-        }
-    }
-    counts
 }
 
 /// The definitions after the first header, each with a cell at least.

@@ -107,18 +107,11 @@ fn copy_pictures(
     to: &Folder,
 ) -> Result<Vec<String>, MergeError> {
     let mut notes = Vec::new();
-    let cells = records.iter().filter_map(|record| match record {
-        Record::Cell(cell) => Some((cell, cell.measured()?)),
-        _ => None,
-    });
-    for (cell, measured) in cells {
-        for picture in &measured.pictures {
+    for cell in records.iter().filter_map(Record::try_as_cell_ref) {
+        for picture in cell.measured().into_iter().flat_map(|measured| &measured.pictures) {
             if let Err(reason) = copy_picture(from, cell, picture, to)? {
-                notes.push(format!(
-                    "{}: picture of {}: {reason}",
-                    from.path().display(),
-                    cell.cell
-                ));
+                let folder = from.path().display();
+                notes.push(format!("{folder}: picture of {}: {reason}", cell.cell));
             }
         }
     }

@@ -8,7 +8,7 @@ use itertools::Itertools;
 use rayon::prelude::*;
 
 use super::table::{self, PointFault, SHORT};
-use super::{QueryError, check, read_with, written};
+use super::{QueryError, check, numbers, read_with, written};
 use crate::subject::Subject;
 use fathom_gpu::Gpu;
 use fathom_pipelines::underwater::{self, Intensity, Params, PhotonQuery, Underwater, photons_at};
@@ -145,10 +145,7 @@ impl Query {
             Landing::Blocked | Landing::MissesWater => return 0.0,
         };
         let incident = self.incident(start);
-        let mut weight = 1.0;
-        if self.view.water.fresnel {
-            weight *= entering(&self.view.water, entry, incident);
-        }
+        let mut weight = entering(&self.view.water, entry.normal, incident);
         let conserving = self.params.caustics.intensity == Intensity::Conserving;
         if conserving && start.direction.is_none() && self.light.kind == LightKind::Point {
             weight *= incident.dot(self.light.forward).powi(3);
@@ -165,21 +162,17 @@ impl Query {
         answers: &[Answer],
         reference: Option<&[Landing]>,
     ) -> Result<(), QueryError> {
-        written(target, writer, |csv| {
-            csv.write_record(header(reference.is_some()))?;
-            for (i, (start, answer)) in self.starts.iter().zip(answers).enumerate() {
-                let numbers =
-                    [start.position_m, self.incident(start)].map(|v| v.to_array()).concat();
-                let mut fields: Vec<String> = numbers.iter().map(f64::to_string).collect();
-                fields.extend(self.answer(answer));
-                if let Some(landing) = reference.and_then(|all| all.get(i)) {
-                    fields.extend(self.exact(start, landing));
-                    fields.push(error(answer, landing));
-                }
-                csv.write_record(fields)?;
+        let row = |(i, (start, answer)): (usize, (&Start, &Answer))| {
+            let mut fields = numbers([start.position_m, self.incident(start)]).collect_vec();
+            fields.extend(self.answer(answer));
+            if let Some(landing) = reference.and_then(|all| all.get(i)) {
+                fields.extend(self.exact(start, landing));
+                fields.push(error(answer, landing));
             }
-            Ok(())
-        })
+            fields
+        };
+        let rows = self.starts.iter().zip(answers).enumerate().map(row);
+        written(target, writer, header(reference.is_some()), rows)
     }
 
     fn answer(&self, answer: &Answer) -> Vec<String> {

@@ -47,13 +47,17 @@ fn cell(time: FrameTime) -> MockCell {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Call {
-    Prepare(usize),
-    Timed(usize),
-    Untimed(usize),
-    Finish(usize),
-    Release(usize),
+enum Did {
+    Prepare,
+    Timed,
+    Untimed,
+    Finish,
+    Release,
 }
+use Did::*;
+
+/// What was done, and to which cell.
+type Call = (Did, usize);
 
 #[derive(Default)]
 struct Mock {
@@ -126,8 +130,8 @@ impl Mock {
         }
     }
 
-    fn count(&self, wanted: fn(&Call) -> bool) -> usize {
-        self.calls.iter().filter(|call| wanted(call)).count()
+    fn count(&self, wanted: Did) -> usize {
+        self.calls.iter().filter(|(did, _)| *did == wanted).count()
     }
 }
 
@@ -135,7 +139,7 @@ impl Executor for Mock {
     type Fatal = String;
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
-        self.calls.push(Call::Prepare(cell));
+        self.calls.push((Prepare, cell));
         if self.cells[cell].refuses {
             Err(Failure::Cell("out of GPU memory".into()))
         } else {
@@ -144,7 +148,7 @@ impl Executor for Mock {
     }
 
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
-        self.calls.push(Call::Timed(cell));
+        self.calls.push((Timed, cell));
         if let Some(busy) = &mut self.busy {
             self.now_s += 0.01;
             return Ok(busy.timed());
@@ -169,7 +173,7 @@ impl Executor for Mock {
     }
 
     fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
-        self.calls.push(Call::Untimed(cell));
+        self.calls.push((Untimed, cell));
         if let Some(busy) = &mut self.busy {
             self.now_s += 0.01;
             return Ok(busy.untimed_ns());
@@ -206,13 +210,13 @@ impl Executor for Mock {
         if self.disk_full {
             return Err("disk full".to_owned());
         }
-        self.calls.push(Call::Finish(cell));
+        self.calls.push((Finish, cell));
         assert!(self.results.insert(cell, result).is_none(), "cell {cell} finished twice");
         Ok(())
     }
 
     fn release(&mut self, cell: usize) {
-        self.calls.push(Call::Release(cell));
+        self.calls.push((Release, cell));
     }
 
     fn recover(&mut self) -> Result<(), String> {
@@ -303,11 +307,9 @@ fn cells_whose_times_nobody_asks_for_render_one_frame() {
     let errors = || MockCell { untimed_only: true, bytes: 900, ..MockCell::default() };
     let mock = Mock::of(vec![errors(), MockCell::default(), errors()]).run(&SETTINGS);
     for cell in [0, 2] {
-        let frames = mock
-            .calls
-            .iter()
-            .filter(|call| matches!(call, Call::Timed(of) | Call::Untimed(of) if *of == cell));
-        assert_eq!(frames.collect::<Vec<_>>(), [&Call::Untimed(cell)]);
+        let frames =
+            mock.calls.iter().filter(|(did, of)| matches!(did, Timed | Untimed) && *of == cell);
+        assert_eq!(frames.collect::<Vec<_>>(), [&(Untimed, cell)]);
         assert_eq!(mock.samples(cell).pairs(), 0);
         assert_eq!(mock.samples(cell).stopped, Stopped::UntimedOnly);
     }
@@ -393,32 +395,19 @@ fn timed_and_untimed_frames_alternate_in_random_order() {
     let noisy = || cell(|f, _| 2e7 * noise(f, 0.9));
     let mock = Mock::of(vec![noisy(), noisy(), noisy()]).run(&SETTINGS);
     let frames: Vec<Call> = (mock.calls.iter().copied())
-        .filter(|call| matches!(call, Call::Timed(_) | Call::Untimed(_)))
+        .filter(|(did, _)| matches!(did, Timed | Untimed))
         .skip(12)
         .collect();
     let visits: Vec<&[Call]> = frames.chunks_exact(2).collect();
-    let timed_first = visits.iter().filter(|visit| matches!(visit[0], Call::Timed(_))).count();
+    let timed_first = visits.iter().filter(|visit| visit[0].0 == Timed).count();
     let share = timed_first as f64 / visits.len() as f64;
     assert!((0.3..=0.7).contains(&share), "{share}");
-    assert!(visits.iter().all(|visit| match (visit[0], visit[1]) {
-        (Call::Timed(a), Call::Untimed(b)) | (Call::Untimed(a), Call::Timed(b)) => a == b,
-        _ => false,
-    }));
+    assert!(visits.iter().all(|visit| visit[0].0 != visit[1].0 && visit[0].1 == visit[1].1));
     let orders: BTreeSet<Vec<usize>> = visits
         .chunks_exact(3)
-        .map(|round| round.iter().map(|visit| cell_of(visit[0])).collect())
+        .map(|round| round.iter().map(|visit| visit[0].1).collect())
         .collect();
     assert!(orders.len() > 3, "rounds are shuffled: {orders:?}");
-}
-
-fn cell_of(call: Call) -> usize {
-    match call {
-        Call::Prepare(cell)
-        | Call::Timed(cell)
-        | Call::Untimed(cell)
-        | Call::Finish(cell)
-        | Call::Release(cell) => cell,
-    }
 }
 
 #[test]
@@ -453,9 +442,9 @@ fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
     let refuses = MockCell { refuses: true, ..MockCell::default() };
     let mock = Mock::of(vec![MockCell::default(), refuses, MockCell::default()]).run(&SETTINGS);
     assert_eq!(mock.reason(1), "out of GPU memory");
-    assert!(mock.calls.contains(&Call::Release(1)));
+    assert!(mock.calls.contains(&(Release, 1)));
     assert_eq!(mock.results.len(), 3);
-    assert!(!mock.calls.contains(&Call::Timed(1)));
+    assert!(!mock.calls.contains(&(Timed, 1)));
 }
 
 #[test]
@@ -466,14 +455,14 @@ fn groups_fit_into_memory_and_are_released() {
     let mut groups: Vec<usize> = Vec::new();
     for call in &mock.calls {
         match call {
-            Call::Prepare(cell) => {
+            (Prepare, cell) => {
                 if alive.is_empty() {
                     groups.push(0);
                 }
                 *groups.last_mut().expect("a group") += 1;
                 alive.insert(*cell);
             }
-            Call::Release(cell) => {
+            (Release, cell) => {
                 alive.remove(cell);
             }
             _ => {}
@@ -492,7 +481,7 @@ fn a_lost_device_is_opened_once_more_and_samples_survive() {
     let mock = Mock::of(vec![loses, noisy]).run(&SETTINGS);
     assert_eq!(mock.reason(0), "device lost: gone");
     let samples = mock.samples(1);
-    assert_eq!(mock.count(|call| *call == Call::Prepare(1)), 2);
+    assert_eq!(mock.calls.iter().filter(|call| **call == (Prepare, 1)).count(), 2);
     assert!(samples.warm_up_frames >= 4, "warmed up on both devices");
 }
 
@@ -514,8 +503,8 @@ fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
     let mock = Mock { interrupt_at_s: Some(3.0), ..Mock::of(cells) }.run(&SETTINGS);
     assert_eq!(mock.results.keys().copied().collect::<Vec<_>>(), [0]);
     assert!(mock.now_s < 5.0, "it ends after the pair that is under way: {}", mock.now_s);
-    assert_eq!(mock.count(|call| matches!(call, Call::Prepare(_))), 2);
-    assert_eq!(mock.count(|call| matches!(call, Call::Release(_))), 2);
+    assert_eq!(mock.count(Prepare), 2);
+    assert_eq!(mock.count(Release), 2);
 }
 
 #[test]

@@ -40,15 +40,7 @@ fn field(
         while above(low + 0.01) > 0.0 && low < 40.0 {
             low += 0.01;
         }
-        let mut high = low + 0.01;
-        for _ in 0..50 {
-            let middle = 0.5 * (low + high);
-            if above(middle) > 0.0 {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
+        let [low, _] = crate::bisected([low, low + 0.01], 50, |t| above(t) <= 0.0);
         let p = origin + direction * low;
         depths.push(rays.project(p).unwrap().depth);
         normals.push(normal(p));

@@ -3,10 +3,9 @@
 use indexmap::IndexMap;
 use maud::{Markup, html};
 
-use super::svg::{Axis, tenth};
 use super::{Page, PageSection};
+use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{three, trim_zeros};
-use crate::plots::scale::ScaleKind;
 use fathom_experiments::schema::Claim;
 use fathom_experiments::{RuledFigure, Ruling, Verdict};
 use fathom_record::Interval;
@@ -187,9 +186,7 @@ fn axis(row: &Row<'_>) -> Option<Axis> {
 }
 
 fn picture(axis: &Axis, deciding: &RuledFigure, published: Option<f64>) -> Markup {
-    let [low, high] = [deciding.band.low, deciding.band.high].map(|end| axis.px_within(end));
-    let start = if deciding.band.low.is_finite() { low } else { MARGIN_PX };
-    let end = if deciding.band.high.is_finite() { high } else { WIDTH_PX - MARGIN_PX };
+    let [start, end] = [deciding.band.low, deciding.band.high].map(|end| axis.px_within(end));
     let middle = HEIGHT_PX / 2.0;
     let at = axis.px_within(deciding.value);
     let interval =

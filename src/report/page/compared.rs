@@ -2,10 +2,9 @@
 
 use maud::{Markup, html};
 
-use super::svg::{Axis, tenth};
 use super::{Page, PageSection};
+use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::trim_zeros;
-use crate::plots::scale::ScaleKind;
 
 pub const SECTION: PageSection = PageSection { id: "compared", title: "Comparison", write };
 

@@ -126,13 +126,13 @@ fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
     RunData { label: &run.label, cells, plots: plots(run.view) }
 }
 
-/// Those that can be drawn. The exporter of plots tells why one cannot.
 fn plots<'a>(view: &'a ReportView<'a>) -> Vec<PlotData<'a>> {
     let drawn = view.sections.iter().filter(|section| section.figure().is_drawn());
-    let plot = |section: &'a Section<'a>| {
-        Some(PlotData { experiment: section.id, svg: plots::svg(view, section).ok()? })
+    let plot = |section: &'a Section<'a>| PlotData {
+        experiment: section.id,
+        svg: plots::svg(view, section),
     };
-    drawn.filter_map(plot).collect()
+    drawn.map(plot).collect()
 }
 
 fn of_cell<'a>(cell: &'a Cell, measured: &'a Measured, started_s: f64) -> CellData<'a> {

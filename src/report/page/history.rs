@@ -2,8 +2,9 @@
 
 use maud::{Markup, html};
 
-use super::svg::{self, Axis};
 use super::{Page, PageSection, Tone};
+use crate::axis::{Axis, tenth};
+use crate::svg;
 use fathom_record::Estimate;
 
 pub const SECTION: PageSection = PageSection { id: "history", title: "History", write };
@@ -162,7 +163,7 @@ fn drawing(one: &HistoryChart) -> Option<Markup> {
     let values = one.points.iter().flat_map(|point| point.value.ends());
     let y = Axis::tight(values, [BOTTOM_PX, TOP_PX])?;
     let last = one.points.len().saturating_sub(1).max(1) as f64;
-    let x = |at: f64| svg::tenth(LEFT_PX + 6.0 + at / last * (RIGHT_PX - LEFT_PX - 12.0));
+    let x = |at: f64| tenth(LEFT_PX + 6.0 + at / last * (RIGHT_PX - LEFT_PX - 12.0));
     Some(html! {
         (svg::y_axis(&y, [LEFT_PX, RIGHT_PX], ""))
         (ends(one))

@@ -16,7 +16,6 @@ mod published;
 mod quality;
 mod scaling;
 mod setting;
-pub mod svg;
 mod time;
 mod trust;
 
@@ -32,7 +31,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
 use super::colors::StageColors;
-use super::{Artifact, Exporter, LeftOut, OfRun, ReportError, ReportView, RunExporter, Written};
+use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written};
 use fathom_base::text;
 use fathom_record::Run;
 
@@ -132,7 +131,7 @@ impl<'a> Page<'a> {
     }
 
     pub fn file(&self) -> Artifact {
-        Artifact { name: FILE.to_owned(), bytes: self.html().into_bytes() }
+        Artifact::of(FILE, self.html())
     }
 
     pub fn html(&self) -> String {
@@ -201,8 +200,8 @@ fn policy(script: &str) -> String {
 }
 
 /// The page of one run.
-fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
+fn export(view: &ReportView<'_>) -> String {
     let label = view.run().map_or("no run", |run| run.adapter.name.as_str()).to_owned();
     let runs = if view.runs.is_empty() { Vec::new() } else { vec![PageRun { label, view }] };
-    Ok(Page { left_out: view.left_out.clone(), ..Page::new(runs) }.html())
+    Page { left_out: view.left_out.clone(), ..Page::new(runs) }.html()
 }

@@ -6,11 +6,11 @@ use indexmap::IndexSet;
 use maud::{Markup, html};
 use serde_json::Value;
 
-use super::svg::{Axis, chart, tenth, x_axis, y_axis};
 use super::{Page, PageRun, PageSection};
 use crate::Section;
+use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::three;
-use crate::plots::scale::ScaleKind;
+use crate::svg::{chart, x_axis, y_axis};
 use fathom_experiments::schema::{Comparison, Published};
 use fathom_experiments::words;
 use fathom_experiments::{RuledFigure, fits, flatten, fps, label_text};

@@ -8,10 +8,10 @@ use itertools::Itertools;
 use maud::{Markup, html};
 use serde_json::Value;
 
-use super::svg::{self, Axis, Paint, Shape};
 use super::{Page, PageRun, PageSection, setting};
+use crate::axis::{Axis, ScaleKind};
 use crate::format::{NS_PER_MS, three};
-use crate::plots::scale::ScaleKind;
+use crate::svg::{self, Paint, Shape};
 use fathom_experiments::words::{self, Unit};
 use fathom_experiments::{flatten, label_text};
 use fathom_record::{Cell, ErrorFigure, Estimate, Measured};
@@ -349,7 +349,6 @@ struct Scatter<'s, 'a> {
     one: &'s Comparison<'a>,
     x: Axis,
     y: Axis,
-    kinds: [ScaleKind; 2],
 }
 
 fn figure(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
@@ -358,12 +357,12 @@ fn figure(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
     html! {
         figure.multiple.quality id={ "quality-" (place) } data-of=(place) {
             figcaption { b { (pipelines(one)) " " (one.task.experiment) } br; (conditions(one)) }
-            p.axis-title { "↑ " (error_title(one.error)) ", " (kind_name(scatter.kinds[1])) }
+            p.axis-title { "↑ " (error_title(one.error)) ", " (scatter.y.kind.name()) }
             (svg::chart(SIZE_PX, &about, &scatter.content()))
-            p.axis-title.x { "→ frame time (ms), " (kind_name(scatter.kinds[0])) }
+            p.axis-title.x { "→ frame time (ms), " (scatter.x.kind.name()) }
             @for (run, of_run) in runs_of(page, one) {
                 p.best data-run=(run) {
-                    @if page.is_overlay() { (Shape::of_run(run).symbol()) " " (of_run.label) ": " }
+                    @if page.is_overlay() { (Shape::of(run).symbol()) " " (of_run.label) ": " }
                     span.best-words { (sentence(one, run)) }
                 }
                 (front_table(one, run))
@@ -396,21 +395,13 @@ fn front_table(one: &Comparison<'_>, run: usize) -> Markup {
     }
 }
 
-fn kind_name(kind: ScaleKind) -> &'static str {
-    match kind {
-        ScaleKind::Linear => "linear",
-        ScaleKind::Log => "logarithmic",
-    }
-}
-
 impl<'s, 'a> Scatter<'s, 'a> {
     fn new(page: &'s Page<'a>, one: &'s Comparison<'a>) -> Option<Scatter<'s, 'a>> {
         let times: Vec<f64> = one.settings.iter().map(|setting| setting.time_ms.median).collect();
         let errors: Vec<f64> = one.settings.iter().map(|setting| setting.error).collect();
-        let kinds = [kind(&times), kind(&errors)];
-        let x = Axis::fit(kinds[0], times, X_PX)?;
-        let y = Axis::fit(kinds[1], errors, Y_PX)?;
-        Some(Scatter { page, one, x, y, kinds })
+        let x = Axis::fit(kind(&times), times, X_PX)?;
+        let y = Axis::fit(kind(&errors), errors, Y_PX)?;
+        Some(Scatter { page, one, x, y })
     }
 
     fn content(&self) -> Markup {
@@ -421,7 +412,7 @@ impl<'s, 'a> Scatter<'s, 'a> {
             @for (run, _) in runs_of(self.page, self.one) { (self.front(run)) }
             @let limit = self.x.px_within(LIMIT_MS);
             line.limit x1=(limit) x2=(limit) y1=(Y_PX[1]) y2=(Y_PX[0]) data-low=(x_low) data-high=(x_high)
-                data-log=(self.kinds[0] == ScaleKind::Log) data-left=(X_PX[0]) data-right=(X_PX[1]) {}
+                data-log=(self.x.kind == ScaleKind::Log) data-left=(X_PX[0]) data-right=(X_PX[1]) {}
             @for setting in &self.one.settings { (self.mark(setting)) }
         }
     }
@@ -445,7 +436,7 @@ impl<'s, 'a> Scatter<'s, 'a> {
         let Some([x, y]) = self.place(setting) else { return html! {} };
         let best = best(self.one, setting.run, LIMIT_MS);
         let is_best = best.is_some_and(|best| std::ptr::eq(best, setting));
-        let path = Shape::of_run(setting.run).path([x, y]);
+        let path = Shape::of(setting.run).path([x, y]);
         let tip = self.tip(setting);
         let fill = if setting.front { Paint::Accent.css() } else { "var(--ground)".to_owned() };
         html! {

@@ -7,16 +7,17 @@ use itertools::Itertools;
 use maud::{Markup, html};
 use serde_json::{Map, Value};
 
-use super::svg::{self, Axis, Paint, Shape};
 use super::{Page, PageRun, PageSection, setting};
+use crate::axis::{Axis, ScaleKind, tenth};
 use crate::facts;
-use crate::format::three;
-use crate::plots::scale::ScaleKind;
+use crate::format::{si, three};
+use crate::series::{Point, Series, Source};
+use crate::svg::{self, Paint, Shape};
 use fathom_experiments as experiments;
-use fathom_experiments::schema::{Claim, Experiment, FIXED_SHARE, Plot, PlotKind, Test};
+use fathom_experiments::schema::{Claim, Experiment, Plot, PlotKind, Test};
 use fathom_experiments::words::Unit;
-use fathom_experiments::{Measure, Scaling, groups, scaling};
-use fathom_record::{Cell, Estimate};
+use fathom_experiments::{Measure, groups};
+use fathom_record::Cell;
 
 pub const SECTION: PageSection = PageSection { id: "scaling", title: "How it scales", write };
 
@@ -50,25 +51,6 @@ struct Chart<'a> {
     series: Vec<Series<'a>>,
 }
 
-struct Series<'a> {
-    /// Its place on the page.
-    run: usize,
-    name: String,
-    y: &'a Measure,
-    points: Vec<Point<'a>>,
-    /// Why there is no exponent, where one was asked for.
-    fit: Option<Result<Scaling, String>>,
-    /// Its points have an order.
-    joined: bool,
-}
-
-/// In the units shown.
-struct Point<'a> {
-    x: f64,
-    y: Estimate,
-    cell: &'a Cell,
-}
-
 fn write(page: &Page<'_>) -> Option<Markup> {
     let experiments = experiments(page);
     let shown: Vec<(&str, &Experiment, Vec<Markup>)> = experiments
@@ -81,9 +63,9 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     }
     Some(html! {
         p.lead {
-            "Points are medians with their 95 % intervals. On logarithmic charts the line is the fitted power law, y ∝ x to the "
-            "exponent that stands below the chart; dotted lines have the slope 1: twice the work takes twice the time. "
-            "Elsewhere lines join the points of an axis of numbers; scenes and other categories are not joined."
+            "Points are medians with their 95 % intervals. Lines join the points of an axis of numbers; scenes and other categories "
+            "are not joined. On logarithmic charts the dashed line is the fitted power law, y ∝ x to the exponent that stands below "
+            "the chart; dotted lines have the slope 1: twice the work takes twice the time."
         }
         @if page.is_overlay() { (runs(page)) }
         div.controls.script-only {
@@ -113,7 +95,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 fn runs(page: &Page<'_>) -> Markup {
     html! {
         p { @for (place, run) in page.runs.iter().enumerate() {
-            (Shape::of_run(place).symbol()) " " (run.label) "  "
+            (Shape::of(place).symbol()) " " (run.label) "  "
         } }
     }
 }
@@ -201,9 +183,8 @@ fn charts<'a>(page: &Page<'a>, id: &str, spec: &Spec<'a>, joined: bool) -> Vec<C
             for y in &spec.y {
                 let alone = spec.y.len() == 1 && !group.is_empty();
                 let name = if alone { group.clone() } else { name(page, y) };
-                let one = series(spec, y, name, &cells, joined);
+                let one = series(page, place, spec, y, name, &cells, joined);
                 let chart = if alone { String::new() } else { group.clone() };
-                let one = one.map(|one| Series { run: place, ..one });
                 charts.entry(chart).or_default().extend(one);
             }
         }
@@ -233,34 +214,49 @@ fn name(page: &Page<'_>, y: &Measure) -> String {
 
 /// None where no cell has both figures, or all have the same x.
 fn series<'a>(
+    page: &Page<'a>,
+    run: usize,
     spec: &Spec<'a>,
     y: &'a Measure,
     name: String,
     cells: &[&'a Cell],
     joined: bool,
 ) -> Option<Series<'a>> {
-    let [x_factor, y_factor] = [spec.x, y].map(|measure| measure.label().unit.factor());
-    let point = |cell: &&'a Cell| {
-        let measured = cell.measured()?;
-        let x = spec.x.read(cell, measured)?.median() * x_factor;
-        let y = y.read(cell, measured)?.estimate().scaled(y_factor);
-        Some(Point { x, y, cell })
-    };
-    let mut points: Vec<Point<'_>> = cells.iter().filter_map(point).collect();
-    points.sort_by(|a, b| a.x.total_cmp(&b.x));
-    let [first, .., last] = points.as_slice() else { return None };
+    let factors = [spec.x, y].map(|measure| measure.label().unit.factor());
+    let source = Source { x: spec.x, y, factors, joined, fitted: spec.kind == ScaleKind::Log };
+    let mut series = source.read(cells, name, paint(page, y).css(), Shape::of(run));
+    let [first, .., last] = series.points.as_slice() else { return None };
     if first.x >= last.x {
         return None;
     }
-    let fit =
-        (joined && spec.kind == ScaleKind::Log).then(|| scaling(y, spec.x, cells, FIXED_SHARE));
-    Some(Series { run: 0, name, y, points, fit, joined })
+    // Of many points some, spread over all.
+    let step = series.points.len().div_ceil(MOST_POINTS);
+    series.points = series.points.into_iter().step_by(step).collect();
+    let label = page.is_overlay().then(|| format!("{}\n", page.runs[run].label));
+    for point in &mut series.points {
+        point.tip = Some(tip(label.as_deref().unwrap_or_default(), &series.name, y, point));
+    }
+    Some(series)
+}
+
+fn tip(run: &str, name: &str, y: &Measure, point: &Point<'_>) -> String {
+    let interval = point.y.interval.filter(|interval| interval.low < interval.high);
+    let interval = interval.map(|i| format!(" ({} – {})", three(i.low), three(i.high)));
+    format!(
+        "{run}{name}\n{}: {} {}{}\n{}, n = {}",
+        si(point.x),
+        three(point.y.median),
+        y.label().unit.symbol(),
+        interval.unwrap_or_default(),
+        point.cell.cell,
+        point.y.n
+    )
 }
 
 /// None where a logarithm can show no point.
 fn figure(page: &Page<'_>, spec: &Spec<'_>, chart: &Chart<'_>) -> Option<Markup> {
     let shown = &chart.series[..chart.series.len().min(MOST_SERIES)];
-    let drawing = Drawing::new(page, spec, shown)?;
+    let content = drawing(page, spec, shown)?;
     let about = format!("{}: {} over {}", spec.title, y_title(spec), x_title(spec));
     let stages = stages_of(shown).into_iter().join("\n");
     Some(html! {
@@ -269,22 +265,15 @@ fn figure(page: &Page<'_>, spec: &Spec<'_>, chart: &Chart<'_>) -> Option<Markup>
                 b { (spec.title) }
                 @if !chart.group.is_empty() { br; (chart.group) }
             }
-            p.axis-title { "↑ " (y_title(spec)) ", " (kind_name(spec.kind)) }
-            (svg::chart(SIZE_PX, &about, &drawing.content()))
-            p.axis-title.x { "→ " (x_title(spec)) ", " (kind_name(spec.kind)) }
-            (fits(page, shown))
+            p.axis-title { "↑ " (y_title(spec)) ", " (spec.kind.name()) }
+            (svg::chart(SIZE_PX, &about, &content))
+            p.axis-title.x { "→ " (x_title(spec)) ", " (spec.kind.name()) }
+            (fits(shown))
             @if chart.series.len() > shown.len() {
                 p.faint { (chart.series.len() - shown.len()) " more lines are not shown." }
             }
         }
     })
-}
-
-fn kind_name(kind: ScaleKind) -> &'static str {
-    match kind {
-        ScaleKind::Linear => "linear",
-        ScaleKind::Log => "logarithmic",
-    }
 }
 
 fn x_title(spec: &Spec<'_>) -> String {
@@ -319,13 +308,13 @@ fn stages_of<'a>(series: &[Series<'a>]) -> BTreeSet<&'a str> {
 }
 
 /// Names of the lines, with their exponents.
-fn fits(page: &Page<'_>, series: &[Series<'_>]) -> Markup {
+fn fits(series: &[Series<'_>]) -> Markup {
     html! {
         ul.fits {
             @for one in series {
                 @if one.fit.is_some() || series.len() > 1 {
                     li {
-                        span style={ "color:" (paint(page, one).css()) } aria-hidden="true" { (Shape::of_run(one.run).symbol()) }
+                        span style={ "color:" (one.color) } aria-hidden="true" { (one.shape.symbol()) }
                         " " (one.name) " "
                         @match &one.fit {
                             Some(Ok(fit)) => { b { "∝ x^" (facts::exponent(fit)) } }
@@ -339,140 +328,62 @@ fn fits(page: &Page<'_>, series: &[Series<'_>]) -> Markup {
     }
 }
 
-fn paint(page: &Page<'_>, series: &Series<'_>) -> Paint {
-    match series.y.stage_name() {
+fn paint(page: &Page<'_>, y: &Measure) -> Paint {
+    match y.stage_name() {
         Some(stage) if page.colors.has(&stage) => Paint::Stage(page.colors.of(&stage)),
-        _ if series.y.is_time() => Paint::Ink,
+        _ if y.is_time() => Paint::Ink,
         _ => Paint::Accent,
     }
 }
 
-/// Series on their axes.
-struct Drawing<'d> {
-    page: &'d Page<'d>,
-    series: &'d [Series<'d>],
-    kind: ScaleKind,
-    /// Of x and y, from the record to what is shown.
-    factors: [f64; 2],
-    x: Axis,
-    y: Axis,
-    right_px: f64,
+/// Series on their axes, named at the right ends of their lines.
+fn drawing(page: &Page<'_>, spec: &Spec<'_>, series: &[Series<'_>]) -> Option<Markup> {
+    let names = series.iter().map(|one| label(page, one)).collect_vec();
+    let widest = names.iter().map(|name| svg::text_px(name) + 10.0).fold(0.0, f64::max);
+    let right_px = SIZE_PX[0] - widest.min(LABELS_PX);
+    let points = series.iter().flat_map(|one| &one.points);
+    let x = Axis::fit(spec.kind, points.map(|point| point.x), [LEFT_PX, right_px])?;
+    let y = Axis::fit(spec.kind, series.iter().flat_map(Series::ends), [BOTTOM_PX, TOP_PX])?;
+    let axes = [&x, &y];
+    Some(html! {
+        (svg::x_axis(&x, [TOP_PX, BOTTOM_PX], ""))
+        (svg::y_axis(&y, [LEFT_PX, right_px], ""))
+        @if spec.kind == ScaleKind::Log && series.iter().all(|one| one.y.is_time()) { (guides(axes)) }
+        @for one in series { (one.lines(axes)) }
+        @for one in series { (one.marks(axes)) }
+        (labels(series, &names, &y, right_px))
+    })
 }
 
-impl<'d> Drawing<'d> {
-    fn new(page: &'d Page<'d>, spec: &Spec<'_>, series: &'d [Series<'d>]) -> Option<Drawing<'d>> {
-        let labels = series.iter().map(|one| svg::text_px(&label(page, one)) + 10.0);
-        let right_px = SIZE_PX[0] - labels.fold(0.0, f64::max).min(LABELS_PX);
-        let points = || series.iter().flat_map(|one| &one.points);
-        let x = Axis::fit(spec.kind, points().map(|point| point.x), [LEFT_PX, right_px])?;
-        let ends =
-            points().flat_map(|point| [point.y.ends()[0], point.y.median, point.y.ends()[1]]);
-        let y = Axis::fit(spec.kind, ends, [BOTTOM_PX, TOP_PX])?;
-        let y_factor = series.first()?.y.label().unit.factor();
-        let factors = [spec.x.label().unit.factor(), y_factor];
-        Some(Drawing { page, series, kind: spec.kind, factors, x, y, right_px })
-    }
-
-    fn content(&self) -> Markup {
-        html! {
-            (svg::x_axis(&self.x, [TOP_PX, BOTTOM_PX], ""))
-            (svg::y_axis(&self.y, [LEFT_PX, self.right_px], ""))
-            @if self.kind == ScaleKind::Log && self.series.iter().all(|one| one.y.is_time()) { (self.guides()) }
-            @for one in self.series { (self.line(one)) }
-            @for one in self.series { (self.points(one)) }
-            (self.labels())
+/// Lines of slope 1, one for each decade.
+fn guides([x, y]: [&Axis; 2]) -> Markup {
+    let [[x_low, x_high], [y_low, y_high]] = [x.coordinates(), y.coordinates()];
+    let offsets = (y_low - x_high).ceil() as i32..=(y_high - x_low).floor() as i32;
+    let ends = offsets.map(|offset| {
+        let offset = f64::from(offset);
+        [(y_low - offset).max(x_low), (y_high - offset).min(x_high)].map(|x| [x, x + offset])
+    });
+    html! {
+        @for [from, to] in ends {
+            line.guide x1=(x.px_at(from[0])) y1=(y.px_at(from[1])) x2=(x.px_at(to[0])) y2=(y.px_at(to[1])) {}
         }
     }
+}
 
-    /// Lines of slope 1, one for each decade.
-    fn guides(&self) -> Markup {
-        let [[x_low, x_high], [y_low, y_high]] = [self.x.coordinates(), self.y.coordinates()];
-        let offsets = (y_low - x_high).ceil() as i32..=(y_high - x_low).floor() as i32;
-        let ends = offsets.map(|offset| {
-            let offset = f64::from(offset);
-            [(y_low - offset).max(x_low), (y_high - offset).min(x_high)].map(|x| [x, x + offset])
-        });
-        html! {
-            @for [from, to] in ends {
-                line.guide x1=(self.x.px_at(from[0])) y1=(self.y.px_at(from[1])) x2=(self.x.px_at(to[0])) y2=(self.y.px_at(to[1])) {}
-            }
-        }
-    }
-
-    /// The fitted power law, or a line through the points of an axis that has an order.
-    fn line(&self, series: &Series<'_>) -> Markup {
-        let stroke = paint(self.page, series).css();
-        let ends = match &series.fit {
-            Some(Ok(fit)) => self.fitted(fit).to_vec(),
-            _ if series.joined => drawn(series).map(|point| [point.x, point.y.median]).collect(),
-            _ => Vec::new(),
-        };
-        let places = ends.iter().filter_map(|[x, y]| Some([self.x.px(*x)?, self.y.px_within(*y)]));
-        let places = places.map(|[x, y]| format!("{x},{y}")).join(" ");
-        html! {
-            @if !places.is_empty() { polyline.series points=(places) style={ "stroke:" (stroke) } {} }
-        }
-    }
-
-    fn fitted(&self, fit: &Scaling) -> [[f64; 2]; 2] {
-        let [x_factor, y_factor] = self.factors;
-        [fit.range.0, fit.range.1].map(|x| {
-            let y = (fit.slope.intercept + fit.slope.slope * x.ln()).exp();
-            [x * x_factor, y * y_factor]
-        })
-    }
-
-    fn points(&self, series: &Series<'_>) -> Markup {
-        let fill = paint(self.page, series).css();
-        let shape = Shape::of_run(series.run);
-        let placed = drawn(series).filter_map(|point| {
-            let at = [self.x.px(point.x)?, self.y.px(point.y.median)?];
-            Some((at, point.y.ends().map(|end| self.y.px_within(end)), self.tip(series, point)))
-        });
-        html! {
-            @for ([x, y], [low, high], tip) in placed {
-                @if low - high > 1.0 { line.whisker x1=(x) x2=(x) y1=(low) y2=(high) style={ "stroke:" (fill) } {} }
-                path.mark d=(shape.path([x, y])) style={ "fill:" (fill) } data-tip=(tip) { title { (tip) } }
-            }
-        }
-    }
-
-    fn tip(&self, series: &Series<'_>, point: &Point<'_>) -> String {
-        let run = self.page.is_overlay().then(|| format!("{}\n", self.page.runs[series.run].label));
-        let unit = series.y.label().unit.symbol();
-        let interval = point.y.interval.filter(|interval| interval.low < interval.high);
-        let interval = interval.map(|i| format!(" ({} – {})", three(i.low), three(i.high)));
-        format!(
-            "{}{}\n{}: {} {unit}{}\n{}, n = {}",
-            run.unwrap_or_default(),
-            series.name,
-            crate::format::si(point.x),
-            three(point.y.median),
-            interval.unwrap_or_default(),
-            point.cell.cell,
-            point.y.n
-        )
-    }
-
-    /// Names at the right ends of lines.
-    fn labels(&self) -> Markup {
-        let ends = self.series.iter().map(|one| {
-            let last = drawn(one).last().map_or(f64::NAN, |point| point.y.median);
-            self.y.px_within(last) + 4.0
-        });
-        let room = SIZE_PX[0] - self.right_px - 8.0;
-        let labels = self.series.iter().map(|one| svg::in_two_lines(&label(self.page, one), room));
-        let labels: Vec<Vec<String>> = labels.collect();
-        let lines = labels.iter().map(Vec::len).max().unwrap_or(1) as f64;
-        let bottom = BOTTOM_PX + 4.0 - (lines - 1.0) * LINE_PX;
-        let heights = svg::apart(&ends.collect::<Vec<_>>(), lines * LINE_PX + 1.0, bottom);
-        let x = svg::tenth(self.right_px + 6.0);
-        html! {
-            @for (label, height) in labels.iter().zip(heights) {
-                text.end x=(x) y=(height) {
-                    @for (place, line) in label.iter().enumerate() {
-                        tspan x=(x) dy=(if place > 0 { LINE_PX } else { 0.0 }) { (line) }
-                    }
+fn labels(series: &[Series<'_>], names: &[String], y: &Axis, right_px: f64) -> Markup {
+    let ends = series.iter().map(|one| one.end_px(y) + 4.0).collect_vec();
+    let room = SIZE_PX[0] - right_px - 8.0;
+    let labels = names.iter().map(|name| svg::in_two_lines(name, room)).collect_vec();
+    let lines = labels.iter().map(Vec::len).max().unwrap_or(1) as f64;
+    let heights = vec![lines * LINE_PX + 1.0; ends.len()];
+    let bottom = BOTTOM_PX + 5.0 + LINE_PX;
+    let heights = svg::apart(&ends, &heights, [f64::NEG_INFINITY, bottom]);
+    let x = tenth(right_px + 6.0);
+    html! {
+        @for (label, height) in labels.iter().zip(heights) {
+            text.end x=(x) y=(height) {
+                @for (place, line) in label.iter().enumerate() {
+                    tspan x=(x) dy=(if place > 0 { LINE_PX } else { 0.0 }) { (line) }
                 }
             }
         }
@@ -482,16 +393,10 @@ impl<'d> Drawing<'d> {
 /// A line's name at its end, behind the shape of its run where there are several.
 fn label(page: &Page<'_>, series: &Series<'_>) -> String {
     if page.is_overlay() {
-        format!("{} {}", Shape::of_run(series.run).symbol(), series.name)
+        format!("{} {}", series.shape.symbol(), series.name)
     } else {
         series.name.clone()
     }
-}
-
-/// Of many points some, spread over all.
-fn drawn<'s>(series: &'s Series<'s>) -> impl Iterator<Item = &'s Point<'s>> {
-    let step = series.points.len().div_ceil(MOST_POINTS).max(1);
-    series.points.iter().step_by(step)
 }
 
 #[cfg(test)]

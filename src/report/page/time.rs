@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 use maud::{Markup, html};
 
-use super::svg::tenth;
 use super::{Page, PageRun, PageSection};
+use crate::axis::tenth;
 use crate::facts::{self, Representative, StageShare};
 use crate::format::{self, NS_PER_MS, three};
 use fathom_base::statistics;

@@ -3,12 +3,12 @@
 use itertools::Itertools;
 use maud::{Markup, html};
 
-use super::svg::{Axis, chart, tenth, x_axis, y_axis};
 use super::{Page, PageRun, PageSection};
 use crate::ReportView;
+use crate::axis::{Axis, ScaleKind, tenth};
 use crate::facts::{self, Precision};
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
-use crate::plots::scale::ScaleKind;
+use crate::svg::{chart, x_axis, y_axis};
 use crate::trust::{self, TimedSample};
 use fathom_base::statistics;
 use fathom_record::{AuditRow, Cell, Clock, Estimate, FrameRecord, PassKind, Rejection, Run};

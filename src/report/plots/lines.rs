@@ -1,334 +1,285 @@
 //! Panels of series over a number: scaling plots (logarithmic, with fitted exponents) and linear ones. Few series share a chart
 //! and are named at their ends; many are drawn as small charts side by side.
 
-mod draw;
-
 use itertools::{Itertools, MinMaxResult};
-use plotters::prelude::*;
+use maud::{Markup, html};
 
-use super::chart::Mark;
-use super::scale::{Scale, ScaleKind};
-use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
-use crate::colors::StageColors;
+use super::drawing::{Drawing, MARGIN_PX, WIDTH_PX};
+use super::{PlotInput, names, style};
+use crate::axis::{Axis, ScaleKind, tenth};
 use crate::facts::exponent;
-use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind, Published};
-use fathom_experiments::{Measure, Scaling, groups, label_text, scaling};
-use fathom_record::{Cell, Estimate};
+use crate::series::{Series, Source};
+use crate::svg::{Shape, apart, shortened, text_px, x_axis, y_axis};
+use fathom_experiments::schema::{Plot, PlotKind, Published};
+use fathom_experiments::{Measure, Scaling, groups, label_text};
+use fathom_record::Cell;
 
 /// Series that one chart can hold.
 const MOST_TOGETHER: usize = 5;
-/// Height of a chart with its axis.
-const HEIGHT_PX: u32 = 350;
-const SMALL_HEIGHT_PX: u32 = 240;
-/// A line of small type, and a chart's own title.
-const ROW_PX: i32 = 16;
-const TITLE_PX: i32 = 22;
+/// Height of a chart between its axes, and from there to its end.
+const HEIGHT_PX: f64 = 280.0;
+const SMALL_HEIGHT_PX: f64 = 170.0;
+const AXIS_PX: f64 = 50.0;
+/// Room for the ordinate's title above a chart, and for its labels at the left.
+const TITLE_PX: f64 = 24.0;
+const LEFT_PX: f64 = 70.0;
+/// A line of small type.
+const ROW_PX: f64 = 16.0;
 /// Most pixels for the names at the ends of lines.
-const MOST_NAMES_PX: u32 = 230;
+const MOST_NAMES_PX: f64 = 230.0;
+/// Characters of a name that fit there.
+const NAME_CHARACTERS: usize = 34;
+/// A name that is further than this from its line is joined to it.
+const LEADER_FROM_PX: f64 = 8.0;
 
-pub struct Lines {
-    charts: Vec<Chart>,
-}
-
-struct Chart {
+struct Chart<'p> {
     /// Empty where there is one chart.
     title: String,
-    x_title: String,
     y_title: String,
-    x: Scale,
-    y: Scale,
-    series: Vec<Series>,
+    series: Vec<Series<'p>>,
+    ends: [Axis; 2],
 }
 
-struct Series {
-    /// What tells it from the others of its chart; may be empty where it is alone.
-    name: String,
-    /// The fitted exponent and the number of samples.
-    remarks: Vec<String>,
-    color: SeriesColor,
-    marker: usize,
-    points: Vec<Point>,
-    /// Whether lines join the points.
-    joined: bool,
-    /// Ends of the fitted line, in the plot's units.
-    fit: Option<[(f64, f64); 2]>,
+/// A measure of the cells of a group, by their places in the plot.
+#[derive(Clone, Copy)]
+struct Place {
+    y: usize,
+    group: usize,
 }
 
-#[derive(Clone)]
-enum SeriesColor {
-    Stage(String),
-    Number(usize),
+/// What the charts of a plot are made from.
+struct Lines<'p> {
+    plot: &'p Plot,
+    input: &'p PlotInput<'p>,
+    x: &'p Measure,
+    /// The cells that differ in the plot's axis only, by what they share.
+    groups: Vec<(String, Vec<&'p Cell>)>,
+    kind: ScaleKind,
+    /// Cells of a category have no order.
+    is_category: bool,
 }
 
-impl SeriesColor {
-    fn of(&self, colors: &StageColors) -> RGBColor {
-        match self {
-            SeriesColor::Stage(stage) => style::of_stage(colors.of(stage)),
-            SeriesColor::Number(number) => style::color(*number),
+/// None where no series has a point.
+pub fn drawing(plot: &Plot, input: &PlotInput<'_>) -> Option<Drawing> {
+    let groups = match &plot.over {
+        Some(over) => groups(&input.cells, over).into_iter().map(|(_, cells)| cells).collect(),
+        None => vec![input.cells.clone()],
+    };
+    let named = |cells: Vec<_>| (names::group(plot, &cells, input.experiment), cells);
+    let lines = Lines {
+        plot,
+        input,
+        x: plot.x.as_ref()?,
+        groups: groups.into_iter().map(named).collect(),
+        kind: if plot.kind == PlotKind::Scaling { ScaleKind::Log } else { ScaleKind::Linear },
+        is_category: plot.over.as_ref().is_some_and(|over| input.experiment.is_category(over)),
+    };
+    let mut charts = lines.charts();
+    if lines.kind == ScaleKind::Log {
+        // The same axes for all charts, so that they can be compared.
+        let ends = lines.axes(charts.iter().flat_map(|chart| &chart.series))?;
+        charts.iter_mut().for_each(|chart| chart.ends = ends.clone());
+    }
+    match charts.as_slice() {
+        [] => None,
+        [chart] => Some(lines.with_names(chart)),
+        several => {
+            let columns = if matches!(several.len(), 2 | 4) { 2 } else { 3 };
+            let width_px = tenth(WIDTH_PX / columns as f64);
+            let small = several.iter().map(|chart| lines.small(chart, width_px)).collect_vec();
+            Some(Drawing::grid(&small, columns, width_px))
         }
     }
 }
 
-/// A cell, in the plot's units.
-struct Point {
-    x: f64,
-    y: Estimate,
-    /// Of a category: its value on the axis.
-    name: Option<String>,
-    /// From the shortest to the longest published frame time.
-    published: Option<(f64, f64)>,
-}
-
-/// A measure of the cells of a group, and where it stands in the plot.
-struct Source<'p> {
-    y: &'p Measure,
-    place: usize,
-    group: String,
-    group_place: usize,
-    groups: usize,
-    cells: Vec<&'p Cell>,
-}
-
-impl Lines {
-    /// None where no series has a point.
-    pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Option<Lines> {
-        let sources = sources(plot, input);
-        let together = sources.len() <= MOST_TOGETHER;
-        let charts: Vec<Vec<&Source<'_>>> = if together {
-            vec![sources.iter().collect()]
-        } else if plot.y.len() > 1 {
-            (0..plot.y.len()).map(|y| sources.iter().filter(|s| s.place == y).collect()).collect()
+impl<'p> Lines<'p> {
+    fn charts(&self) -> Vec<Chart<'p>> {
+        let measures = 0..self.plot.y.len();
+        let places = measures.cartesian_product(0..self.groups.len());
+        let places = places.map(|(y, group)| Place { y, group }).collect_vec();
+        let together = places.len() <= MOST_TOGETHER;
+        let charts: Vec<Vec<Place>> = if together {
+            vec![places]
+        } else if self.plot.y.len() > 1 {
+            places
+                .into_iter()
+                .chunk_by(|place| place.y)
+                .into_iter()
+                .map(|(_, of)| of.collect())
+                .collect()
         } else {
-            sources.iter().map(|source| vec![source]).collect()
+            places.into_iter().map(|place| vec![place]).collect()
         };
-        let charts = charts.iter().filter_map(|sources| Chart::new(plot, sources, together, input));
-        let mut charts: Vec<Chart> = charts.collect();
-        if plot.kind == PlotKind::Scaling {
-            share_scales(&mut charts)?;
-        }
-        (!charts.is_empty()).then_some(Lines { charts })
+        charts.iter().filter_map(|places| self.chart(places, together)).collect()
     }
 
-    /// Charts side by side.
-    fn columns(&self) -> usize {
-        match self.charts.len() {
-            1 => 1,
-            2 | 4 => 2,
-            _ => 3,
-        }
-    }
-
-    /// Height of the lines above a small chart.
-    fn head_px(&self) -> u32 {
-        let lines = self.charts.iter().map(|chart| chart.series.len()).max().unwrap_or(0) as i32;
-        (TITLE_PX + lines * ROW_PX) as u32
-    }
-
-    fn row_px(&self) -> u32 {
-        if self.charts.len() == 1 { HEIGHT_PX } else { self.head_px() + SMALL_HEIGHT_PX }
-    }
-}
-
-impl Panel for Lines {
-    fn height_px(&self) -> u32 {
-        self.charts.len().div_ceil(self.columns()) as u32 * self.row_px()
-    }
-
-    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn {
-        if let [chart] = self.charts.as_slice() {
-            return chart.draw_with_names(area, colors);
-        }
-        let width = WIDTH_PX / self.columns() as u32;
-        let mut rest = area.clone();
-        for row in self.charts.chunks(self.columns()) {
-            let (mut line, below) = rest.split_vertically(self.row_px());
-            for chart in row {
-                let (place, right) = line.split_horizontally(width);
-                chart.draw_small(&place, self.head_px(), colors)?;
-                line = right;
-            }
-            rest = below;
-        }
-        Ok(())
-    }
-}
-
-/// The same scales for all charts, so that they can be compared; none where a scale cannot be made.
-fn share_scales(charts: &mut [Chart]) -> Option<()> {
-    let of_all =
-        |ends: fn(&Chart) -> Vec<f64>| Scale::fit(ScaleKind::Log, charts.iter().flat_map(ends));
-    let (x, y) = (of_all(Chart::xs)?, of_all(Chart::ys)?);
-    for chart in charts {
-        (chart.x, chart.y) = (x.clone(), y.clone());
-    }
-    Some(())
-}
-
-fn sources<'p>(plot: &'p Plot, input: &PlotInput<'p>) -> Vec<Source<'p>> {
-    let groups: Vec<(String, Vec<&Cell>)> = match &plot.over {
-        Some(over) => groups(&input.cells, over),
-        None => vec![(String::new(), input.cells.clone())],
-    };
-    let count = groups.len();
-    let of = |(place, y): (usize, &'p Measure)| {
-        let groups = groups.iter().enumerate();
-        let of_group = groups.map(move |(group_place, (_, cells))| Source {
-            y,
-            place,
-            group: names::group(plot, cells, input.experiment),
-            group_place,
-            groups: count,
-            cells: cells.clone(),
-        });
-        of_group.collect::<Vec<_>>()
-    };
-    plot.y.iter().enumerate().flat_map(of).collect()
-}
-
-fn y_name(y: &Measure) -> String {
-    y.stage_name().unwrap_or_else(|| y.label().words)
-}
-
-impl Chart {
-    fn new(
-        plot: &Plot,
-        sources: &[&Source<'_>],
-        together: bool,
-        input: &PlotInput<'_>,
-    ) -> Option<Chart> {
-        let x_measure = plot.x.as_ref()?;
-        let measures: Vec<&Measure> = sources.iter().map(|s| s.y).dedup().collect();
-        let series =
-            sources.iter().map(|source| Series::new(plot, x_measure, source, &measures, input));
-        let series: Vec<Series> = series.filter(|series| !series.points.is_empty()).collect();
-        let kind = match plot.kind {
-            PlotKind::Scaling => ScaleKind::Log,
-            _ => ScaleKind::Linear,
-        };
-        let title = match sources {
+    fn chart(&self, places: &[Place], together: bool) -> Option<Chart<'p>> {
+        let measures = places.iter().map(|place| &self.plot.y[place.y]).dedup().collect_vec();
+        let series = places.iter().map(|place| self.series(*place, measures.len() > 1));
+        let series = series.filter(|series| !series.points.is_empty()).collect_vec();
+        let title = match places {
             _ if together => String::new(),
-            [only] if plot.y.len() == 1 => only.group.clone(),
-            several => y_name(several.first()?.y),
+            [only] if self.plot.y.len() == 1 => self.groups[only.group].0.clone(),
+            several => names::measure(&self.plot.y[several.first()?.y]),
         };
-        let mut chart = Chart {
-            title,
-            x_title: plot.x_title.clone().unwrap_or_else(|| x_measure.label().text()),
-            y_title: names::y_title(plot, &measures),
-            x: Scale::fit(kind, [1.0].into_iter())?,
-            y: Scale::fit(kind, [1.0].into_iter())?,
-            series,
-        };
-        chart.x = Scale::fit(kind, chart.xs().into_iter())?;
-        chart.y = Scale::fit(kind, chart.ys().into_iter())?;
-        Some(chart)
+        let y_title = names::y_title(self.plot, &measures);
+        let ends = self.axes(&series)?;
+        Some(Chart { title, y_title, series, ends })
     }
 
-    fn points(&self) -> impl Iterator<Item = &Point> {
-        self.series.iter().flat_map(|series| &series.points)
-    }
-
-    fn xs(&self) -> Vec<f64> {
-        self.points().map(|point| point.x).collect()
-    }
-
-    fn ys(&self) -> Vec<f64> {
-        let of = |point: &Point| {
-            let [low, high] = point.y.ends();
-            let published = point.published.map(|(low, high)| [low, high]);
-            [low, point.y.median, high].into_iter().chain(published.into_iter().flatten())
+    /// Named by the measure where its chart has several, then by the group. Stages have colours of their own; groups of one measure
+    /// are told apart by those of the palette.
+    fn series(&self, place: Place, several: bool) -> Series<'p> {
+        let y = &self.plot.y[place.y];
+        let (group, cells) = &self.groups[place.group];
+        let by_measure = several || group.is_empty();
+        let names = by_measure.then(|| names::measure(y)).into_iter().chain([group.clone()]);
+        let color = match y.stage_name().filter(|_| by_measure) {
+            Some(stage) => self.input.colors.of(&stage),
+            None => style::color(if several { place.y } else { place.group }),
         };
-        self.points().flat_map(of).collect()
-    }
-}
-
-impl Series {
-    fn new(
-        plot: &Plot,
-        x: &Measure,
-        source: &Source<'_>,
-        measures: &[&Measure],
-        input: &PlotInput<'_>,
-    ) -> Series {
-        let y = source.y;
-        let factors = [(x, &plot.x_title), (y, &plot.y_title)]
-            .map(|(measure, title)| names::factor(measure, title.as_ref()));
-        let is_category = plot.over.as_ref().is_some_and(|over| input.experiment.is_category(over));
-        let point = |cell: &&Cell| {
-            let measured = cell.measured()?;
-            let reading = y.read(cell, measured)?;
-            let name = plot.over.as_ref().filter(|_| is_category);
-            let published = input.published(cell).filter(|_| *y == Measure::frame());
-            let point = Point {
-                x: x.read(cell, measured)?.median() * factors[0],
-                y: reading.estimate().scaled(factors[1]),
-                name: name.and_then(|over| cell.axes.get(over)).map(label_text),
-                published: published.map(Published::span_ms),
-            };
-            Some((point, reading.n()))
+        let groups = if several { self.groups.len() } else { 0 };
+        let factors = [(self.x, &self.plot.x_title), (y, &self.plot.y_title)];
+        let source = Source {
+            x: self.x,
+            y,
+            factors: factors.map(|(measure, title)| names::factor(measure, title.as_ref())),
+            joined: !self.is_category,
+            fitted: self.kind == ScaleKind::Log,
         };
-        let read: Vec<(Point, Option<usize>)> = source.cells.iter().filter_map(point).collect();
-        let counts = counts(read.iter().filter_map(|(_, n)| *n));
-        let mut points: Vec<Point> = read.into_iter().map(|(point, _)| point).collect();
-        points.sort_by(|a, b| a.x.total_cmp(&b.x));
-        let is_fitted = plot.kind == PlotKind::Scaling && !is_category;
-        let fit = is_fitted.then(|| scaling(y, x, &source.cells, FIXED_SHARE).ok()).flatten();
-        let remarks = [fit.as_ref().map(remark), counts];
-        Series {
-            name: source.name(measures),
-            remarks: remarks.into_iter().flatten().collect(),
-            color: source.color(measures),
-            marker: source.marker(measures),
-            points,
-            joined: !is_category,
-            fit: fit.map(|fit| ends(&fit, factors)),
+        let name = names.filter(|name| !name.is_empty()).join(", ");
+        source.read(cells, name, color.hex(), Shape::of(place.y * groups + place.group))
+    }
+
+    /// Axes that hold all points with what was published for them, of some length; none where an axis cannot be made.
+    fn axes<'s>(&self, series: impl IntoIterator<Item = &'s Series<'s>>) -> Option<[Axis; 2]> {
+        let series = series.into_iter().collect_vec();
+        let xs = series.iter().flat_map(|series| &series.points).map(|point| point.x);
+        let published = series.iter().flat_map(|series| self.published(series));
+        let published = published.flat_map(|(_, span)| span);
+        let ys = series.iter().flat_map(|series| series.ends()).chain(published);
+        Some([Axis::fit(self.kind, xs, [0.0, 1.0])?, Axis::fit(self.kind, ys, [0.0, 1.0])?])
+    }
+
+    /// The published frame times of a series' cells, from the shortest to the longest, by x.
+    fn published(&self, series: &Series<'_>) -> Vec<(f64, [f64; 2])> {
+        let of_frames = *series.y == Measure::frame();
+        let points = series.points.iter().filter(|_| of_frames);
+        let published =
+            points.filter_map(|point| Some((point.x, self.input.published(point.cell)?)));
+        published.map(|(x, published)| (x, Published::span_ms(published))).collect()
+    }
+
+    /// The only chart of a panel, with names at the ends of its series.
+    fn with_names(&self, chart: &Chart<'_>) -> Drawing {
+        let remarks = |series: &Series<'_>| {
+            let remarks = remarks(series);
+            let parts = [&series.name].into_iter().chain(&remarks).filter(|part| !part.is_empty());
+            parts.flat_map(|part| style::wrap(part, NAME_CHARACTERS)).collect_vec()
+        };
+        let names = chart.series.iter().map(remarks).collect_vec();
+        let longest = names.iter().flatten().map(|line| text_px(line)).fold(0.0, f64::max);
+        let right = tenth(WIDTH_PX - longest.min(MOST_NAMES_PX) - 36.0);
+        let bottom = TITLE_PX + HEIGHT_PX;
+        let axes = [chart.ends[0].along([LEFT_PX, right]), chart.ends[1].along([bottom, TITLE_PX])];
+        let ends = chart.series.iter().map(|series| series.end_px(&axes[1])).collect_vec();
+        let edges = ends.iter().map(|end| end - ROW_PX / 2.0).collect_vec();
+        let heights = names.iter().map(|lines| lines.len() as f64 * ROW_PX + 4.0).collect_vec();
+        let placed = apart(&edges, &heights, [TITLE_PX, bottom]);
+        let content = html! {
+            (self.plane(chart, [&axes[0], &axes[1]], [right, TITLE_PX, bottom]))
+            @for (((series, lines), end), edge) in chart.series.iter().zip(&names).zip(ends).zip(placed) {
+                @let middle = tenth(edge + ROW_PX / 2.0);
+                @if series.joined && (middle - end).abs() > LEADER_FROM_PX {
+                    line.leader x1=(right) y1=(end) x2=(right + 8.0) y2=(middle) {}
+                }
+                (mark(series, [right + 14.0, middle]))
+                @for (row, line) in lines.iter().enumerate() {
+                    text.small[row > 0] x=(right + 26.0) y=(tenth(middle + 4.0 + row as f64 * ROW_PX)) { (line) }
+                }
+            }
+        };
+        Drawing::new(bottom + AXIS_PX, content)
+    }
+
+    /// One of several charts, with its title and the names of its series above.
+    fn small(&self, chart: &Chart<'_>, width_px: f64) -> Drawing {
+        let told = chart.series.iter().map(|series| {
+            let is_title = series.name == chart.title || chart.series.len() == 1;
+            let name = Some(series.name.clone()).filter(|name| !is_title && !name.is_empty());
+            let remarks = Some(remarks(series).join(", ")).filter(|line| !line.is_empty());
+            name.into_iter().chain(remarks).join(": ")
+        });
+        let top = ROW_PX * (chart.series.len() + 1) as f64 + TITLE_PX;
+        let [right, bottom] = [width_px - 14.0, top + SMALL_HEIGHT_PX];
+        let axes = [chart.ends[0].along([LEFT_PX, right]), chart.ends[1].along([bottom, top])];
+        let content = html! {
+            text x=(MARGIN_PX) y="12" { (chart.title) }
+            @for (row, (series, words)) in chart.series.iter().zip(told).enumerate() {
+                @let middle = ROW_PX * (row as f64 + 1.0) + 8.0;
+                (mark(series, [MARGIN_PX + 8.0, middle]))
+                text.small x=(MARGIN_PX + 20.0) y=(middle + 4.0) { (words) }
+            }
+            (self.plane(chart, [&axes[0], &axes[1]], [right, top, bottom]))
+        };
+        Drawing::new(bottom + AXIS_PX, content)
+    }
+
+    /// Axes, lines, points, and what was published.
+    fn plane(&self, chart: &Chart<'_>, axes: [&Axis; 2], [right, top, bottom]: [f64; 3]) -> Markup {
+        let [x, y] = axes;
+        let x_title = self.plot.x_title.clone().unwrap_or_else(|| self.x.label().text());
+        let title = |title: &str| format!("{title}, {}", self.kind.name());
+        let y_title = shortened(&title(&chart.y_title), right);
+        html! {
+            (x_axis(x, [top, bottom], &title(&x_title)))
+            (Drawing::y_title(top, &y_title))
+            (y_axis(y, [LEFT_PX, right], ""))
+            @for series in &chart.series { (series.lines(axes)) }
+            @for series in &chart.series { (series.marks(axes)) }
+            @for ([x, y], name) in self.categories(chart, axes) {
+                text.small x=(x) y=(y - 11.0) text-anchor="middle" { (name) }
+            }
+            @for (at, span) in chart.series.iter().flat_map(|series| self.published(series)) {
+                @if let (Some(x), [Some(low), Some(high)]) = (x.px(at), span.map(|value| y.px(value))) {
+                    line.line x1=(x) x2=(x) y1=(low) y2=(high) {}
+                    @for y in [low, high] { line.published x1=(x - 6.0) x2=(x + 6.0) y1=(y) y2=(y) {} }
+                }
+            }
         }
     }
-}
 
-impl Source<'_> {
-    /// The measure where a chart has several, then the group.
-    fn name(&self, measures: &[&Measure]) -> String {
-        let measure = (measures.len() > 1 || self.group.is_empty()).then(|| y_name(self.y));
-        let group = Some(self.group.clone()).filter(|group| !group.is_empty());
-        measure.into_iter().chain(group).join(", ")
-    }
-
-    /// Stages have their own; groups of one measure are told apart by colours of the palette.
-    fn color(&self, measures: &[&Measure]) -> SeriesColor {
-        match self.y.stage_name() {
-            Some(stage) if measures.len() > 1 || self.group.is_empty() => SeriesColor::Stage(stage),
-            _ if measures.len() > 1 => SeriesColor::Number(self.place),
-            _ => SeriesColor::Number(self.group_place),
-        }
-    }
-
-    /// Another one for each series of a chart.
-    fn marker(&self, measures: &[&Measure]) -> usize {
-        match measures {
-            [_] => self.group_place,
-            _ => self.place * self.groups + self.group_place,
-        }
+    /// Names of the values of a category, each above the uppermost of its points.
+    fn categories(&self, chart: &Chart<'_>, [x, y]: [&Axis; 2]) -> Vec<([f64; 2], String)> {
+        let Some(over) = self.plot.over.as_ref().filter(|_| self.is_category) else {
+            return Vec::new();
+        };
+        let points = chart.series.iter().flat_map(|series| &series.points);
+        let named = points.filter_map(|point| {
+            let name = label_text(point.cell.axes.get(over)?);
+            Some((name, [x.px(point.x)?, y.px(point.y.median)?]))
+        });
+        let by_name = named.into_grouping_map().min_by(|_, a, b| a[1].total_cmp(&b[1]));
+        by_name.into_iter().map(|(name, at)| (at, name)).sorted_by(|a, b| a.1.cmp(&b.1)).collect()
     }
 }
 
-fn ends(fit: &Scaling, [x_factor, y_factor]: [f64; 2]) -> [(f64, f64); 2] {
-    [fit.range.0, fit.range.1].map(|x| {
-        let y = (fit.slope.intercept + fit.slope.slope * x.ln()).exp();
-        (x * x_factor, y * y_factor)
-    })
+fn mark(series: &Series<'_>, at: [f64; 2]) -> Markup {
+    html! { path d=(series.shape.path(at)) fill=(series.color) {} }
 }
 
-/// The fewest and the most samples of a point; none where all points are exact.
-fn counts(counts: impl Iterator<Item = usize>) -> Option<String> {
-    match counts.minmax() {
+/// The fitted exponent, and the number of samples.
+fn remarks(series: &Series<'_>) -> Vec<String> {
+    let counts = series.points.iter().filter_map(|point| point.n);
+    let counts = match counts.minmax() {
         MinMaxResult::NoElements => None,
-        MinMaxResult::OneElement(n) => Some(format!("n = {n}")),
-        MinMaxResult::MinMax(least, most) if least == most => Some(format!("n = {least}")),
-        MinMaxResult::MinMax(least, most) => Some(format!("n = {least} – {most}")),
-    }
+        MinMaxResult::MinMax(least, most) if least < most => Some(format!("n = {least} – {most}")),
+        MinMaxResult::OneElement(n) | MinMaxResult::MinMax(n, _) => Some(format!("n = {n}")),
+    };
+    series.fitted().map(fitted).into_iter().chain(counts).collect()
 }
 
-fn remark(fit: &Scaling) -> String {
+fn fitted(fit: &Scaling) -> String {
     let left_out = match fit.left_out {
         0 => String::new(),
         cells => format!(", {cells} left out"),

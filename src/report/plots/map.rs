@@ -3,33 +3,25 @@
 use std::collections::HashMap;
 
 use indexmap::IndexSet;
-use plotters::prelude::*;
+use itertools::Itertools;
+use maud::html;
 use serde_json::Value;
 
-use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
-use crate::colors::StageColors;
+use super::drawing::{Drawing, MARGIN_PX, WIDTH_PX};
+use super::{PlotInput, names, style};
 use crate::format::three;
 use fathom_experiments::label_text;
 use fathom_experiments::schema::{Experiment, Plot};
 use fathom_record::Cell;
 
-const FIELD_PX: (i32, i32) = (66, 30);
-/// A line on what is shown, then each map's title with its columns' labels above the fields.
-const TITLE_PX: i32 = 24;
-const HEAD_PX: i32 = 58;
+const FIELD_PX: [f64; 2] = [66.0, 30.0];
+/// Each map's title with its columns' labels above the fields.
+const HEAD_PX: f64 = 58.0;
 /// Labels at the left of a map.
-const LABELS_PX: i32 = 104;
-const GAP_PX: i32 = 18;
+const LABELS_PX: f64 = 104.0;
+const GAP_PX: f64 = 18.0;
 /// Fields of all maps of a plot that are still drawn.
 const MOST_FIELDS: usize = 10_000;
-
-pub struct Map {
-    /// What the fields show.
-    shows: String,
-    columns: Side,
-    rows: Side,
-    maps: Vec<Grid>,
-}
 
 /// What runs along a side of the maps.
 struct Side {
@@ -37,151 +29,97 @@ struct Side {
     labels: IndexSet<Value>,
 }
 
-/// One map: its place on the other axes, and the fields row by row.
-struct Grid {
-    title: String,
-    fields: Vec<Vec<Option<f64>>>,
-    /// Smallest and largest value, the ends of its colours: a map of large values takes no colours from the others.
-    range: (f64, f64),
+/// None where no cell has a value.
+///
+/// # Errors
+/// More fields than can be read.
+pub fn drawing(plot: &Plot, input: &PlotInput<'_>) -> Result<Option<Drawing>, &'static str> {
+    let PlotInput { experiment, cells, .. } = input;
+    let (Some(y), Some(across), Some(down)) = (plot.y.first(), &plot.columns, &plot.rows) else {
+        return Ok(None);
+    };
+    let sides = [across, down].map(|name| Side::new(name, experiment, cells));
+    let place = |cell: &Cell| -> Option<Vec<Value>> {
+        plot.panels.iter().map(|name| cell.axes.get(name).cloned()).collect()
+    };
+    let panels: IndexSet<Vec<Value>> = cells.iter().filter_map(|cell| place(cell)).collect();
+    if panels.len() * sides.iter().map(|side| side.labels.len()).product::<usize>() > MOST_FIELDS {
+        return Err("its maps have more than 10,000 fields, which cells.csv lists");
+    }
+    let factor = names::factor(y, plot.y_title.as_ref());
+    let mut values: HashMap<(Vec<Value>, [Value; 2]), f64> = HashMap::new();
+    let read = |cell: &&Cell| {
+        let value = y.read(cell, cell.measured()?)?.median() * factor;
+        let at = [cell.axes.get(across)?.clone(), cell.axes.get(down)?.clone()];
+        value.is_finite().then_some(((place(cell)?, at), value))
+    };
+    for (key, value) in cells.iter().filter_map(read) {
+        values.entry(key).or_insert(value);
+    }
+    let maps = panels.iter().filter_map(|panel| {
+        let value = |at: [Value; 2]| values.get(&(panel.clone(), at)).copied();
+        map(&sides, &title(plot, experiment, panel), value)
+    });
+    let maps: Vec<Drawing> = maps.collect();
+    let width_px = LABELS_PX + sides[0].labels.len() as f64 * FIELD_PX[0] + GAP_PX;
+    let columns = ((WIDTH_PX - MARGIN_PX) / width_px) as usize;
+    let of = if maps.len() > 1 { "each map's" } else { "the" };
+    let shows = format!(
+        "{}. Colours run linearly from {of} smallest value (dark) to its largest (light).",
+        names::y_title(plot, &[y])
+    );
+    let grid = Drawing::grid(&maps, columns.clamp(1, maps.len().max(1)), width_px);
+    let parts = [Drawing::lines(MARGIN_PX, &[shows]), Drawing::space(7.0), grid];
+    Ok((!maps.is_empty()).then(|| Drawing::column(parts)))
 }
 
-impl Map {
-    /// None where no cell has a value.
-    ///
-    /// # Errors
-    /// More fields than can be read.
-    pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Result<Option<Map>, &'static str> {
-        let PlotInput { experiment, cells, .. } = input;
-        let (Some(y), Some(across), Some(down)) = (plot.y.first(), &plot.columns, &plot.rows)
-        else {
-            return Ok(None);
-        };
-        let columns = Side::new(across, experiment, cells);
-        let rows = Side::new(down, experiment, cells);
-        let place = |cell: &Cell| -> Option<Vec<Value>> {
-            plot.panels.iter().map(|name| cell.axes.get(name).cloned()).collect()
-        };
-        let panels: IndexSet<Vec<Value>> = cells.iter().filter_map(|cell| place(cell)).collect();
-        if panels.len() * rows.labels.len() * columns.labels.len() > MOST_FIELDS {
-            return Err("its maps have more than 10,000 fields, which cells.csv lists");
+/// One map: its title, and a field for each column and row; none where it has no value.
+fn map(
+    [columns, rows]: &[Side; 2],
+    title: &str,
+    value: impl Fn([Value; 2]) -> Option<f64>,
+) -> Option<Drawing> {
+    let places =
+        rows.labels.iter().enumerate().cartesian_product(columns.labels.iter().enumerate());
+    let fields = places.map(|((row, down), (column, across))| {
+        let at = [
+            LABELS_PX + MARGIN_PX + column as f64 * FIELD_PX[0],
+            HEAD_PX + row as f64 * FIELD_PX[1],
+        ];
+        (at, value([across.clone(), down.clone()]))
+    });
+    let fields = fields.collect_vec();
+    let values = fields.iter().filter_map(|(_, value)| *value);
+    // Of this map alone: a map of large values takes no colours from the others.
+    let (low, high) = values.minmax_by(f64::total_cmp).into_option()?;
+    let share = |value: f64| if high > low { (value - low) / (high - low) } else { 0.0 };
+    let left = MARGIN_PX + LABELS_PX;
+    let content = html! {
+        text x=(left) y="12" { (title) }
+        text.small x=(left) y="30" { (columns.title) }
+        text.small x=(MARGIN_PX) y="48" { (rows.title) }
+        @for (index, label) in columns.labels.iter().enumerate() {
+            text x=(left + (index as f64 + 0.5) * FIELD_PX[0]) y=(HEAD_PX - 6.0) text-anchor="middle" { (label_text(label)) }
         }
-        let factor = names::factor(y, plot.y_title.as_ref());
-        let read = |cell: &&Cell| {
-            let value = y.read(cell, cell.measured()?)?.median() * factor;
-            let key = (place(cell)?, cell.axes.get(down)?.clone(), cell.axes.get(across)?.clone());
-            value.is_finite().then_some((key, value))
-        };
-        let mut values: HashMap<(Vec<Value>, Value, Value), f64> = HashMap::new();
-        for (key, value) in cells.iter().filter_map(read) {
-            values.entry(key).or_insert(value);
+        @for (index, label) in rows.labels.iter().enumerate() {
+            text x=(left - 8.0) y=(HEAD_PX + (index as f64 + 0.5) * FIELD_PX[1] + 4.0) text-anchor="end" { (label_text(label)) }
         }
-        let field = |panel: &Vec<Value>, row: &Value, column: &Value| {
-            let key = (panel.clone(), row.clone(), column.clone());
-            values.get(&key).copied()
-        };
-        let grid = |panel: Vec<Value>| {
-            let fields = rows.labels.iter().map(|row| {
-                let columns = columns.labels.iter();
-                columns.map(|column| field(&panel, row, column)).collect()
-            });
-            Grid::new(title(plot, experiment, &panel), fields.collect())
-        };
-        let maps: Vec<Grid> = panels.into_iter().filter_map(grid).collect();
-        let shows = names::y_title(plot, &[y]);
-        Ok((!maps.is_empty()).then_some(Map { shows, columns, rows, maps }))
-    }
-
-    fn map_px(&self) -> (i32, i32) {
-        let fields = |side: &Side, px: i32| side.labels.len() as i32 * px;
-        (
-            LABELS_PX + fields(&self.columns, FIELD_PX.0) + GAP_PX,
-            HEAD_PX + fields(&self.rows, FIELD_PX.1) + GAP_PX,
-        )
-    }
-
-    /// Maps beside each other.
-    fn across(&self) -> i32 {
-        let room = WIDTH_PX as i32 - 16;
-        (room / self.map_px().0).clamp(1, self.maps.len().max(1) as i32)
-    }
-
-    fn map(&self, area: &Area<'_>, map: &Grid, (x, y): (i32, i32)) -> Drawn {
-        let (left, top) = (x + LABELS_PX, y + HEAD_PX);
-        let write = |line: &str, style: &TextStyle<'_>, at| area.draw_text(line, style, at);
-        write(&map.title, &style::label(), (left, y + 2))?;
-        write(&self.columns.title, &style::small(), (left, y + 20))?;
-        write(&self.rows.title, &style::small(), (x, y + 38))?;
-        for (index, column) in self.columns.labels.iter().enumerate() {
-            let middle = left + index as i32 * FIELD_PX.0 + FIELD_PX.0 / 2;
-            write(&label_text(column), &style::centered(style::label()), (middle, top - 10))?;
-        }
-        for (index, (row, fields)) in self.rows.labels.iter().zip(&map.fields).enumerate() {
-            let upper = top + index as i32 * FIELD_PX.1;
-            let middle = upper + FIELD_PX.1 / 2;
-            write(&label_text(row), &style::ending(style::label()), (left - 8, middle))?;
-            for (index, field) in fields.iter().enumerate() {
-                field_of(area, map, *field, (left + index as i32 * FIELD_PX.0, upper))?;
+        @for ([x, y], value) in &fields {
+            @let color = value.map_or(style::GAPS, |value| style::shade(share(value)));
+            rect x=(x + 1.0) y=(y + 1.0) width=(FIELD_PX[0] - 2.0) height=(FIELD_PX[1] - 2.0) fill=(color.hex()) {}
+            text x=(x + FIELD_PX[0] / 2.0) y=(y + FIELD_PX[1] / 2.0 + 4.0) text-anchor="middle" style={ "fill:" (color.ink().hex()) } {
+                (value.map_or_else(|| "–".to_owned(), three))
             }
         }
-        Ok(())
-    }
-}
-
-/// A coloured field with its number.
-fn field_of(area: &Area<'_>, map: &Grid, value: Option<f64>, (x, y): (i32, i32)) -> Drawn {
-    let color = value.map_or(style::GAPS, |value| style::shade(map.share(value)));
-    let corners = [(x + 1, y + 1), (x + FIELD_PX.0 - 1, y + FIELD_PX.1 - 1)];
-    area.draw(&Rectangle::new(corners, color.filled()))?;
-    let number = value.map_or_else(|| "–".to_owned(), three);
-    let ink = style::on(color, style::label());
-    let middle = (x + FIELD_PX.0 / 2, y + FIELD_PX.1 / 2);
-    area.draw_text(&number, &style::centered(ink), middle)
-}
-
-impl Grid {
-    /// None where it has no value.
-    fn new(title: String, fields: Vec<Vec<Option<f64>>>) -> Option<Grid> {
-        let all = || fields.iter().flatten().flatten().copied();
-        let range = (all().reduce(f64::min)?, all().reduce(f64::max)?);
-        Some(Grid { title, fields, range })
-    }
-
-    /// Place of a value on the map's colours, 0 … 1.
-    fn share(&self, value: f64) -> f64 {
-        let (low, high) = self.range;
-        if high > low { (value - low) / (high - low) } else { 0.0 }
-    }
-}
-
-impl Panel for Map {
-    fn height_px(&self) -> u32 {
-        let lines = (self.maps.len() as i32 + self.across() - 1) / self.across();
-        (TITLE_PX + lines * self.map_px().1 + 8) as u32
-    }
-
-    fn draw(&self, area: &Area<'_>, _: &StageColors) -> Drawn {
-        let of = if self.maps.len() > 1 { "each map's" } else { "the" };
-        let line = format!(
-            "{}. Colours run linearly from {of} smallest value (dark) to its largest (light).",
-            self.shows
-        );
-        area.draw_text(&line, &style::small(), (16, 4))?;
-        let (width, height) = self.map_px();
-        for (index, map) in self.maps.iter().enumerate() {
-            let index = index as i32;
-            let at =
-                (16 + index % self.across() * width, TITLE_PX + index / self.across() * height);
-            self.map(area, map, at)?;
-        }
-        Ok(())
-    }
+    };
+    let height_px = HEAD_PX + rows.labels.len() as f64 * FIELD_PX[1] + GAP_PX;
+    Some(Drawing::new(height_px, content))
 }
 
 /// The panel's place on the axes that have panels: `bunny, threshold 0.5`.
 fn title(plot: &Plot, experiment: &Experiment, panel: &[Value]) -> String {
     let named = plot.panels.iter().zip(panel);
-    let parts: Vec<String> = named.map(|(name, v)| names::value(name, v, experiment)).collect();
-    parts.join(", ")
+    named.map(|(name, value)| names::value(name, value, experiment)).join(", ")
 }
 
 impl Side {

@@ -4,27 +4,27 @@
 //! their lines, and legends stand in rows above the data.
 
 mod bars;
-mod chart;
+mod drawing;
 mod lines;
 mod map;
 pub(super) mod names;
 mod ratios;
 mod roofline;
-pub mod scale;
+mod rows;
 mod stacked;
 mod style;
 
 use indexmap::IndexSet;
-use plotters::drawing::DrawingAreaErrorKind;
-use plotters::prelude::*;
+use itertools::Itertools;
+use maud::html;
 
-use self::{bars::Bars, lines::Lines, map::Map, ratios::Ratios, stacked::Stacked};
+use self::drawing::{Drawing, MARGIN_PX};
 use super::colors::StageColors;
-use super::{Artifact, Exporter, OfRun, ReportError, ReportView, RunExporter, Section, Written};
+use super::{Artifact, Exporter, OfRun, ReportView, RunExporter, Section, Written};
 use fathom_base::text;
 use fathom_experiments as experiments;
 use fathom_experiments::schema::{Experiment, Plot, PlotKind, Published};
-use fathom_experiments::{Measure, Ruling, Verdict};
+use fathom_experiments::{Measure, Ruling};
 use fathom_record::Cell;
 
 pub use roofline::EXPORTER as ROOFLINES;
@@ -37,40 +37,25 @@ pub const EXPORTER: RunExporter = Exporter {
     export: OfRun::Several(export),
 };
 
-const WIDTH_PX: u32 = 980;
-/// Title of the picture, and of each panel.
-const TITLE_PX: u32 = 36;
-const HEADING_PX: u32 = 32;
-/// A line of small type.
-const LINE_PX: u32 = 17;
-/// Between panels.
-const GAP_PX: u32 = 18;
+/// Heights of the picture's title and of a panel's, and what is left between panels.
+const TITLE_PX: f64 = 36.0;
+const HEADING_PX: f64 = 30.0;
+const GAP_PX: f64 = 18.0;
 /// Characters of 12-px type that fit into a line.
 const LINE_CHARACTERS: usize = 134;
-
-type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-/// Drawing on a string cannot fail but by a bug in the drawing.
-type Fault = DrawingAreaErrorKind<std::io::Error>;
-type Drawn = Result<(), Fault>;
 
 /// Cells of a plot beyond which it is not drawn: nobody can read it.
 const MOST_CELLS: usize = 2_000;
 
-/// What a panel draws below its title.
-trait Panel {
-    fn height_px(&self) -> u32;
-
-    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn;
-}
-
 /// What plots are made from.
 #[derive(Clone)]
-struct PlotInput<'s> {
-    experiment: &'s Experiment,
-    cells: Vec<&'s Cell>,
-    rulings: &'s [Ruling],
+pub struct PlotInput<'s> {
+    pub experiment: &'s Experiment,
+    pub cells: Vec<&'s Cell>,
+    pub rulings: &'s [Ruling],
     /// Measured on a software driver: published times are not drawn beside its own.
-    software: bool,
+    pub software: bool,
+    pub colors: &'s StageColors,
 }
 
 impl<'s> PlotInput<'s> {
@@ -89,36 +74,21 @@ impl<'s> PlotInput<'s> {
     }
 }
 
-/// A panel with its title and what is said below it.
-struct Framed {
-    title: String,
-    verdicts: Vec<(Verdict, String)>,
-    /// Published figures, in words.
-    published: Vec<String>,
-    body: Box<dyn Panel>,
-}
-
 /// An experiment's panels, and its plots that have none.
 #[derive(Default)]
 pub struct Figure {
     /// What holds for all of its cells.
     common: String,
-    panels: Vec<Framed>,
+    panels: Vec<Drawing>,
     /// Titles of the plots that have no panel, and why.
     pub missing: Vec<(String, &'static str)>,
 }
 
 impl Figure {
-    pub fn new(
-        experiment: &Experiment,
-        cells: Vec<&Cell>,
-        rulings: &[Ruling],
-        software: bool,
-    ) -> Figure {
-        let input = PlotInput { experiment, cells, rulings, software };
-        let mut figure = Figure { common: names::common(&input), ..Figure::default() };
-        for plot in &experiment.plot {
-            match Framed::new(plot, &input.of(plot)) {
+    pub fn new(input: &PlotInput<'_>) -> Figure {
+        let mut figure = Figure { common: names::common(input), ..Figure::default() };
+        for plot in &input.experiment.plot {
+            match panel(plot, &input.of(plot)) {
                 Ok(panel) => figure.panels.push(panel),
                 Err(reason) => figure.missing.push((plot.title.clone(), reason)),
             }
@@ -135,112 +105,70 @@ pub fn file_name(section: &Section<'_>) -> String {
     format!("{}.svg", text::file_stem(section.id))
 }
 
-fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
+fn export(view: &ReportView<'_>) -> Vec<Artifact> {
     let drawn = view.sections.iter().filter(|section| section.figure().is_drawn());
-    let files = drawn.map(|section| {
-        let bytes = svg(view, section)?.into_bytes();
-        Ok(Artifact { name: file_name(section), bytes })
-    });
-    files.collect()
+    drawn.map(|section| Artifact::of(file_name(section), svg(view, section))).collect()
 }
 
-/// The figure of an experiment of a view.
-pub fn svg(view: &ReportView<'_>, section: &Section<'_>) -> Result<String, ReportError> {
-    picture(section, view).map_err(|fault| ReportError::Plot {
-        experiment: section.id.to_owned(),
-        message: fault.to_string(),
-    })
-}
-
-impl Framed {
-    fn new(plot: &Plot, input: &PlotInput<'_>) -> Result<Framed, &'static str> {
-        if input.cells.len() > MOST_CELLS {
-            return Err("it has more than 2,000 cells, which cells.csv lists");
-        }
-        let body = body(plot, input)?.ok_or("no records hold its data")?;
-        let (verdicts, published) = (verdicts(plot, input), published_lines(plot, input));
-        Ok(Framed { title: plot.title.clone(), verdicts, published, body })
+/// A plot below its title, the verdicts and the published figures that belong to it.
+fn panel(plot: &Plot, input: &PlotInput<'_>) -> Result<Drawing, &'static str> {
+    if input.cells.len() > MOST_CELLS {
+        return Err("it has more than 2,000 cells, which cells.csv lists");
     }
-
-    fn lines(&self) -> u32 {
-        let verdicts = self.verdicts.iter().map(|(verdict, text)| told(*verdict, text).len());
-        (verdicts.sum::<usize>() + self.published.len()) as u32
-    }
-
-    fn head_px(&self) -> u32 {
-        HEADING_PX + self.lines() * LINE_PX + 4
-    }
-
-    fn height_px(&self) -> u32 {
-        self.head_px() + self.body.height_px() + GAP_PX
-    }
-
-    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn {
-        area.draw_text(&self.title, &style::heading(), (16, 8))?;
-        let mut y = HEADING_PX as i32 + 6;
-        for (verdict, text) in &self.verdicts {
-            let color = style::of_verdict(*verdict);
-            area.draw(&Circle::new((22, y), 5, color.filled()))?;
-            for line in told(*verdict, text) {
-                area.draw_text(&line, &style::starting(style::small()), (34, y))?;
-                y += LINE_PX as i32;
-            }
-        }
-        for line in &self.published {
-            area.draw_text(line, &style::starting(style::small()), (16, y))?;
-            y += LINE_PX as i32;
-        }
-        let (_, body) = area.split_vertically(self.head_px());
-        self.body.draw(&body, colors)
-    }
-}
-
-/// A claim's verdict and text, in lines.
-fn told(verdict: Verdict, text: &str) -> Vec<String> {
-    style::wrap(&format!("{verdict}: {text}"), LINE_CHARACTERS)
-}
-
-fn body(plot: &Plot, input: &PlotInput<'_>) -> Result<Option<Box<dyn Panel>>, &'static str> {
-    fn boxed<P: Panel + 'static>(panel: P) -> Box<dyn Panel> {
-        Box::new(panel)
-    }
-    Ok(match plot.kind {
-        PlotKind::Scaling | PlotKind::Lines => Lines::new(plot, input).map(boxed),
-        PlotKind::Stacked => Stacked::new(input).map(boxed),
-        PlotKind::Bars => Bars::new(plot, input).map(boxed),
-        PlotKind::Ratios => Ratios::new(plot, input).map(boxed),
-        PlotKind::Map => Map::new(plot, input)?.map(boxed),
-    })
+    let body = match plot.kind {
+        PlotKind::Scaling | PlotKind::Lines => lines::drawing(plot, input),
+        PlotKind::Stacked => stacked::drawing(input),
+        PlotKind::Bars => bars::drawing(plot, input),
+        PlotKind::Ratios => ratios::drawing(plot, input),
+        PlotKind::Map => map::drawing(plot, input)?,
+    };
+    let body = body.ok_or("no records hold its data")?;
+    let title = html! { text.heading x=(MARGIN_PX) y="20" { (plot.title) } };
+    let mut parts = vec![Drawing::new(HEADING_PX, title)];
+    parts.extend(rulings(plot, input).map(verdict));
+    parts.push(Drawing::lines(MARGIN_PX, &published_lines(plot, input)));
+    parts.extend([Drawing::space(6.0), body, Drawing::space(GAP_PX)]);
+    Ok(Drawing::column(parts))
 }
 
 /// The rulings on the claims about what a plot shows: the same measure, along an axis that its cells have.
-fn verdicts(plot: &Plot, input: &PlotInput<'_>) -> Vec<(Verdict, String)> {
-    let frame = [Measure::frame()];
-    let shown = if plot.kind == PlotKind::Stacked { &frame } else { plot.y.as_slice() };
+fn rulings<'s>(plot: &'s Plot, input: &'s PlotInput<'_>) -> impl Iterator<Item = &'s Ruling> {
     let has_axis = |axis: &str| input.cells.iter().any(|cell| cell.axes.contains_key(axis));
+    let is_shown = |y: &Measure| match plot.kind {
+        PlotKind::Stacked => *y == Measure::frame(),
+        _ => plot.y.contains(y),
+    };
     let claims = input.experiment.claim.iter().zip(input.rulings);
-    let about = claims.filter(|(claim, _)| {
-        shown.contains(claim.test.y()) && claim.test.over().is_none_or(has_axis)
+    let about = claims.filter(move |(claim, _)| {
+        is_shown(claim.test.y()) && claim.test.over().is_none_or(has_axis)
     });
-    about.map(|(_, ruling)| (ruling.verdict, ruling.text.clone())).collect()
+    about.map(|(_, ruling)| ruling)
+}
+
+/// A claim's verdict and text.
+fn verdict(ruling: &Ruling) -> Drawing {
+    let Ruling { verdict, text, .. } = ruling;
+    let told = style::wrap(&format!("{verdict}: {text}"), LINE_CHARACTERS);
+    let lines = Drawing::lines(MARGIN_PX + 18.0, &told);
+    let color = style::of_verdict(*verdict).hex();
+    let content =
+        html! { circle cx=(MARGIN_PX + 6.0) cy="8" r="5" fill=(color) {} (lines.content) };
+    Drawing::new(lines.height_px, content)
 }
 
 /// Published figures of the sizes shown, in words: all figures, then the hardware.
 fn published_lines(plot: &Plot, input: &PlotInput<'_>) -> Vec<String> {
     let of_frames = plot.kind == PlotKind::Stacked || plot.y.contains(&Measure::frame());
     let cells = input.cells.iter().filter(|cell| of_frames && cell.measured().is_some());
-    let published: Vec<&Published> =
-        cells.filter_map(|cell| input.experiment.published_for(cell)).collect();
-    let figures: IndexSet<String> = published.iter().map(|one| one.figure()).collect();
-    let hardware: IndexSet<&str> = published.iter().map(|one| one.hardware.as_str()).collect();
-    if figures.is_empty() {
+    let published: IndexSet<(String, &str)> = cells
+        .filter_map(|cell| input.experiment.published_for(cell))
+        .map(|one| (one.figure(), one.hardware.as_str()))
+        .collect();
+    if published.is_empty() {
         return Vec::new();
     }
-    let [figures, hardware] = [
-        figures.into_iter().collect::<Vec<_>>(),
-        hardware.into_iter().map(str::to_owned).collect(),
-    ]
-    .map(|parts| parts.join(", "));
+    let figures = published.iter().map(|(figure, _)| figure).unique().join(", ");
+    let hardware = published.iter().map(|(_, hardware)| hardware).unique().join(", ");
     let mut line = format!("Published for cells of this size: {figures} frames/s on {hardware}.");
     if input.software {
         line += " Not drawn: a software driver's times are not comparable.";
@@ -255,38 +183,20 @@ fn subtitle(section: &Section<'_>, view: &ReportView<'_>) -> Vec<String> {
         format!("{} ({kind}) · profile {}", run.adapter.name, run.profile.name())
     });
     let source = section.experiment.as_ref().map(|experiment| experiment.source.clone());
-    let first = adapter.into_iter().chain(source).collect::<Vec<_>>().join(" · ");
+    let first = adapter.into_iter().chain(source).join(" · ");
     let common = Some(section.figure().common.as_str()).filter(|common| !common.is_empty());
     let common = common.map(|common| format!("All cells: {common}"));
     let lines = std::iter::once(first).chain(common);
     lines.flat_map(|line| style::wrap(&line, LINE_CHARACTERS)).collect()
 }
 
-fn picture(section: &Section<'_>, view: &ReportView<'_>) -> Result<String, Fault> {
-    let panels = &section.figure().panels;
-    let subtitle = subtitle(section, view);
-    let head_px = TITLE_PX + subtitle.len() as u32 * LINE_PX + 10;
-    let height = head_px + panels.iter().map(Framed::height_px).sum::<u32>();
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height)).into_drawing_area();
-        root.fill(&WHITE)?;
-        let title = format!("{}: {}", section.id, section.title());
-        root.draw_text(&title, &style::title(), (16, 12))?;
-        for (index, line) in (0..).zip(&subtitle) {
-            let y = (TITLE_PX + index * LINE_PX) as i32;
-            root.draw_text(line, &style::small(), (16, y))?;
-        }
-        let (_, mut rest) = root.split_vertically(head_px);
-        for panel in panels {
-            let (area, below) = rest.split_vertically(panel.height_px());
-            panel.draw(&area, &view.colors)?;
-            rest = below;
-        }
-        root.present()?;
-    }
-    // The backend escapes marks of XML; what XML cannot hold at all is left to do.
-    Ok(style::themed(&text::block(&svg)))
+/// The figure of an experiment of a view.
+pub fn svg(view: &ReportView<'_>, section: &Section<'_>) -> String {
+    let title = format!("{}: {}", section.id, section.title());
+    let title = html! { text.name x=(MARGIN_PX) y="27" { (title) } };
+    let subtitle = Drawing::lines(MARGIN_PX, &subtitle(section, view));
+    let head = [Drawing::new(TITLE_PX, title), subtitle, Drawing::space(10.0)];
+    Drawing::column(head.into_iter().chain(section.figure().panels.iter().cloned())).svg()
 }
 
 #[cfg(test)]
@@ -306,7 +216,7 @@ mod tests {
     }
 
     fn svgs(records: &[Record]) -> BTreeMap<String, String> {
-        let files = export(&ReportView::new(records, None)).unwrap();
+        let files = export(&ReportView::new(records, None));
         let text = |file: Artifact| (file.name, String::from_utf8(file.bytes).unwrap());
         files.into_iter().map(text).collect()
     }
@@ -316,8 +226,8 @@ mod tests {
         let svgs = svgs(&fixtures::run());
         let photons = &svgs["uw-photons.svg"];
         assert!(photons.contains("exponent 1.0") || photons.contains("exponent 0.9"));
-        assert!(photons.contains("caustics/trace") && photons.contains("log scale"));
-        assert!(svgs["uw-waves.svg"].contains("linear scale"));
+        assert!(photons.contains("caustics/trace") && photons.contains("(ms), logarithmic"));
+        assert!(svgs["uw-waves.svg"].contains(", linear"));
     }
 
     #[test]
@@ -327,7 +237,7 @@ mod tests {
         let Record::Run(run) = &mut records[0] else { panic!() };
         run.adapter.software = false;
         let hardware = svgs(&records);
-        let marks = |svg: &str| svg.matches("stroke-width=\"4\"").count();
+        let marks = |svg: &str| svg.matches("class=\"published\"").count();
         for name in ["uw-default.svg", "uw-photons.svg"] {
             let (software, hardware) = (&software[name], &hardware[name]);
             assert!(software.contains("GeForce") && hardware.contains("GeForce"), "{name}");
@@ -354,24 +264,14 @@ mod tests {
     #[test]
     fn type_is_large_enough_and_the_dark_sheet_stays_within_the_picture() {
         for (name, svg) in svgs(&fixtures::run()) {
-            let sizes = svg.split("font-size=\"").skip(1);
-            let sizes: Vec<f64> =
-                sizes.map(|rest| rest.split('"').next().unwrap().parse().unwrap()).collect();
-            assert!(sizes.iter().all(|size| *size >= 11.99), "{name}: {sizes:?}");
-            assert!(sizes.len() > 10, "{name}");
-            assert!(!svg.contains(" id=\""), "{name}");
+            assert!(!svg.contains(" id=\"") && !svg.contains("font-size=\""), "{name}");
             let sheet = svg.split("<style>").nth(1).unwrap().split("</style>").next().unwrap();
-            let rules = sheet.split(" {").nth(1).unwrap();
-            let selectors = rules.split('}').map(|rule| rule.split('{').next().unwrap());
-            for selector in selectors.filter(|selector| !selector.is_empty()) {
-                assert!(selector.starts_with(".fathom-plot "), "{selector}");
-            }
+            let rules = sheet.lines().filter(|line| line.contains('{') && !line.starts_with('@'));
+            assert!(rules.clone().all(|rule| rule.starts_with(".fathom-plot ")), "{sheet}");
+            let words = sheet.split([' ', ';']).filter_map(|word| word.strip_suffix("px"));
+            let sizes: Vec<f64> = words.map(|size| size.parse().unwrap()).collect();
+            assert!(sizes.len() == 3 && sizes.iter().all(|size| *size >= 12.0), "{sizes:?}");
         }
-    }
-
-    /// Places of the series' lines that join points: half transparent.
-    fn joins(svg: &str) -> usize {
-        svg.matches("opacity=\"0.45\"").count()
     }
 
     #[test]
@@ -388,9 +288,10 @@ mod tests {
             svgs(&records).remove("own.svg").unwrap()
         };
         for kind in ["lines", "scaling"] {
-            assert_eq!(joins(&drawn(kind, "caustics.grid", "[10, 20, 40]")), 2, "{kind}");
+            let numbers = drawn(kind, "caustics.grid", "[10, 20, 40]");
+            assert!(numbers.contains("<polyline"), "{kind}");
             let scenes = drawn(kind, "scene", r#"["tank", "port", "storage"]"#);
-            assert_eq!(joins(&scenes), 0, "{kind}");
+            assert!(!scenes.contains("<polyline"), "{kind}");
             assert!(["tank", "port", "storage"].iter().all(|name| scenes.contains(name)), "{kind}");
         }
     }
@@ -419,7 +320,7 @@ mod tests {
         // Three measures of three scenes each.
         let titles = ["sprites/draw", "ldi/peel"].map(|name| svg.matches(name).count());
         assert!(titles.iter().all(|count| *count >= 1), "{titles:?}");
-        assert_eq!(svg.matches("time (ms), log").count(), 3, "{svg}");
+        assert_eq!(svg.matches("time (ms), logarithmic").count(), 3, "{svg}");
     }
 
     #[test]
@@ -428,7 +329,7 @@ mod tests {
         assert!(svg.contains("n = 15") && svg.contains("what the claim allows"));
         // Cells of 4 and of 16 photons; the model's loop takes 1.4 times as long.
         assert!(svg.contains("1.4") || svg.contains("1.3"), "{svg}");
-        assert!(svg.matches("fill=\"#DEEEE4\"").count() >= 3, "two bands and the legend");
+        assert!(svg.matches("class=\"band\"").count() >= 3, "two bands and the legend");
     }
 
     const MAPPED: &str = r#"
@@ -493,8 +394,8 @@ mod tests {
     #[test]
     fn maps_have_a_panel_for_each_value_and_a_number_in_each_field() {
         let svg = svgs(&mapped()).remove("own.svg").unwrap();
-        let texts: Vec<&str> =
-            svg.lines().filter(|line| !line.starts_with('<')).map(str::trim).collect();
+        let texts = svg.split("<text").skip(1).filter_map(|text| text.split(['<', '>']).nth(1));
+        let texts: Vec<&str> = texts.collect();
         // Scenes move fastest, then rows: of tank 0, 4, 8 above 2, 6, 10; of port 1, 5, 9 above 3, –, 11.
         let port = texts.iter().position(|text| *text == "port").unwrap();
         let (tank, port) = texts.split_at(port);
@@ -515,24 +416,21 @@ mod tests {
     fn a_map_of_large_values_takes_no_colours_from_the_others() {
         let svg = svgs(&mapped()).remove("own.svg").unwrap();
         // The lightest colour, once in each map.
-        assert_eq!(svg.matches("#FDE725").count(), 2);
+        assert_eq!(svg.matches("\"#fde725\"").count(), 2);
     }
 
     #[test]
     fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
-        let records = mapped();
-        let view = ReportView::new(&records, None);
-        let experiment = Experiment::parse("own", MAPPED).unwrap();
-        let cells = view.sections[0].cells();
-        let input = PlotInput { experiment: &experiment, cells, rulings: &[], software: true };
-        let plot = &experiment.plot[1];
-        let bars = Bars::new(plot, &input.of(plot)).unwrap();
-        assert_eq!(bars.shape(), [("tank", 3), ("port", 2)]);
+        let svg = svgs(&mapped()).remove("own.svg").unwrap();
+        let bars = svg.split("By scene").nth(1).unwrap();
+        for (row, (scene, count)) in bars.split("class=\"label\"").zip([("tank", 3), ("port", 2)]) {
+            assert_eq!(row.matches("class=\"bar\"").count(), count, "{scene}");
+        }
     }
 
     #[test]
     fn a_section_without_figures_draws_nothing() {
         let records = fixtures::all_skipped();
-        assert!(export(&ReportView::new(&records, None)).unwrap().is_empty());
+        assert!(export(&ReportView::new(&records, None)).is_empty());
     }
 }

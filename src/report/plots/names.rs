@@ -38,6 +38,11 @@ pub fn cell(cell: &Cell, but: Option<&str>, experiment: &Experiment) -> String {
     if cell.axes.is_empty() { cell.scene.clone() } else { values.join(", ") }
 }
 
+/// A stage's name, or the measure in words.
+pub fn measure(y: &Measure) -> String {
+    y.stage_name().unwrap_or_else(|| y.label().words)
+}
+
 /// The factor from a measure's value to that on the ordinate. A title of the plot's own speaks of values as recorded.
 pub fn factor(y: &Measure, title: Option<&String>) -> f64 {
     match title {

@@ -1,172 +1,119 @@
 //! Panels of horizontal bars: the stages of each cell one after the other, the untimed frame marked.
 
-use plotters::prelude::*;
+use indexmap::IndexMap;
+use maud::{Markup, html};
 
-use super::chart::{BarChart, Canvas, DIAMOND, Legend, Mark};
-use super::{Area, Drawn, Panel, PlotInput, names, style};
-use crate::colors::StageColors;
+use super::drawing::Drawing;
+use super::rows::{Legend, Mark, Rows};
+use super::{PlotInput, names, style};
+use crate::colors::{Color, NEUTRAL};
 use crate::format::{NS_PER_MS, three};
+use crate::svg::Shape;
 use fathom_experiments::schema::Published;
 use fathom_record::{Cell, Estimate, Measured};
 
-const BAR_PX: u32 = 34;
+const BAR_PX: f64 = 34.0;
+/// Room for figures.
+const RIGHT_PX: f64 = 110.0;
 /// A stage that has less of every cell's frame is drawn among the others.
 const LEAST_SHARE: f64 = 0.01;
-
-pub struct Stacked {
-    chart: BarChart,
-    /// Stages with a colour of their own, in frame order.
-    stages: Vec<String>,
-    bars: Vec<Bar>,
-}
 
 /// A cell, times in milliseconds.
 struct Bar {
     label: String,
-    /// One per stage of the panel, then the rest.
+    /// One per stage of the panel, then the rest, then the gaps.
     parts: Vec<f64>,
-    gaps: f64,
     frame: Estimate,
     /// From the shortest to the longest published time.
-    published: Option<(f64, f64)>,
+    published: Option<[f64; 2]>,
 }
 
-impl Stacked {
-    /// None where no cell was timed.
-    pub fn new(input: &PlotInput<'_>) -> Option<Stacked> {
-        let figures: Vec<(&Cell, &Measured)> = input
-            .cells
-            .iter()
-            .filter_map(|cell| Some((*cell, cell.measured().filter(|cell| cell.is_timed())?)))
-            .collect();
-        let stages = coloured(&figures);
-        let bars: Vec<Bar> = figures
-            .iter()
-            .map(|(cell, measured)| Bar::new(cell, measured, &stages, input))
-            .collect();
-        let ends = bars.iter().flat_map(|bar| {
-            let timed: f64 = bar.parts.iter().sum::<f64>() + bar.gaps;
-            let [low, high] = bar.frame.ends();
-            [timed, low, bar.frame.median, high, bar.published.map_or(0.0, |span| span.1)]
-        });
-        let chart = BarChart {
-            x_title: "time (ms)".to_owned(),
-            scale: BarChart::scale(ends)?,
-            rows_px: bars.len() as u32 * BAR_PX,
-            labels_px: BarChart::labels_px(bars.iter().map(|bar| bar.label.as_str())),
-            right_px: 110,
-            legend: Legend::default(),
-        };
-        Some(Stacked { chart, stages, bars })
+/// None where no cell was timed.
+pub fn drawing(input: &PlotInput<'_>) -> Option<Drawing> {
+    let timed = |cell: &&Cell| cell.measured().is_some_and(Measured::is_timed);
+    let cells = input.cells.iter().copied().filter(timed);
+    let figures: Vec<(&Cell, &Measured)> =
+        cells.filter_map(|cell| Some((cell, cell.measured()?))).collect();
+    let stages = coloured(&figures);
+    let bars = figures.iter().map(|(cell, measured)| Bar::new(cell, measured, &stages, input));
+    let bars: Vec<Bar> = bars.collect();
+    let ends = bars.iter().flat_map(|bar| [bar.end(), bar.frame.ends()[0], bar.frame.median]);
+    let mut rows = Rows::new(ends, bars.iter().map(|bar| bar.label.as_str()), RIGHT_PX)?;
+    let of_stages = stages.iter().map(|stage| (input.colors.of(stage), stage.to_string()));
+    let others = [(NEUTRAL, "all other stages"), (style::GAPS, "gaps between passes")];
+    let others = others.map(|(color, words)| (color, words.to_owned()));
+    let parts: Vec<(Color, String)> = of_stages.chain(others).collect();
+    for bar in &bars {
+        rows.push(&bar.label, Drawing::new(BAR_PX, bar.markup(&rows, &parts)));
     }
-
-    fn bar(&self, canvas: &Canvas<'_>, bar: &Bar, row: f64, colors: &StageColors) -> Drawn {
-        let mut start = 0.0;
-        let of_stages = self.stages.iter().map(|stage| style::of_stage(colors.of(stage)));
-        let parts = bar.parts.iter().copied().zip(of_stages.chain([style::REST]));
-        for (length, color) in parts.chain([(bar.gaps, style::GAPS)]) {
-            let corners = [(start, row + 0.18), (start + length, row + 0.82)];
-            if length > 0.0 {
-                canvas.area.draw(&Rectangle::new(corners, color.filled()))?;
-            }
-            start += length;
-        }
-        for (line, width_px) in lines(bar, row) {
-            canvas.line(line, width_px)?;
-        }
-        let marker = EmptyElement::at((bar.frame.median, row + 0.5))
-            + Polygon::new(DIAMOND, style::INK.filled());
-        canvas.area.draw(&marker)?;
-        canvas.label(&bar.label, 0.0, row + 0.5)?;
-        let end = bar.published.map_or(0.0, |span| span.1).max(bar.frame.ends()[1]).max(start);
-        let text = format!("{}, n = {}", three(bar.frame.median), bar.frame.n);
-        canvas.write(&text, style::starting(style::small()), (end, row + 0.5), 10)
-    }
-
-    fn legend(&self, colors: &StageColors) -> Legend {
-        let square =
-            |stage: &String| (Mark::Square(style::of_stage(colors.of(stage))), stage.clone());
-        let mut entries: Vec<(Mark, String)> = self.stages.iter().map(square).collect();
-        let any = |part: fn(&Bar) -> f64| self.bars.iter().any(|bar| part(bar) > 0.0);
-        if any(|bar| bar.parts.last().copied().unwrap_or_default()) {
-            entries.push((Mark::Square(style::REST), "all other stages".to_owned()));
-        }
-        if any(|bar| bar.gaps) {
-            entries.push((Mark::Square(style::GAPS), "gaps between passes".to_owned()));
-        }
-        entries.push((Mark::Diamond, "frame without stage timing".to_owned()));
-        if self.bars.iter().any(|bar| bar.published.is_some()) {
-            entries.push((Mark::Published, "published".to_owned()));
-        }
-        Legend(entries)
-    }
-}
-
-impl Panel for Stacked {
-    fn height_px(&self) -> u32 {
-        self.legend(&StageColors::default()).height_px() + self.chart.height_px()
-    }
-
-    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn {
-        let legend = self.legend(colors);
-        let (above, area) = area.split_vertically(legend.height_px());
-        legend.draw(&above)?;
-        let canvas = self.chart.draw(&area, self.bars.len() as f64)?;
-        for (row, bar) in self.bars.iter().rev().enumerate().rev() {
-            self.bar(&canvas, bar, row as f64, colors)?;
-        }
-        Ok(())
-    }
+    let is_there =
+        |part: usize| part < stages.len() || bars.iter().any(|bar| bar.parts[part] > 0.0);
+    let shown = (0..parts.len()).filter(|part| is_there(*part)).map(|part| &parts[part]);
+    let shown = shown.map(|(color, words)| (Mark::Square(*color), words.clone()));
+    let frame = (Mark::Diamond, "frame without stage timing".to_owned());
+    let published = bars.iter().any(|bar| bar.published.is_some());
+    let published = published.then(|| (Mark::Published, "published".to_owned()));
+    Some(rows.drawing(Legend(shown.chain([frame]).chain(published).collect()), "time (ms)"))
 }
 
 /// The stages with a share of some cell that can be seen, in frame order.
-fn coloured(figures: &[(&Cell, &Measured)]) -> Vec<String> {
-    let mut shares: Vec<(&str, f64)> = Vec::new();
+fn coloured<'a>(figures: &[(&Cell, &'a Measured)]) -> Vec<&'a str> {
+    let mut shares = IndexMap::<&str, f64>::new();
     for (_, measured) in figures {
         let total: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
         for stage in &measured.stages {
-            let share = stage.time.median / total;
-            match shares.iter_mut().find(|(name, _)| stage.stage == *name) {
-                Some((_, most)) => *most = most.max(share),
-                None => shares.push((&stage.stage, share)),
-            }
+            let most = shares.entry(&stage.stage).or_default();
+            *most = most.max(stage.time.median / total);
         }
     }
     let seen = shares.into_iter().filter(|(_, share)| *share >= LEAST_SHARE);
-    seen.map(|(name, _)| name.to_owned()).collect()
+    seen.map(|(name, _)| name).collect()
 }
 
 impl Bar {
-    fn new(cell: &Cell, measured: &Measured, stages: &[String], input: &PlotInput<'_>) -> Bar {
-        let mut parts = vec![0.0; stages.len() + 1];
+    fn new(cell: &Cell, measured: &Measured, stages: &[&str], input: &PlotInput<'_>) -> Bar {
+        let mut parts = vec![0.0; stages.len() + 2];
         // A time below the clock's resolution has no length.
         for stage in measured.stages.iter().filter(|s| s.is_resolved()) {
-            let place = stages.iter().position(|name| stage.stage == *name);
+            let place = stages.iter().position(|name| stage.stage == **name);
             parts[place.unwrap_or(stages.len())] += stage.time.median / NS_PER_MS;
         }
         let frame = &measured.frame;
         let gaps = fathom_base::statistics::median(&frame.gap_samples_ns) / NS_PER_MS;
+        parts[stages.len() + 1] = if gaps.is_finite() { gaps.max(0.0) } else { 0.0 };
         Bar {
             label: names::cell(cell, None, input.experiment),
             parts,
-            gaps: if gaps.is_finite() { gaps.max(0.0) } else { 0.0 },
             frame: frame.untimed.scaled(1.0 / NS_PER_MS),
             published: input.published(cell).map(Published::span_ms),
         }
     }
-}
 
-/// The untimed frame's interval and the published times, with their widths in pixels.
-fn lines(bar: &Bar, row: f64) -> Vec<([(f64, f64); 2], u32)> {
-    let middle = row + 0.5;
-    let mut lines = vec![(bar.frame.ends().map(|end| (end, middle)), 2)];
-    if let Some((low, high)) = bar.published {
-        for at in [low, high] {
-            lines.push(([(at, row + 0.04), (at, row + 0.96)], 4));
-        }
-        for edge in [0.04, 0.96] {
-            lines.push(([(low, row + edge), (high, row + edge)], 2));
+    /// Where everything that it shows ends.
+    fn end(&self) -> f64 {
+        let published = self.published.map_or(0.0, |span| span[1]);
+        self.parts.iter().sum::<f64>().max(self.frame.ends()[1]).max(published)
+    }
+
+    fn markup(&self, rows: &Rows, parts: &[(Color, String)]) -> Markup {
+        let mut start = 0.0;
+        let placed = self.parts.iter().zip(parts).map(|(length, (color, _))| {
+            start += length;
+            ([start - length, start], *color)
+        });
+        let middle = BAR_PX / 2.0;
+        let words = format!("{}, n = {}", three(self.frame.median), self.frame.n);
+        html! {
+            @for (ends, color) in placed {
+                @if ends[0] < ends[1] { (rows.bar(ends, [6.0, BAR_PX - 6.0], color)) }
+            }
+            (rows.interval(self.frame.ends(), middle))
+            @if let Some(span) = self.published {
+                @for at in span { (rows.across(at, [1.0, BAR_PX - 1.0], "published")) }
+                @for y in [1.0, BAR_PX - 1.0] { (rows.interval(span, y)) }
+            }
+            (rows.mark(Shape::Diamond, self.frame.median, middle, None))
+            (rows.beside(self.end(), middle, &words))
         }
     }
-    lines
 }

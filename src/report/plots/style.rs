@@ -1,154 +1,52 @@
-//! Colours, markers, type, and the style sheet for dark pages.
+//! Colours of plots, and lines of text.
 
 use itertools::Itertools;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use crate::colors::Color as StageColor;
+use crate::colors::Color;
 use fathom_experiments::Verdict;
 
 /// Colours that are told apart with any colour vision (Okabe & Ito, *Color Universal Design* (2008)); yellow last, as
 /// it is faint on white.
-const PALETTE: [RGBColor; 7] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(230, 159, 0),
-    RGBColor(240, 228, 66),
+const PALETTE: [Color; 7] = [
+    Color(0, 114, 178),
+    Color(213, 94, 0),
+    Color(0, 158, 115),
+    Color(204, 121, 167),
+    Color(86, 180, 233),
+    Color(230, 159, 0),
+    Color(240, 228, 66),
 ];
 
-pub const INK: RGBColor = RGBColor(34, 34, 34);
-pub const FAINT: RGBColor = RGBColor(110, 110, 110);
-pub const GRID: RGBColor = RGBColor(226, 226, 226);
-/// Of a stage that has no colour of its own, and of gaps.
-pub const REST: RGBColor = RGBColor(150, 150, 150);
-pub const GAPS: RGBColor = RGBColor(200, 200, 200);
-/// Type on light fields, which stay light on a dark page.
-const ON_LIGHT: RGBColor = RGBColor(20, 20, 20);
-/// What a claim allows.
-pub const BAND: RGBColor = RGBColor(222, 238, 228);
+/// Of gaps and of fields without a value.
+pub const GAPS: Color = Color(200, 200, 200);
 
-/// Class of the root element, which the style sheet is confined to.
-const CLASS: &str = "fathom-plot";
-/// Colours of a light page and what stands for them on a dark one. They come from nothing but this module's constants.
-const DARK: [(RGBColor, &str); 5] = [
-    (WHITE, "#14171a"),
-    (INK, "#e8e8e8"),
-    (FAINT, "#a8adb3"),
-    (GRID, "#363b41"),
-    (BAND, "#20382b"),
-];
-
-/// The picture with a style sheet that replaces ink, grid and background where a dark page is asked for. Several pictures may
-/// stand in one page: the rules are the same, speak of this class alone, and no id is used.
-pub fn themed(svg: &str) -> String {
-    let rules: String = DARK.iter().map(|(light, dark)| rule(*light, dark)).collect();
-    let sheet = format!("<style>@media (prefers-color-scheme: dark) {{{rules}}}</style>");
-    let svg = svg.replacen("<svg ", &format!("<svg class=\"{CLASS}\" "), 1);
-    svg.replacen(">\n", &format!(">\n{sheet}\n"), 1)
-}
-
-/// White type lies on colours, and stays white.
-fn rule(light: RGBColor, dark: &str) -> String {
-    let RGBColor(r, g, b) = light;
-    let hex = format!("#{r:02X}{g:02X}{b:02X}");
-    let filled = if light == WHITE { "rect" } else { "" };
-    format!(
-        ".{CLASS} {filled}[fill=\"{hex}\"]{{fill:{dark}}}.{CLASS} [stroke=\"{hex}\"]{{stroke:{dark}}}"
-    )
-}
-
-pub fn of_stage(color: StageColor) -> RGBColor {
-    RGBColor(color.0, color.1, color.2)
-}
-
-/// Told apart by the word beside it, too.
-pub fn of_verdict(verdict: Verdict) -> RGBColor {
-    match verdict {
-        Verdict::Supported => RGBColor(0, 150, 105),
-        Verdict::Contradicted => RGBColor(213, 94, 0),
-        Verdict::Inconclusive => RGBColor(140, 120, 200),
-        Verdict::NotRun => REST,
-    }
-}
-
-/// Width of a character over the size of type: no font is at hand, and common sans-serif ones are narrower.
-const CHARACTER: f64 = 0.58;
-
-/// About how wide a line of type is, pixels.
-pub fn width_px(line: &str, size_px: u32) -> u32 {
-    (line.chars().count() as f64 * f64::from(size_px) * CHARACTER).ceil() as u32
-}
-
-/// Characters of a label that fit into so many pixels.
-pub fn fitting(room_px: u32) -> usize {
-    (f64::from(room_px) / (f64::from(LABEL_PX) * CHARACTER)) as usize
-}
-
-/// At most so many characters, with an ellipsis where something does not fit.
-pub fn cut(line: &str, most: usize) -> String {
-    if line.chars().count() <= most {
-        return line.to_owned();
-    }
-    line.chars().take(most.saturating_sub(1)).chain(['…']).collect()
-}
-
-/// Sizes of type, pixels: nothing is smaller than [`SMALL_PX`].
-pub const LABEL_PX: u32 = 13;
-pub const SMALL_PX: u32 = 12;
-
-pub fn color(index: usize) -> RGBColor {
+pub fn color(index: usize) -> Color {
     PALETTE[index % PALETTE.len()]
 }
 
-/// The backend divides a font's size by this to write the size in pixels of the em square (plotters 0.3, `svg.rs`).
-const BACKEND_DIVISOR: f64 = 1.24;
-
-/// Of this size in the picture, pixels.
-fn font(size_px: u32, color: RGBColor) -> TextStyle<'static> {
-    ("sans-serif", f64::from(size_px) * BACKEND_DIVISOR).into_font().color(&color)
-}
-
-pub fn title() -> TextStyle<'static> {
-    font(19, INK)
-}
-
-pub fn heading() -> TextStyle<'static> {
-    font(15, INK)
-}
-
-pub fn label() -> TextStyle<'static> {
-    font(LABEL_PX, INK)
-}
-
-pub fn small() -> TextStyle<'static> {
-    font(SMALL_PX, FAINT)
-}
-
-/// Ends at its anchor, centred on it vertically.
-pub fn ending(style: TextStyle<'static>) -> TextStyle<'static> {
-    style.pos(Pos::new(HPos::Right, VPos::Center))
-}
-
-/// Starts at its anchor, centred on it vertically.
-pub fn starting(style: TextStyle<'static>) -> TextStyle<'static> {
-    style.pos(Pos::new(HPos::Left, VPos::Center))
-}
-
-/// Centred on its anchor.
-pub fn centered(style: TextStyle<'static>) -> TextStyle<'static> {
-    style.pos(Pos::new(HPos::Center, VPos::Center))
+/// Told apart by the word beside it, too.
+pub fn of_verdict(verdict: Verdict) -> Color {
+    match verdict {
+        Verdict::Supported => Color(0, 150, 105),
+        Verdict::Contradicted => Color(213, 94, 0),
+        Verdict::Inconclusive => Color(140, 120, 200),
+        Verdict::NotRun => Color(150, 150, 150),
+    }
 }
 
 /// Stops of a colour scale from dark to light that reads in order with any colour vision and in grey (viridis; Smith & van
 /// der Walt 2015).
-const SHADES: [(u8, u8, u8); 6] =
-    [(68, 1, 84), (65, 68, 135), (42, 120, 142), (34, 168, 132), (122, 209, 81), (253, 231, 37)];
+const SHADES: [Color; 6] = [
+    Color(68, 1, 84),
+    Color(65, 68, 135),
+    Color(42, 120, 142),
+    Color(34, 168, 132),
+    Color(122, 209, 81),
+    Color(253, 231, 37),
+];
 
 /// Colour at a share of the scale, 0 … 1.
-pub fn shade(share: f64) -> RGBColor {
+pub fn shade(share: f64) -> Color {
     let last = SHADES.len() - 1;
     let place = share.clamp(0.0, 1.0) * last as f64;
     let below = (place as usize).min(last - 1);
@@ -156,14 +54,7 @@ pub fn shade(share: f64) -> RGBColor {
     let mix = |a: u8, b: u8| {
         (f64::from(a) + (place - below as f64) * (f64::from(b) - f64::from(a))).round() as u8
     };
-    RGBColor(mix(a.0, b.0), mix(a.1, b.1), mix(a.2, b.2))
-}
-
-/// Type that stands out against a colour: white on dark, ink on light.
-pub fn on(color: RGBColor, style: TextStyle<'static>) -> TextStyle<'static> {
-    let RGBColor(r, g, b) = color;
-    let luma = 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
-    style.color(if luma < 130.0 { &WHITE } else { &ON_LIGHT })
+    Color(mix(a.0, b.0), mix(a.1, b.1), mix(a.2, b.2))
 }
 
 /// A line of text in pieces of at most `limit` characters, broken at spaces.
@@ -177,16 +68,4 @@ pub fn wrap(line: &str, limit: usize) -> Vec<String> {
         }
     };
     line.split(' ').map(str::to_owned).coalesce(join).collect()
-}
-
-/// Outline of the marker of a series, as offsets in pixels from the point: shapes tell series apart without colour.
-pub fn marker(index: usize) -> Vec<(i32, i32)> {
-    match index % 6 {
-        0 => vec![(5, 2), (2, 5), (-2, 5), (-5, 2), (-5, -2), (-2, -5), (2, -5), (5, -2)],
-        1 => vec![(-4, -4), (4, -4), (4, 4), (-4, 4)],
-        2 => vec![(0, -6), (5, 4), (-5, 4)],
-        3 => vec![(0, -6), (6, 0), (0, 6), (-6, 0)],
-        4 => vec![(0, 6), (5, -4), (-5, -4)],
-        _ => vec![(-2, -6), (2, -6), (2, 6), (-2, 6)],
-    }
 }

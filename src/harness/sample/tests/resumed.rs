@@ -78,7 +78,7 @@ fn without_time_a_resumed_cell_still_renders_before_it_is_finished() {
     let whole = whole();
     let mock = resumed(&whole.kept).run(&Settings { budget_s: 0.0, ..SHORT });
     for cell in 0..3 {
-        assert!(mock.calls.contains(&Call::Timed(cell)));
+        assert!(mock.calls.contains(&(Timed, cell)));
         let before = whole.samples(cell).pairs();
         let after = mock.samples(cell).pairs();
         // A quarter of a second is free, and the slow cell needs more for a pair.

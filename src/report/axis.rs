@@ -1,0 +1,215 @@
+//! Linear and logarithmic axes along pixels of a chart, with ticks at round numbers.
+
+use crate::format;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ScaleKind {
+    Linear,
+    Log,
+}
+
+impl ScaleKind {
+    /// What stands behind an axis' title.
+    pub fn name(self) -> &'static str {
+        match self {
+            ScaleKind::Linear => "linear",
+            ScaleKind::Log => "logarithmic",
+        }
+    }
+}
+
+/// Least height of a scale that does not begin at 0, as a share of its values.
+const LEAST_SPREAD: f64 = 0.05;
+
+/// An axis that lies along pixels of a chart. Data are mapped to its own coordinate: the value, or its decimal logarithm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    pub kind: ScaleKind,
+    low: f64,
+    high: f64,
+    ticks: Vec<f64>,
+    /// The pixels of the low and the high end.
+    pub ends_px: [f64; 2],
+}
+
+impl Axis {
+    /// An axis that holds all values with room around them; none where no value can be shown.
+    pub fn fit(
+        kind: ScaleKind,
+        values: impl IntoIterator<Item = f64>,
+        ends_px: [f64; 2],
+    ) -> Option<Axis> {
+        let shown = |value: &f64| value.is_finite() && (kind == ScaleKind::Linear || *value > 0.0);
+        let [low, high] = ends(values.into_iter().filter(shown))?;
+        Some(match kind {
+            // Quantities of one sign are seen against zero.
+            ScaleKind::Linear => Axis::linear(low.min(0.0), high, ends_px),
+            ScaleKind::Log => Axis::log(low, high, ends_px),
+        })
+    }
+
+    /// A linear axis about the values, of at least [`LEAST_SPREAD`] of them, so that the eye does not take noise for steps; none
+    /// where no value is finite.
+    pub fn tight(values: impl IntoIterator<Item = f64>, ends_px: [f64; 2]) -> Option<Axis> {
+        let [low, high] = ends(values.into_iter().filter(|value| value.is_finite()))?;
+        let least = LEAST_SPREAD * low.abs().max(high.abs());
+        let missing = (least - (high - low)).max(0.0) / 2.0;
+        Some(Axis::linear(low - missing, high + missing, ends_px))
+    }
+
+    /// From one value to the other, without room around them.
+    pub fn spanning(kind: ScaleKind, values: [f64; 2], ends_px: [f64; 2]) -> Option<Axis> {
+        let mut axis = Axis::fit(kind, values, ends_px)?;
+        let [low, high] = values;
+        (axis.low, axis.high) = (axis.at(low)?, axis.at(high)?);
+        Some(axis)
+    }
+
+    /// A linear axis of bars, which begin at 0.
+    pub fn of_bars(values: impl IntoIterator<Item = f64>, ends_px: [f64; 2]) -> Option<Axis> {
+        let axis = Axis::fit(ScaleKind::Linear, values, ends_px)?;
+        Some(Axis { low: axis.low.max(0.0), ..axis })
+    }
+
+    fn linear(low: f64, high: f64, ends_px: [f64; 2]) -> Axis {
+        let high = if high > low { high } else { low + 1.0 };
+        let step = nice((high - low) / 5.0);
+        let first = (low / step).floor() as i64;
+        let last = (high / step).ceil() as i64;
+        let margin = 0.03 * (high - low);
+        let ticks = (first..=last).map(|index| index as f64 * step);
+        let ticks = ticks.filter(|tick| (low - margin..=high + margin).contains(tick)).collect();
+        let (low, high) = (low - margin, high + margin);
+        Axis { kind: ScaleKind::Linear, low, high, ticks, ends_px }
+    }
+
+    fn log(low: f64, high: f64, ends_px: [f64; 2]) -> Axis {
+        let (low, high) = (low.log10(), high.log10());
+        let margin = (0.05 * (high - low)).max(0.06);
+        let (low, high) = (low - margin, high + margin);
+        let within = |multiples: &[f64]| -> Vec<f64> {
+            (low.floor() as i32..=high.floor() as i32)
+                .flat_map(|decade| multiples.iter().map(move |m| m.log10() + f64::from(decade)))
+                .filter(|tick| (low..=high).contains(tick))
+                .collect()
+        };
+        // The sparsest set of multiples that still gives three ticks.
+        let choices: [&[f64]; 4] =
+            [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]];
+        let ticks = choices.into_iter().map(within).find(|ticks| ticks.len() >= 3);
+        let ticks = ticks.unwrap_or_else(|| within(choices[3]));
+        Axis { kind: ScaleKind::Log, low, high, ticks, ends_px }
+    }
+
+    /// The same axis along other pixels.
+    pub fn along(&self, ends_px: [f64; 2]) -> Axis {
+        Axis { ends_px, ..self.clone() }
+    }
+
+    /// The coordinate of a value; none for what a logarithm cannot show.
+    pub fn at(&self, value: f64) -> Option<f64> {
+        let coordinate = match self.kind {
+            ScaleKind::Linear => value,
+            ScaleKind::Log => value.log10(),
+        };
+        coordinate.is_finite().then_some(coordinate)
+    }
+
+    /// The pixel of a value; none for what a logarithm cannot show.
+    pub fn px(&self, value: f64) -> Option<f64> {
+        Some(self.px_at(self.at(value)?))
+    }
+
+    /// The pixel of a coordinate: of a value, or of its decimal logarithm.
+    pub fn px_at(&self, coordinate: f64) -> f64 {
+        let share = (coordinate - self.low) / (self.high - self.low);
+        let [low, high] = self.ends_px;
+        tenth(low + share * (high - low))
+    }
+
+    /// The coordinates of its ends.
+    pub fn coordinates(&self) -> [f64; 2] {
+        [self.low, self.high]
+    }
+
+    /// The pixel of a value, or that of the end of the axis beyond which it lies.
+    pub fn px_within(&self, value: f64) -> f64 {
+        let [low, high] = self.ends_px;
+        match self.px(value) {
+            Some(px) => px.clamp(low.min(high), low.max(high)),
+            None if value == f64::INFINITY => high,
+            None => low,
+        }
+    }
+
+    /// Pixels and labels.
+    pub fn ticks(&self) -> Vec<(f64, String)> {
+        self.ticks.iter().map(|tick| (self.px_at(*tick), self.tick_label(*tick))).collect()
+    }
+
+    fn tick_label(&self, coordinate: f64) -> String {
+        let value = match self.kind {
+            ScaleKind::Linear if coordinate.abs() < 1e-12 => 0.0,
+            ScaleKind::Linear => coordinate,
+            ScaleKind::Log => 10_f64.powf(coordinate),
+        };
+        if (1e3..1e4).contains(&value.abs().round()) {
+            return format!("{value:.0}");
+        }
+        format::si(value)
+    }
+}
+
+/// A tenth of a pixel is fine enough, and short.
+pub fn tenth(px: f64) -> f64 {
+    (10.0 * px).round() / 10.0
+}
+
+/// The least and the largest value.
+fn ends(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+    values.fold(None, |ends, value| {
+        let [low, high] = ends.unwrap_or([value; 2]);
+        Some([low.min(value), high.max(value)])
+    })
+}
+
+/// The least of 1, 2, 5 × 10ⁿ that is not below the value.
+fn nice(value: f64) -> f64 {
+    let decade = 10_f64.powf(value.log10().floor());
+    let multiple = [1.0, 2.0, 5.0, 10.0]
+        .into_iter()
+        .find(|multiple| multiple * decade >= value * (1.0 - 1e-9));
+    multiple.unwrap_or(10.0) * decade
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fit(kind: ScaleKind, values: &[f64]) -> Option<Axis> {
+        Axis::fit(kind, values.iter().copied(), [0.0, 100.0])
+    }
+
+    #[test]
+    fn ticks_are_round_and_enough() {
+        for (kind, values, expected) in [
+            (ScaleKind::Log, [100.0, 1e6], &["100", "1000", "10 k", "100 k", "1 M"][..]),
+            (ScaleKind::Log, [2.0, 4.0], &["2", "3", "4"]),
+            (ScaleKind::Linear, [0.05, 0.21], &["0", "0.05", "0.1", "0.15", "0.2"]),
+        ] {
+            let ticks = fit(kind, &values).unwrap().ticks();
+            assert!(ticks.iter().map(|(_, label)| label).eq(expected), "{ticks:?}");
+        }
+    }
+
+    #[test]
+    fn degenerate_ranges_have_ticks() {
+        for kind in [ScaleKind::Linear, ScaleKind::Log] {
+            let axis = fit(kind, &[3.0]).unwrap();
+            assert!(axis.high > axis.low);
+            assert!(!axis.ticks.is_empty(), "{kind:?}");
+        }
+        assert_eq!(fit(ScaleKind::Log, &[0.0, -1.0]), None);
+        assert_eq!(fit(ScaleKind::Linear, &[f64::NAN]), None);
+    }
+}
