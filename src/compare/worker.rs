@@ -256,7 +256,7 @@ impl Device {
             let counters = counted.iter().find(|counted| counted.name == stage.name());
             ExactStage {
                 name: stage.name().to_owned(),
-                work: stage.work(),
+                work: stage.work,
                 counters: counters.map(|stage| stage.counters.clone()).unwrap_or_default(),
             }
         });
@@ -327,7 +327,7 @@ fn find<'a>(
     prepared: &'a BTreeMap<String, Prepared>,
     config: &str,
     stage: &str,
-) -> Result<&'a dyn Stage, Refusal> {
+) -> Result<&'a Stage, Refusal> {
     let stages = known(prepared, config)?.pipeline.stages();
     let found = stages.iter().find(|present| present.name() == stage);
     found.copied().ok_or_else(|| Refusal::NoStage {
@@ -350,7 +350,7 @@ fn resolved(sample: &StageSample) -> Result<f64, GpuError> {
 }
 
 /// Time of one frame with this stage alone. Readings that cannot be true are taken again.
-fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Stage) -> Result<f64, GpuError> {
+fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &Stage) -> Result<f64, GpuError> {
     let mut last = String::new();
     for _ in 0..ATTEMPTS {
         if gpu.adapter.software {

@@ -292,7 +292,7 @@ impl Gpu {
     }
 
     /// Runs stages as one untimed frame and waits for it.
-    pub fn run(&self, stages: &[&dyn TimedStage]) -> Result<(), GpuError> {
+    pub fn run<S: TimedStage + ?Sized>(&self, stages: &[&S]) -> Result<(), GpuError> {
         // The limit is on timed passes, and there are none.
         let plan = ClockPlan::fenced(SubmitCost::default());
         FrameTimer::new(self, plan, 1)?.untimed(self, stages)?;

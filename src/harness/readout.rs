@@ -33,10 +33,9 @@ pub fn texture<S: AsRef<str>>(
     let stage = stages
         .iter()
         .find_map(|name| present.iter().find(|stage| stage.name() == name.as_ref()))?;
-    let mut outputs = stage.outputs().into_iter();
-    outputs.find_map(|of_stage| match of_stage.data {
+    stage.outputs.iter().find_map(|of_stage| match &of_stage.data {
         OutputData::Texture(texture) if output.is_none_or(|name| name == of_stage.name) => {
-            Some(texture)
+            Some(texture.clone())
         }
         _ => None,
     })

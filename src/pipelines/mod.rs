@@ -86,7 +86,7 @@ pub trait Pipeline: Sized + 'static {
     fn image(&self) -> &wgpu::Texture;
 
     /// Stages that draw the image where the frame itself does not: run for pictures only, never timed.
-    fn presenting(&self) -> Vec<&dyn Stage> {
+    fn presenting(&self) -> Vec<&Stage> {
         Vec::new()
     }
 
@@ -245,13 +245,13 @@ impl<P> DerefMut for Built<P> {
 /// A built pipeline of any kind.
 pub trait AnyPipeline {
     /// In frame order.
-    fn stages(&self) -> Vec<&dyn Stage>;
+    fn stages(&self) -> Vec<&Stage>;
     /// GPU memory that the pipeline's resources take.
     fn allocated_bytes(&self) -> u64;
     /// See [`Pipeline::image`].
     fn image(&self) -> &wgpu::Texture;
     /// See [`Pipeline::presenting`].
-    fn presenting(&self) -> Vec<&dyn Stage>;
+    fn presenting(&self) -> Vec<&Stage>;
     /// See [`Pipeline::shows_visibility`].
     fn shows_visibility(&self) -> bool;
     /// See [`Pipeline::quantities`].
@@ -271,7 +271,7 @@ pub trait AnyPipeline {
 }
 
 impl<P: Pipeline> AnyPipeline for Built<P> {
-    fn stages(&self) -> Vec<&dyn Stage> {
+    fn stages(&self) -> Vec<&Stage> {
         self.parts.stages.iter().map(AsRef::as_ref).collect()
     }
 
@@ -283,7 +283,7 @@ impl<P: Pipeline> AnyPipeline for Built<P> {
         self.pipeline.image()
     }
 
-    fn presenting(&self) -> Vec<&dyn Stage> {
+    fn presenting(&self) -> Vec<&Stage> {
         self.pipeline.presenting()
     }
 
@@ -370,7 +370,7 @@ impl<P: Pipeline> Configuration for Configured<P> {
             let picture = resources.sized_by(settings::VIEWPORT);
             picture.host_copies("image", pixels.saturating_mul(PICTURE_BYTES));
             let parts = resources.into_parts();
-            let stages = parts.stages.iter().map(|stage| stage.info()).collect();
+            let stages = parts.stages.iter().map(|stage| stage.info).collect();
             Ok(Plan { demand: parts.demand, stages })
         })
     }

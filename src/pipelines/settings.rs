@@ -11,12 +11,12 @@ use fathom_scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
 use fathom_stages::ao::compose::LightingUniforms;
 use fathom_stages::ao::glass::GlassUniforms;
 use fathom_stages::bilateral::BilateralUniforms;
-use fathom_stages::frame;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 pub use fathom_stages::marching::Attenuation;
 use fathom_stages::scene::deform::{self, Motion};
 use fathom_stages::transfer::map::MapUniforms;
+use fathom_stages::{Stage, frame};
 
 settings! {
     /// Pixels of the main viewport. Where a pipeline gives no other: 600 × 600, as in VAO Fig. 8.
@@ -235,11 +235,11 @@ pub fn deform(
     geometry: &Geometry,
     scene: &Scene,
     animation: &Animation,
-) -> Result<Option<deform::Deform>, GpuError> {
+) -> Result<Option<Stage>, GpuError> {
     let amount = (animation.cycles(), animation.amplitude);
     animation
         .motion()
-        .map(|motion| deform::Deform::new(resources, geometry, scene, motion, amount))
+        .map(|motion| deform::new(resources, geometry, scene, motion, amount))
         .transpose()
 }
 

@@ -6,7 +6,7 @@ use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use fathom_reference::image::{Image, pixels};
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::Scene;
-use fathom_stages::ao::compose::{Compose, LightingUniforms, Lit};
+use fathom_stages::ao::compose::{self, LightingUniforms, Lit};
 use fathom_stages::frame::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::shadow;
@@ -108,7 +108,7 @@ fn composed(rig: &Rig<'_>, known: &Known, shows_occlusion: bool) -> Result<(Imag
         shadow: &rig.depth([64, 64], known.shadow)?,
     };
     let settings = settings(known.exposure, AMBIENT);
-    let stage = Compose::new(&rig.resources, &shared, &lit, &settings, shows_occlusion)?;
+    let stage = compose::new(&rig.resources, &shared, &lit, &settings, shows_occlusion)?;
     rig.run(&[&stage])?;
     Ok((rig.channel(stage.texture(), 0)?, view, depth))
 }
@@ -141,7 +141,7 @@ fn shadows(rig: &Rig<'_>) -> Result<Check> {
     let stand = rig.stand(&scene, SIZE);
     let gbuffer = rig.gbuffer(&stand)?;
     let rig::Stand { view, shared, geometry } = stand;
-    let light = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, 1024)?;
+    let light = shadow::depth::new(&rig.resources, &shared, &geometry, 1024)?;
     let white = rig.constant(SIZE, [1.0; 4])?;
     let lit = Lit {
         gbuffer: &GbufferTextures { albedo: white, ..gbuffer },
@@ -149,7 +149,7 @@ fn shadows(rig: &Rig<'_>) -> Result<Check> {
         shadow: light.texture(),
     };
     let dark = settings(1e3, 0.0);
-    let stage = Compose::new(&rig.resources, &shared, &lit, &dark, false)?;
+    let stage = compose::new(&rig.resources, &shared, &lit, &dark, false)?;
     rig.run(&[&light, &stage])?;
     let shown = rig.channel(stage.texture(), 0)?;
     let tracer = Tracer::new(&scene.objects)?;

@@ -9,7 +9,7 @@ use fathom_reference::bilateral::Bilateral;
 use fathom_reference::image::{Image, pixels};
 use fathom_reference::quantities::quantile;
 use fathom_scene::{Camera, Scene};
-use fathom_stages::bilateral::{Bilateral as BilateralStage, BilateralUniforms};
+use fathom_stages::bilateral::{self, BilateralUniforms};
 use fathom_stages::frame::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::{ao, hsao};
@@ -91,7 +91,7 @@ fn filtered(
     settings: &BilateralUniforms,
 ) -> Result<Image> {
     let textures = (&rig.grey(visibility), &gbuffer.depth, &gbuffer.normal);
-    let stage = BilateralStage::new(&rig.resources, info, shared, textures, settings)?;
+    let stage = bilateral::new(&rig.resources, info, shared, textures, settings)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }

@@ -10,7 +10,7 @@ use fathom_reference::image::{Image, pixels};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, Scene};
-use fathom_stages::lit_scene::LitScene;
+use fathom_stages::lit_scene;
 use fathom_stages::water;
 
 /// Scene with columns, curved objects and walls.
@@ -190,7 +190,7 @@ fn above_water() -> Result<Scene> {
 /// 1 where a stage draws the scene.
 fn covered(rig: &Rig<'_>, scene: &Scene, info: &'static StageInfo) -> Result<Image> {
     let rig::Stand { shared, geometry, .. } = rig.stand(scene, SIZE);
-    let stage = LitScene::new(&rig.resources, info, &shared, &geometry, SIZE)?;
+    let stage = lit_scene::new(&rig.resources, info, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 3)
 }

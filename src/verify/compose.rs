@@ -10,7 +10,7 @@ use fathom_reference::plane::CameraDepth;
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, LightKind, Scene};
-use fathom_stages::compose::{Compose, ComposeUniforms, Composed};
+use fathom_stages::compose::{self, ComposeUniforms, Composed};
 use fathom_stages::frame::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 
@@ -115,7 +115,7 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
         depth_share: DEPTH_SHARE as f32,
     };
     let flux = known.pixel_tangent.is_some();
-    let stage = Compose::new(&rig.resources, &shared, &inputs, settings, flux)?;
+    let stage = compose::new(&rig.resources, &shared, &inputs, &settings, flux)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), BLUE)?;
     Ok(shown.map(|value| -(1.0 - value.powf(DISPLAY_GAMMA)).ln() / known.exposure))

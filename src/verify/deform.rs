@@ -38,7 +38,7 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
     let scene = Scene::load(SCENE)?;
     let geometry = Geometry::new(&rig.resources, &scene);
     let amount = (CYCLES, AMPLITUDE);
-    let stage = deform::Deform::new(&rig.resources, &geometry, &scene, of_stage, amount)?;
+    let stage = deform::new(&rig.resources, &geometry, &scene, of_stage, amount)?;
     rig.run(&[&stage])?;
     let words: Vec<f32> = rig.read(&geometry.vertices)?;
     let vector = |v: &[f32]| DVec3::new(v[0].into(), v[1].into(), v[2].into());

@@ -1,13 +1,14 @@
 //! `caustics/filter` and `godrays/filter` against the f64 twin.
 
 use super::{Case, Check, Result, Rig, largest, noise, rig};
-use fathom_gpu::{Column, StageInfo};
+use fathom_gpu::{Column, Stage, StageInfo};
 use fathom_reference::filter::Disc;
 use fathom_reference::image::{Image, pixels};
 use fathom_reference::plane::CameraDepth;
 use fathom_scene::Scene;
 use fathom_stages::frame::{Shared, View};
-use fathom_stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
+use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
+use fathom_stages::splatting::Sums;
 use fathom_stages::{caustics, godrays};
 
 const SIZE: [u32; 2] = [96, 64];
@@ -39,22 +40,26 @@ pub fn cases() -> Vec<Case> {
             let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
             let info = &godrays::filter::INFO;
             let image = rig.grey(&noise(SIZE, SEED));
-            let source = (&image, Column::new("noise", "1", "noise"));
-            let filter = LowPass::new(&rig.resources, info, source, &settings)?;
+            let source = Sums { texture: image, column: Column::new("noise", "1", "noise") };
+            let filter = low_pass::new(&rig.resources, info, &source, &settings)?;
             plain(info, rig, &filter)
         }),
     ]
 }
 
 /// `caustics/filter` over noise, guided by a depth.
-fn caustics_filter(rig: &Rig<'_>, view: &View, depth: &wgpu::Texture) -> Result<LowPass> {
+fn caustics_filter(
+    rig: &Rig<'_>,
+    view: &View,
+    depth: &wgpu::Texture,
+) -> Result<Stage<wgpu::Texture>> {
     let shared = Shared::new(&rig.resources, view);
     let settings =
         GuidedUniforms { taps: TAPS, radius_px: RADIUS_PX as f32, depth_share: DEPTH_SHARE as f32 };
     let image = rig.grey(&noise(SIZE, SEED));
-    let source = (&image, Column::new("noise", "1", "noise"));
+    let source = Sums { texture: image, column: Column::new("noise", "1", "noise") };
     let info = &caustics::filter::INFO;
-    Ok(LowPass::guided(&rig.resources, info, source, (&shared, depth), &settings)?)
+    Ok(low_pass::guided(&rig.resources, info, &source, (&shared, depth), &settings)?)
 }
 
 /// Noise over a scene with many edges: taps beyond them do not count.
@@ -90,7 +95,7 @@ fn edges(rig: &Rig<'_>) -> Result<Check> {
         .with("pixels_left_out_share", left_out))
 }
 
-fn plain(info: &'static StageInfo, rig: &Rig<'_>, filter: &LowPass) -> Result<Check> {
+fn plain(info: &'static StageInfo, rig: &Rig<'_>, filter: &Stage<wgpu::Texture>) -> Result<Check> {
     let image = noise(SIZE, SEED);
     rig.run(&[filter])?;
     let filtered = rig.channel(filter.texture(), 0)?;

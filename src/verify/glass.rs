@@ -8,7 +8,7 @@ use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use fathom_reference::image::{Image, pixels};
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{Mesh, Object, Scene};
-use fathom_stages::ao::glass::{Glass, GlassUniforms};
+use fathom_stages::ao::glass::{self, GlassUniforms};
 use fathom_stages::frame::{Shared, View};
 use fathom_stages::geometry::Geometry;
 
@@ -77,7 +77,7 @@ fn drawn(rig: &Rig<'_>, view: &View, objects: &[Object], wall_m: f64) -> Result<
     let settings = GlassUniforms { exposure: EXPOSURE as f32, ambient: AMBIENT as f32 };
     let targets = (&picture, &depth);
     let stage =
-        Glass::new(&rig.resources, (&shared, view), (&scene, &geometry), targets, &settings)?;
+        glass::new(&rig.resources, (&shared, view), (&scene, &geometry), targets, &settings)?;
     let stage = stage.ok_or(super::VerifyError::Empty { stage: STAGE, what: "panes".into() })?;
     rig.run(&[&stage])?;
     rig.channel(&picture, 0)

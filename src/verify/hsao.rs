@@ -10,7 +10,7 @@ use fathom_reference::occlusion::{Attenuation, occlusion};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, Mesh, Object, Scene};
-use fathom_stages::hsao::march::{HorizonUniforms, March};
+use fathom_stages::hsao::march::{self, HorizonUniforms};
 
 const STAGE: &str = "hsao/march";
 const SIZE: [u32; 2] = [96, 72];
@@ -60,7 +60,7 @@ fn shade(
         seed: method.seed,
     };
     let hard = method.attenuation == Attenuation::Hard;
-    let stage = March::new(&rig.resources, &stand.shared, &gbuffer, &settings, hard)?;
+    let stage = march::new(&rig.resources, &stand.shared, &gbuffer, &settings, hard)?;
     rig.run(&[&stage])?;
     let visibility = rig.channel(stage.texture(), 0)?;
     Ok(Shaded {

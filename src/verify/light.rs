@@ -57,7 +57,7 @@ fn look_at(_: &Rig<'_>) -> Checks {
 fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load(SCENE)?;
     let rig::Stand { view, shared, geometry } = rig.stand(&scene, [256, 256]);
-    let stage = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, TEXELS)?;
+    let stage = shadow::depth::new(&rig.resources, &shared, &geometry, TEXELS)?;
     rig.run(&[&stage])?;
     let depth = rig.channel(stage.texture(), 0)?;
 
@@ -108,8 +108,8 @@ fn depth_errors(depth: &Image, frame: &LightFrame, tracer: &Tracer, aside: f64) 
 fn shadow_mask(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load(SHADED_SCENE)?;
     let rig::Stand { view, shared, geometry } = rig.stand(&scene, [256, 256]);
-    let depth = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, TEXELS)?;
-    let stage = shadow::mask::Mask::new(&rig.resources, &shared, depth.texture(), CELLS)?;
+    let depth = shadow::depth::new(&rig.resources, &shared, &geometry, TEXELS)?;
+    let stage = shadow::mask::new(&rig.resources, &shared, depth.texture(), CELLS)?;
     rig.run(&[&depth, &stage])?;
     let mask = rig.channel(stage.texture(), 0)?;
 

@@ -11,7 +11,7 @@ use fathom_reference::rays::PixelRays;
 use fathom_stages::frame::{Shared, View};
 use fathom_stages::godrays::lines::{self, LinesUniforms};
 use fathom_stages::photon::Photon;
-use fathom_stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
+use fathom_stages::splatting::PHOTONS_PER_INSTANCE;
 
 const STAGE: &str = "godrays/lines";
 const SIZE: [u32; 2] = [384, 384];
@@ -61,7 +61,7 @@ fn draw_as(rig: &Rig<'_>, view: &View, photons: &[Photon], drawn: Drawn) -> Resu
     let (inputs, conserving) = ((&buffer, &depth), drawn.conserving);
     let stage = lines::new(&rig.resources, &shared, inputs, &settings, conserving, 10.0)?;
     rig.run(&[&stage])?;
-    rig.channel(stage.texture(), 0)
+    rig.channel(&stage.texture, 0)
 }
 
 /// A photon's line with the numbers that the GPU has.

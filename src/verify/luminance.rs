@@ -2,7 +2,7 @@
 
 use super::{Case, Check, Result, Rig, noise};
 use fathom_reference::image::Image;
-use fathom_stages::post::luminance::{INFO, Luminance};
+use fathom_stages::post::luminance::{self, INFO};
 
 /// Pictures of fewer texels than a workgroup sums, of some, and of many workgroups with a rest.
 const SIZES: [[u32; 2]; 3] = [[7, 5], [33, 31], [301, 203]];
@@ -21,9 +21,9 @@ pub fn cases() -> Vec<Case> {
 
 fn check(rig: &Rig<'_>, size: [u32; 2]) -> Result<Check> {
     let picture = noise(size, 5);
-    let stage = Luminance::new(&rig.resources, &rig.grey(&picture))?;
+    let stage = luminance::new(&rig.resources, &rig.grey(&picture))?;
     rig.run(&[&stage])?;
-    let average = f64::from(rig.read::<f32>(&stage.average)?[0]);
+    let average = f64::from(rig.read::<f32>(&stage)?[0]);
     let error = |least: f64| (average / log_average(&picture, least) - 1.0).abs();
     let [width, height] = size;
     Ok(Check::of(INFO.name, format!("{width}×{height}: relative error of the average"))

@@ -10,9 +10,8 @@ use fathom_reference::photons::{Landed, Landing, PhotonGrid, entering, land_all}
 use fathom_reference::plane::CameraDepth;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene};
-use fathom_stages::caustics::mesh::{INFO, Mesh as Stage, MeshUniforms};
+use fathom_stages::caustics::mesh::{self, INFO, MeshUniforms};
 use fathom_stages::photon::{MISSED, Photon};
-use fathom_stages::splatting::Accumulated;
 
 const SIZE: [u32; 2] = [320, 240];
 /// Cells per side of the light's grid, and photons per side of each.
@@ -106,10 +105,10 @@ impl Meshed {
         };
         let photons = rig.photons(&self.stored);
         let inputs = (&photons, &self.depth);
-        let stage = Stage::new(&rig.resources, &self.stand.shared, inputs, &settings, SIDE)?;
+        let stage = mesh::new(&rig.resources, &self.stand.shared, inputs, &settings, SIDE)?;
         // Twice: a frame must not add to the one before.
         rig.run(&[&stage, &stage])?;
-        rig.channel(stage.texture(), 0)
+        rig.channel(&stage.texture, 0)
     }
 
     /// Flux that the photons bring, W: equal shares of a directional light's, by solid angle of a point light's.

@@ -7,29 +7,26 @@ use std::iter::successors;
 use glam::{DVec3, UVec2};
 
 use super::{Case, Check, Checks, Result, Rig, rig};
-use fathom_gpu::read_volume;
+use fathom_gpu::{TimedStage, read_volume};
 use fathom_reference::image::pixels;
 use fathom_reference::optics::{fresnel_transmittance, refract};
 use fathom_reference::quantities::{StoredPhoton, quantile};
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::surface::enter;
 use fathom_scene::{Camera, LightKind, Scene, Water};
-use fathom_stages::Stage;
 use fathom_stages::geometry::Part;
 use fathom_stages::kit::linear_workgroups;
-use fathom_stages::ldi::lists::{self, Lists};
-use fathom_stages::ldi::peel::{self, LayeredDepth};
-use fathom_stages::ldi::sort::{self, Sort};
+use fathom_stages::ldi::lists;
+use fathom_stages::ldi::peel;
+use fathom_stages::ldi::sort;
 use fathom_stages::photon::Photons;
-use fathom_stages::rays::rasterize::Rasterize;
-use fathom_stages::rays::reduce::Reduce;
 use fathom_stages::rays::{group, march, rasterize, reduce};
 use fathom_stages::screen_ray::{
-    HitTest, Layers, NEVER, Rays, Transfer, Transfers, Walked, Walking, group_each,
+    self, HitTest, Layers, NEVER, Rays, Transfer, Transfers, Walking, group_each,
 };
-use fathom_stages::shadow::{depth::Depth, mask::Mask};
-use fathom_stages::transfer::bounce::Bounce;
-use fathom_stages::transfer::map::{self, Map, MapUniforms};
+use fathom_stages::shadow::{depth, mask};
+use fathom_stages::transfer::bounce;
+use fathom_stages::transfer::map::{self, MapUniforms};
 
 /// Scenes with columns and curved objects; with an open shore, seen from above; with many boxes and barrels.
 const SCENES: [&str; 3] = ["tank", "port", "storage"];
@@ -111,16 +108,15 @@ impl Setup {
     fn of(rig: &Rig<'_>, scene: Scene, layers: u32) -> Result<Setup> {
         let stand = rig.stand(&scene, SIZE);
         let rig::Stand { shared, geometry, .. } = &stand;
-        let depth = Depth::new(&rig.resources, shared, geometry, 512)?;
-        let mask = Mask::new(&rig.resources, shared, depth.texture(), 64)?;
+        let depth = depth::new(&rig.resources, shared, geometry, 512)?;
+        let mask = mask::new(&rig.resources, shared, depth.texture(), 64)?;
         let settings = MapUniforms { grid: UVec2::from(GRID) };
-        let map = Map::new(&rig.resources, shared, mask.texture(), &settings)?;
-        let peel =
-            LayeredDepth::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, layers)?;
+        let map = map::new(&rig.resources, shared, mask.texture(), &settings)?;
+        let peel = peel::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, layers)?;
         rig.run(&[&depth, &mask, &map, &peel])?;
         let stored = rig.read(&map.transfers.buffer)?;
         let weights = rig.read(&map.weights)?;
-        let (layers, transfers) = (peel.layers.clone(), map.transfers.clone());
+        let (layers, transfers) = (peel.left, map.left.transfers);
         Ok(Setup { scene, stand, layers, transfers, stored, weights })
     }
 
@@ -147,21 +143,21 @@ impl Setup {
         };
         let shared = &self.stand.shared;
         let count = self.transfers.count;
-        let traced = |stages: &[&dyn Stage], photons: &Photons, tiles: u32| {
-            let bounce = Bounce::new(&rig.resources, shared, &rays, photons, tiles)?;
-            let bounces: &[&dyn Stage] = if ways > 1 { &[&bounce] } else { &[] };
+        let traced = |stages: &[&dyn TimedStage], photons: &Photons, tiles: u32| {
+            let bounce = bounce::new(&rig.resources, shared, &rays, photons, tiles)?;
+            let bounces: &[&dyn TimedStage] = if ways > 1 { &[&bounce] } else { &[] };
             rig.run(&[stages, bounces].concat())?;
             Ok(rig.read_photons(photons)?)
         };
         let walked = |info, workgroups| {
-            let stage = Walked::new(&rig.resources, info, shared, &rays, workgroups)?;
-            traced(&[&stage], &stage.photons, 1)
+            let stage = screen_ray::walked(&rig.resources, info, shared, &rays, workgroups)?;
+            traced(&[&stage], &stage, 1)
         };
         match method {
             Method::Lines { .. } => {
-                let lines = Rasterize::new(&rig.resources, shared, &rays)?;
-                let reduce = Reduce::new(&rig.resources, &lines.hits, &rays)?;
-                traced(&[&lines, &reduce], &reduce.photons, rays.tiles())
+                let lines = rasterize::new(&rig.resources, shared, &rays)?;
+                let reduce = reduce::new(&rig.resources, &lines, &rays)?;
+                traced(&[&lines, &reduce], &reduce, rays.tiles())
             }
             Method::March => walked(&march::INFO, linear_workgroups(count.into())),
             Method::Group => walked(&group::INFO, group_each(count)),
@@ -313,12 +309,12 @@ fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
     const NODE: [usize; 2] = [4, 1];
     let setup = Setup::new(rig, name, 1)?;
     let rig::Stand { shared, geometry, view } = &setup.stand;
-    let stage = Lists::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, ROOM)?;
+    let stage = lists::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, ROOM)?;
     // Twice, as the second frame finds what the first has left.
     rig.run(&[&stage])?;
     rig.run(&[&stage])?;
-    let heads = rig.read::<u32>(&stage.lists.heads)?;
-    let nodes = rig.read::<u32>(&stage.lists.nodes)?;
+    let heads = rig.read::<u32>(&stage.heads)?;
+    let nodes = rig.read::<u32>(&stage.nodes)?;
     let next = |number: u32| nodes[(number as usize - 1) * NODE[0] + NODE[1]];
     let length = |x: u32, y: u32| {
         let first = heads[1 + (x + y * SIZE[0]) as usize];
@@ -355,10 +351,10 @@ fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let rig::Stand { shared, geometry, .. } = &setup.stand;
     let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?.data;
     let unlike = |room: u32| -> Result<f64> {
-        let lists = Lists::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, room)?;
-        let sort = Sort::new(&rig.resources, &lists.lists, LAYERS)?;
+        let lists = lists::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, room)?;
+        let sort = sort::new(&rig.resources, &lists, LAYERS)?;
         rig.run(&[&lists, &sort])?;
-        let sorted = read_volume(rig.gpu, &sort.layers.depths, 0)?.data;
+        let sorted = read_volume(rig.gpu, &sort.depths, 0)?.data;
         let unlike = peeled.iter().zip(&sorted).filter(|(a, b)| a != b).count();
         Ok(unlike as f64 / peeled.len() as f64)
     };

@@ -12,7 +12,7 @@ use fathom_reference::quantities::{PhotonErrors, StoredPhoton, photon_errors};
 use fathom_reference::rays::Tracer;
 use fathom_scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
 use fathom_stages::frame::View;
-use fathom_stages::photon::{PhotonEstimator, TraceUniforms, Tracing};
+use fathom_stages::photon::{self, PhotonEstimator, TraceUniforms};
 use fathom_stages::{caustics, godrays, shadow};
 
 /// Flat water over a plane has a closed form: what is left is f32 and the depth map's bits.
@@ -81,13 +81,13 @@ pub(super) fn trace(
     dynamic: bool,
 ) -> Result<(Vec<StoredPhoton>, LightFrame)> {
     let rig::Stand { view, shared, geometry } = rig.stand(scene, [256, 256]);
-    let depth = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, SHADOW_TEXELS)?;
-    let mask = shadow::mask::Mask::new(&rig.resources, &shared, depth.texture(), 64)?;
-    let light = (depth.texture(), mask.texture());
+    let depth = shadow::depth::new(&rig.resources, &shared, &geometry, SHADOW_TEXELS)?;
+    let mask = shadow::mask::new(&rig.resources, &shared, &depth, 64)?;
+    let light = (&*depth, &*mask);
     let info = family.info();
-    let stage = Tracing::new(&rig.resources, info, &shared, light, settings, (dynamic, false))?;
+    let stage = photon::tracing(&rig.resources, info, &shared, light, &settings, (dynamic, false))?;
     rig.run(&[&depth, &mask, &stage])?;
-    Ok((rig.read_photons(&stage.photons)?, view.light_frame()))
+    Ok((rig.read_photons(&stage)?, view.light_frame()))
 }
 
 pub(super) fn settings(grid: u32, side: u32) -> TraceUniforms {
@@ -235,8 +235,8 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
         .into_iter()
         .map(|family| {
             let photons = rig.read_photons(match family {
-                Family::Caustics => &pipeline.caustics.trace.photons,
-                Family::Godrays => &pipeline.godrays.trace.photons,
+                Family::Caustics => &pipeline.caustics.photons,
+                Family::Godrays => &pipeline.godrays.photons,
             })?;
             let errors = photon_errors(&photons, &landings);
             let check =
@@ -259,7 +259,7 @@ fn real_params(file: &SceneFile) -> Params {
 pub fn run_until(rig: &Rig<'_>, pipeline: &Built<Underwater>, last: &str) -> Result<(), GpuError> {
     let stages = pipeline.stages();
     let end = stages.iter().position(|stage| stage.name() == last);
-    rig.run(&stages[..end.map_or(stages.len(), |i| i + 1)])
+    rig.gpu.run(&stages[..end.map_or(stages.len(), |i| i + 1)])
 }
 
 /// Of every fourth photon that lands within the light's frustum: the share that the pipeline's estimator does not bring within the

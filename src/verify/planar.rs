@@ -15,12 +15,12 @@ use fathom_reference::surface::enter;
 use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene, Water};
 use fathom_stages::frame::View;
 use fathom_stages::gbuffer::GbufferTextures;
-use fathom_stages::planar::compose::{self, Compose, Shown};
-use fathom_stages::planar::points::{self, Points};
+use fathom_stages::planar::compose::{self, Shown};
+use fathom_stages::planar::points;
 use fathom_stages::pool::Pool;
 use fathom_stages::screen_ray::{NEVER, Transfer, Transfers};
-use fathom_stages::shadow::{depth::Depth, mask::Mask};
-use fathom_stages::transfer::map::{Map, MapUniforms};
+use fathom_stages::shadow::{depth, mask};
+use fathom_stages::transfer::map::{self, MapUniforms};
 
 const SIZE: [u32; 2] = [160, 120];
 /// No multiples of a workgroup or of each other.
@@ -148,10 +148,10 @@ impl Drawn {
     fn new(rig: &Rig<'_>, scene: &Scene, grid: [u32; 2]) -> Result<Drawn> {
         let stand = rig.stand(scene, SIZE);
         let rig::Stand { shared, geometry, .. } = &stand;
-        let depth = Depth::new(&rig.resources, shared, geometry, 512)?;
-        let mask = Mask::new(&rig.resources, shared, depth.texture(), 64)?;
+        let depth = depth::new(&rig.resources, shared, geometry, 512)?;
+        let mask = mask::new(&rig.resources, shared, depth.texture(), 64)?;
         let settings = MapUniforms { grid: UVec2::from(grid) };
-        let transfers = Map::new(&rig.resources, shared, mask.texture(), &settings)?;
+        let transfers = map::new(&rig.resources, shared, mask.texture(), &settings)?;
         rig.run(&[&depth, &mask, &transfers])?;
         Self::of(rig, &stand, scene, &transfers.transfers)
     }
@@ -166,11 +166,11 @@ impl Drawn {
         let basin = Basin::of(&scene.water, scene.floor_depth_m);
         let photon_w = view.weighted_flux_w() / f64::from(transfers.count);
         let pool = of_basin(&basin);
-        let points = Points::new(&rig.resources, &stand.shared, transfers, &pool, photon_w)?;
+        let points = points::new(&rig.resources, &stand.shared, transfers, &pool, photon_w)?;
         // Twice, as the second frame finds what the first has left.
         rig.run(&[&points])?;
         rig.run(&[&points])?;
-        let atlas = rig.channel(&points.map, 0)?;
+        let atlas = rig.channel(points.texture(), 0)?;
         let frame = view.light_frame();
         Ok(Drawn {
             basin,
@@ -501,7 +501,7 @@ fn radiance(
     const EXPOSURE: f64 = 0.8;
     let (map, pool) = (rig.grey(map), of_basin(basin));
     let lit = (&map, &pool);
-    let stage = Compose::new(&rig.resources, &stand.shared, gbuffer, lit, EXPOSURE, Shown::Scene)?;
+    let stage = compose::new(&rig.resources, &stand.shared, gbuffer, lit, EXPOSURE, Shown::Scene)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), BLUE)?;
     Ok(shown.map(|value| -(1.0 - value.powf(2.2)).ln() / EXPOSURE))
@@ -536,7 +536,7 @@ fn shown_map(rig: &Rig<'_>) -> Result<Check> {
     let (map, pool) = (rig.grey(&noise.0), of_basin(&Basin::of(&scene.water, FLOOR_DEPTH_M)));
     let lit = (&map, &pool);
     let stage =
-        Compose::new(&rig.resources, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::FloorMap)?;
+        compose::new(&rig.resources, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::FloorMap)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), 0)?;
     let error = |face: i64| {

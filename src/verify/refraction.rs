@@ -12,10 +12,10 @@ use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
 use fathom_scene::{Camera, Optics, Scene};
 use fathom_stages::geometry::Part;
-use fathom_stages::ldi::peel::LayeredDepth;
+use fathom_stages::ldi::peel;
 use fathom_stages::refraction::compose;
-use fathom_stages::refraction::trace::{self, Surface, Trace};
-use fathom_stages::refraction::two_interface::{self, TwoInterface};
+use fathom_stages::refraction::trace::{self, Surface};
+use fathom_stages::refraction::two_interface;
 use fathom_stages::refraction::{Exits, surface};
 use fathom_stages::screen_ray::walk_uniforms;
 
@@ -85,11 +85,11 @@ fn read(rig: &Rig<'_>, exits: &Exits) -> Result<Vec<Found>> {
 fn traced(rig: &Rig<'_>, scene: &Scene, surface: Surface) -> Result<Vec<Found>> {
     let rig::Stand { shared, geometry, .. } = &rig.stand(scene, SIZE);
     let part = (geometry, Part::Glass);
-    let peel = LayeredDepth::new(&rig.resources, shared, part, SIZE, LAYERS)?;
-    let walk = walk_uniforms(&peel.layers, scene.solid_bounds(), LEAST);
-    let stage = Trace::new(&rig.resources, shared, &peel.layers, &walk, (2, surface))?;
+    let peel = peel::new(&rig.resources, shared, part, SIZE, LAYERS)?;
+    let walk = walk_uniforms(&peel, scene.solid_bounds(), LEAST);
+    let stage = trace::new(&rig.resources, shared, &peel, &walk, (2, surface))?;
     rig.run(&[&peel, &stage])?;
-    read(rig, &stage.exits)
+    read(rig, &stage)
 }
 
 fn rays(scene: &Scene) -> PixelRays {
@@ -230,9 +230,9 @@ fn two_interfaces(rig: &Rig<'_>) -> Result<Check> {
     let rig::Stand { shared, geometry, .. } = &rig.stand(&scene, SIZE);
     let diameter = (2.0 * BALL_M as f32).to_bits();
     let thickness = rig.words(&vec![diameter; scene.objects[0].mesh.positions.len()]);
-    let stage = TwoInterface::new(&rig.resources, shared, geometry, SIZE, &thickness)?;
+    let stage = two_interface::new(&rig.resources, shared, geometry, SIZE, &thickness)?;
     rig.run(&[&stage])?;
-    let (found, rays) = (read(rig, &stage.exits)?, rays(&scene));
+    let (found, rays) = (read(rig, &stage)?, rays(&scene));
     let error = |along_normal_m: f64| {
         ball_error_deg(&found, &rays, |origin, direction| {
             approximated(&rays, (origin, direction), along_normal_m)
@@ -293,7 +293,7 @@ fn environment(rig: &Rig<'_>) -> Result<Check> {
             positions: rig.constant(SMALL, [0.0, 0.0, 0.0, 1.0])?,
             directions: rig.constant(SMALL, [x, y, z, 0.0])?,
         };
-        let stage = compose::picture(&rig.resources, &stand.shared, &gbuffer, &exits, EXPOSURE)?;
+        let stage = compose::new(&rig.resources, &stand.shared, &gbuffer, &exits, EXPOSURE)?;
         rig.run(&[&stage])?;
         let color = rig.vectors(stage.texture())?[5];
         shown.push((direction, color.to_array().map(|v| -(1.0 - v.powf(2.2)).ln() / EXPOSURE)));
@@ -327,16 +327,16 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     let stand = rig.stand(&scene, SIZE);
     let gbuffer = rig.gbuffer(&stand)?;
     let part = (&stand.geometry, Part::Opaque);
-    let peel = LayeredDepth::new(&rig.resources, &stand.shared, part, SIZE, 1)?;
+    let peel = peel::new(&rig.resources, &stand.shared, part, SIZE, 1)?;
     rig.run(&[&peel])?;
     let gradient =
         |x_px: f64, y_px: f64| 0.3 + 0.4 * x_px / f64::from(SIZE[0]) + y_px / f64::from(SIZE[1]);
     let image = Image::of(SIZE, |x, y| gradient(f64::from(x) + 0.5, f64::from(y) + 0.5));
     let radiance = rig.grey(&image);
-    let dry = surface::Dry { layers: &peel.layers, depth: &gbuffer.depth, radiance: &radiance };
-    let walk = walk_uniforms(&peel.layers, scene.solid_bounds(), LEAST);
+    let dry = surface::Dry { layers: &peel, depth: &gbuffer.depth, radiance: &radiance };
+    let walk = walk_uniforms(&peel, scene.solid_bounds(), LEAST);
     let walk = (&walk, scene.water.bound_m());
-    let stage = surface::Surface::new(&rig.resources, &stand.shared, &dry, walk, (None, EXPOSURE))?;
+    let stage = surface::new(&rig.resources, &stand.shared, &dry, walk, (None, EXPOSURE))?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), RED)?;
     let tracer = Tracer::new(&scene.objects)?;

@@ -4,7 +4,7 @@ use glam::{DVec3, UVec2};
 
 use super::Result;
 use fathom_gpu::{
-    ColorTarget, DepthTarget, Gpu, GpuError, Stage, StageInfo, StageScope, Targets, read_buffer,
+    ColorTarget, DepthTarget, Gpu, GpuError, StageScope, Targets, TimedStage, read_buffer,
     read_texture,
 };
 use fathom_reference::image::Image;
@@ -15,7 +15,7 @@ use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::photon::{Photon, Photons};
-use fathom_stages::scene::gbuffer::Gbuffer;
+use fathom_stages::scene::gbuffer;
 
 /// The device, and what is made on it.
 pub struct Rig<'g> {
@@ -36,7 +36,7 @@ impl<'g> Rig<'g> {
     }
 
     /// Runs stages as one frame and waits for it.
-    pub fn run(&self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
+    pub fn run(&self, stages: &[&dyn TimedStage]) -> Result<(), GpuError> {
         self.gpu.run(stages)
     }
 
@@ -50,9 +50,9 @@ impl<'g> Rig<'g> {
     pub fn gbuffer(&self, stand: &Stand) -> Result<GbufferTextures> {
         let Stand { view, shared, geometry } = stand;
         let size_px = view.size_px.to_array();
-        let gbuffer = Gbuffer::new(&self.resources, shared, geometry, size_px)?;
+        let gbuffer = gbuffer::new(&self.resources, shared, geometry, size_px)?;
         self.run(&[&gbuffer])?;
-        Ok(gbuffer.textures)
+        Ok(gbuffer.left)
     }
 
     /// One channel of a texture in f64.
@@ -162,9 +162,9 @@ enum To {
     Depth(f32),
 }
 
-impl Stage for Clear {
-    fn info(&self) -> &'static StageInfo {
-        const { &StageInfo::unlisted("verify/clear") }
+impl TimedStage for Clear {
+    fn name(&self) -> &'static str {
+        "verify/clear"
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -9,15 +9,16 @@ use fathom_reference::image::pixels;
 use fathom_reference::quantities::{StoredPhoton, quantile};
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{LightKind, Scene};
+use fathom_stages::Stage;
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Part;
 use fathom_stages::kit::linear_workgroups;
-use fathom_stages::ldi::peel::LayeredDepth;
+use fathom_stages::ldi::peel;
 use fathom_stages::photon::{OUTSIDE, Photon};
 use fathom_stages::rays::march;
-use fathom_stages::screen_ray::{HitTest, NEVER, Rays, Transfer, Walked, Walking};
+use fathom_stages::screen_ray::{self, HitTest, NEVER, Rays, Transfer, Transfers, Walking};
 use fathom_stages::shadow::compose;
-use fathom_stages::transfer::shadow::{self, Shadow};
+use fathom_stages::transfer::shadow;
 
 const SIZE: [u32; 2] = [240, 180];
 const LAYERS: u32 = 8;
@@ -48,7 +49,7 @@ struct Setup {
     scene: Scene,
     stand: rig::Stand,
     gbuffer: GbufferTextures,
-    shadow: Shadow,
+    starts: Stage<Transfers>,
 }
 
 impl Setup {
@@ -60,8 +61,8 @@ impl Setup {
         scene.light.position_m = [2.5, 1.0, 1.5];
         let stand = rig.stand(&scene, SIZE);
         let gbuffer = rig.gbuffer(&stand)?;
-        let shadow = Shadow::new(&rig.resources, &stand.shared, &gbuffer)?;
-        Ok(Setup { scene, stand, gbuffer, shadow })
+        let starts = shadow::new(&rig.resources, &stand.shared, &gbuffer)?;
+        Ok(Setup { scene, stand, gbuffer, starts })
     }
 
     fn to_light(&self, place: DVec3) -> DVec3 {
@@ -88,8 +89,8 @@ impl Setup {
 /// Starts and directions of rays.
 fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
     let setup = Setup::new(rig, "ball", kind)?;
-    rig.run(&[&setup.shadow])?;
-    let stored = rig.read::<Transfer>(&setup.shadow.transfers.buffer)?;
+    rig.run(&[&setup.starts])?;
+    let stored = rig.read::<Transfer>(&setup.starts.buffer)?;
     let hits = setup.hits(&Tracer::new(&setup.scene.objects)?);
     let off = |error: &dyn Fn(&Transfer, &Hit) -> f64| {
         let rays = stored.iter().zip(&hits).filter(|(ray, _)| ray.state != NEVER);
@@ -136,7 +137,7 @@ fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Re
     let setup = Setup::new(rig, name, kind)?;
     let rig::Stand { shared, geometry, .. } = &setup.stand;
     let part = (geometry, Part::Opaque);
-    let peel = LayeredDepth::new(&rig.resources, shared, part, SIZE, LAYERS)?;
+    let peel = peel::new(&rig.resources, shared, part, SIZE, LAYERS)?;
     let walking = Walking {
         test: HitTest::Crossing,
         tolerance_m: TOLERANCE_M,
@@ -146,16 +147,16 @@ fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Re
         ways: 1,
     };
     let rays = Rays {
-        transfers: &setup.shadow.transfers,
-        layers: &peel.layers,
+        transfers: &setup.starts,
+        layers: &peel,
         bounds: setup.scene.solid_bounds(),
         walking,
     };
     let workgroups = linear_workgroups(rays.transfers.count.into());
-    let march = Walked::new(&rig.resources, &march::INFO, shared, &rays, workgroups)?;
-    rig.run(&[&peel, &setup.shadow, &march])?;
-    let ends = rig.read_photons(&march.photons)?;
-    let stored = rig.read::<Transfer>(&setup.shadow.transfers.buffer)?;
+    let march = screen_ray::walked(&rig.resources, &march::INFO, shared, &rays, workgroups)?;
+    rig.run(&[&peel, &setup.starts, &march])?;
+    let ends = rig.read_photons(&march)?;
+    let stored = rig.read::<Transfer>(&setup.starts.buffer)?;
     let tracer = Tracer::new(&setup.scene.objects)?;
     let hits = setup.hits(&tracer);
     let shadowed = |end: &StoredPhoton| end.landed() && end.distance_m < setup.light_m(end.entry);
@@ -196,7 +197,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let photons: Vec<Photon> = hits.iter().enumerate().map(photon).collect();
     let photons = rig.photons(&photons);
     let stage =
-        compose::picture(&rig.resources, &setup.stand.shared, &setup.gbuffer, &photons, EXPOSURE)?;
+        compose::new(&rig.resources, &setup.stand.shared, &setup.gbuffer, &photons, EXPOSURE)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), GREEN)?;
     let albedo = rig.channel(&setup.gbuffer.albedo, GREEN)?;

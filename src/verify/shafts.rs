@@ -7,9 +7,11 @@ use fathom_reference::image::{Image, pixels};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::PixelRays;
 use fathom_scene::Camera;
+use fathom_stages::Column;
 use fathom_stages::frame::Shared;
-use fathom_stages::shafts::blur::{self, Blur};
-use fathom_stages::shafts::lines::{self, Lines};
+use fathom_stages::shafts::blur;
+use fathom_stages::shafts::lines;
+use fathom_stages::splatting::Sums;
 
 const SIZE: [u32; 2] = [160, 120];
 const GAMMA_PER_M: f64 = 0.13;
@@ -94,9 +96,9 @@ fn single_lines(rig: &Rig<'_>) -> Checks {
         let photons = rig.photons(&[rig::photon(start, end, start.distance(end))]);
         let alike = rig.ones(photons.count);
         let stage =
-            Lines::new(&rig.resources, &shared, (&photons, &alike), &depth, (PHOTON_W, 1.0))?;
+            lines::new(&rig.resources, &shared, (&photons, &alike), &depth, (PHOTON_W, 1.0))?;
         rig.run(&[&stage])?;
-        let drawn = rig.channel(&stage.target, 0)?;
+        let drawn = rig.channel(&stage.texture, 0)?;
         let lit: Vec<[u32; 2]> = pixels(SIZE)
             .filter(|(x, y)| drawn.clamped((*x).into(), (*y).into()) > 0.0)
             .map(|(x, y)| [x, y])
@@ -152,9 +154,9 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
         let alike = rig.ones(photons.count);
         let drawn = |depth: &wgpu::Texture| -> Result<Image> {
             let stage =
-                Lines::new(&rig.resources, &shared, (&photons, &alike), depth, (PHOTON_W, 1.0))?;
+                lines::new(&rig.resources, &shared, (&photons, &alike), depth, (PHOTON_W, 1.0))?;
             rig.run(&[&stage])?;
-            rig.channel(&stage.target, 0)
+            rig.channel(&stage.texture, 0)
         };
         let (all, shown) = (drawn(&open)?, drawn(&wall)?);
         let lit = |image: &Image, x: u32, y: u32| image.clamped(x.into(), y.into()) > 0.0;
@@ -173,7 +175,9 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
 
 fn gaussian(rig: &Rig<'_>, sigma_px: f64) -> Result<Check> {
     let source = noise(SIZE, 9);
-    let stage = Blur::new(&rig.resources, (&rig.grey(&source), Lines::column()), sigma_px)?;
+    let column = Column::new("noise", "1", "noise");
+    let sums = Sums { texture: rig.grey(&source), column };
+    let stage = blur::new(&rig.resources, &sums, sigma_px)?;
     rig.run(&[&stage])?;
     let blurred = rig.channel(stage.texture(), 0)?;
     let error = |sigma_px: f64| {

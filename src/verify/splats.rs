@@ -14,10 +14,10 @@ use fathom_reference::splat::{
     Intensity, PointSize, Splat, SurfaceSplat, rasterize, rasterize_within_surfaces, splat_value,
 };
 use fathom_scene::{Camera, LightKind, Scene, SceneFile};
-use fathom_stages::caustics::splat::{self, Scatter, SplatCoverage, SplatUniforms};
+use fathom_stages::caustics::splat::{self, SplatCoverage, SplatUniforms};
 use fathom_stages::frame::{Shared, View};
 use fathom_stages::photon::Photon;
-use fathom_stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
+use fathom_stages::splatting::PHOTONS_PER_INSTANCE;
 
 const STAGE: &str = "caustics/splat";
 const SIZE: [u32; 2] = [512, 512];
@@ -189,17 +189,15 @@ fn draw(
     let conserving = rules.intensity == Intensity::Conserving;
     let how = (conserving, rules.coverage);
     let (resources, inputs) = (&rig.resources, (&buffer, depth));
-    let stage: Box<dyn Accumulated> = match rules.splatting {
+    let stage = match rules.splatting {
         Splatting::Compute => {
-            Box::new(Scatter::new(resources, &shared, inputs, &settings, how, [10.0, max_px])?)
+            splat::scatter(resources, &shared, inputs, &settings, how, [10.0, max_px])?
         }
-        Splatting::Raster => {
-            Box::new(splat::raster(resources, &shared, inputs, &settings, how, 10.0)?)
-        }
+        Splatting::Raster => splat::raster(resources, &shared, inputs, &settings, how, 10.0)?,
     };
     // Twice: a frame must not add to the one before.
-    rig.run(&[&*stage, &*stage])?;
-    rig.channel(stage.texture(), 0)
+    rig.run(&[&stage, &stage])?;
+    rig.channel(&stage.texture, 0)
 }
 
 /// A photon on the ray through a point of the buffer, and the f64 values of its rounded numbers.
@@ -587,7 +585,7 @@ pub(super) fn energy_params(file: &SceneFile) -> Params {
 }
 
 pub(super) fn splat_image(rig: &Rig<'_>, pipeline: &Underwater) -> Result<Image> {
-    rig.channel(pipeline.caustics.drawn.texture(), 0)
+    rig.channel(&pipeline.caustics.drawn.texture, 0)
 }
 
 /// Depth that an exact rasterizer stores at each pixel of a camera.

@@ -7,13 +7,14 @@ use fathom_reference::image::{Image, pixels};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{LightKind, Mesh, Object, Scene};
+use fathom_stages::Stage;
 use fathom_stages::geometry::Part;
-use fathom_stages::ldi::peel::LayeredDepth;
+use fathom_stages::ldi::peel;
 use fathom_stages::photon::Photons;
 use fathom_stages::screen_picture::Shafts;
 use fathom_stages::screen_ray::Layers;
-use fathom_stages::sprites::compose::{self, Compose, Composed};
-use fathom_stages::sprites::draw::{self, Sprite, Sprites};
+use fathom_stages::sprites::compose::{self, Composed};
+use fathom_stages::sprites::draw::{self, Sprite};
 
 const SIZE: [u32; 2] = [320, 240];
 
@@ -37,11 +38,11 @@ struct Lit {
 }
 
 impl Lit {
-    fn sprites(&self, rig: &Rig<'_>) -> Result<Sprites> {
+    fn sprites(&self, rig: &Rig<'_>) -> Result<Stage<wgpu::Texture>> {
         let Self { stand, layers, seen, photons, .. } = self;
         let alike = rig.ones(photons.count);
         let photons = (photons, &alike);
-        Ok(Sprites::new(&rig.resources, &stand.shared, photons, layers, seen, &SPRITE)?)
+        Ok(draw::new(&rig.resources, &stand.shared, photons, layers, seen, &SPRITE)?)
     }
 }
 
@@ -54,8 +55,7 @@ fn lit(rig: &Rig<'_>) -> Result<Lit> {
     scene.water.attenuation_per_m = GAMMA_PER_M;
     scene.camera.up = [0.3, 1.0, 0.1];
     let stand = rig.stand(&scene, SIZE);
-    let peel =
-        LayeredDepth::new(&rig.resources, &stand.shared, (&stand.geometry, Part::Solid), SIZE, 2)?;
+    let peel = peel::new(&rig.resources, &stand.shared, (&stand.geometry, Part::Solid), SIZE, 2)?;
     rig.run(&[&peel])?;
     let tracer = Tracer::new(&scene.objects)?;
     let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
@@ -71,7 +71,7 @@ fn lit(rig: &Rig<'_>) -> Result<Lit> {
     let photons: Vec<_> = hits.iter().map(|hit| rig::photon(*hit + DVec3::Y, *hit, 1.0)).collect();
     let photons = rig.photons(&photons);
     let seen = rig.gbuffer(&stand)?.depth;
-    Ok(Lit { stand, layers: peel.layers.clone(), seen, hits, photons })
+    Ok(Lit { stand, layers: peel.left, seen, hits, photons })
 }
 
 /// What the sprites bring to the plane, summed over its area, against the photons' flux.
@@ -79,7 +79,7 @@ fn energy(rig: &Rig<'_>) -> Result<Check> {
     let lit = lit(rig)?;
     let stage = lit.sprites(rig)?;
     rig.run(&[&stage])?;
-    let irradiance = rig.channel(&stage.irradiance, 0)?;
+    let irradiance = rig.channel(stage.texture(), 0)?;
     let rays = PixelRays::new(&lit.stand.view.camera, SIZE[0], SIZE[1]);
     let floor_y = rig::mean(lit.hits.iter().map(|hit| hit.y));
     // The part of the floor that a pixel shows.
@@ -127,10 +127,9 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
     let brightest = |visible_m: f64| -> Result<f64> {
         let sprite = Sprite { visible_m, ..SPRITE };
         let photons = (&lit.photons, &alike);
-        let stage =
-            Sprites::new(&rig.resources, &stand.shared, photons, &lit.layers, &seen, &sprite)?;
+        let stage = draw::new(&rig.resources, &stand.shared, photons, &lit.layers, &seen, &sprite)?;
         rig.run(&[&stage])?;
-        let irradiance = rig.channel(&stage.irradiance, 0)?;
+        let irradiance = rig.channel(stage.texture(), 0)?;
         Ok(largest(wall.iter().map(|(x, y)| irradiance.clamped((*x).into(), (*y).into()))))
     };
     Ok(Check::of(draw::INFO.name, "greatest irradiance on a wall before the sprites")
@@ -144,7 +143,7 @@ fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
     let lit = lit(rig)?;
     let stage = lit.sprites(rig)?;
     rig.run(&[&stage])?;
-    let irradiance = rig.channel(&stage.irradiance, 0)?;
+    let irradiance = rig.channel(stage.texture(), 0)?;
     let rays = PixelRays::new(&lit.stand.view.camera, SIZE[0], SIZE[1]);
     let errors = |radius_m: f64| {
         let error = |(x, y): (u32, u32)| {
@@ -182,7 +181,7 @@ fn composed(rig: &Rig<'_>) -> Checks {
     let radiance = |irradiance: f64, shafts| -> Result<Image> {
         let light = constant(irradiance);
         let composed = Composed::Picture { shafts, exposure: EXPOSURE };
-        let stage = Compose::new(&rig.resources, &stand.shared, &gbuffer, &light, &composed)?;
+        let stage = compose::new(&rig.resources, &stand.shared, &gbuffer, &light, &composed)?;
         rig.run(&[&stage])?;
         let shown = rig.channel(stage.texture(), BLUE)?;
         Ok(shown.map(|value| -(1.0 - value.powf(2.2)).ln() / EXPOSURE))

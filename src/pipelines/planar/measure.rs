@@ -54,7 +54,7 @@ impl Planar {
 
     /// The map face by face, W/m².
     fn map(&self, gpu: &Gpu) -> Result<Vec<f64>, GpuError> {
-        let atlas = read_texture(gpu, &self.points.map)?;
+        let atlas = read_texture(gpu, &self.map)?;
         let texels: Vec<f64> = atlas.data.into_iter().map(f64::from).collect();
         Ok(face_by_face(&texels, self.params.planar.texels))
     }

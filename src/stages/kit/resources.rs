@@ -9,7 +9,7 @@ use encase::{ShaderType, StorageBuffer};
 use wgpu::util::DeviceExt;
 
 use super::{ShaderStruct, host_bytes};
-use fathom_gpu::{Demand, Gpu, GpuError, Stage, StructLayout, TimedStage, texture_bytes};
+use fathom_gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
 use fathom_record::Work;
 
 /// Bytes of a buffer on a planner: enough for every binding.
@@ -458,7 +458,7 @@ impl Parts {
     /// # Errors
     /// What the GPU reports.
     pub fn run_once(&self, gpu: &Gpu) -> Result<(), GpuError> {
-        let stages: Vec<&dyn TimedStage> = self.once.iter().map(|stage| &**stage as _).collect();
+        let stages: Vec<&Stage> = self.once.iter().map(AsRef::as_ref).collect();
         if stages.is_empty() || gpu.is_planner() { Ok(()) } else { gpu.run(&stages) }
     }
 }

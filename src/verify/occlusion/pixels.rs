@@ -120,8 +120,7 @@ fn compare(rig: &Rig<'_>, per_object: bool, rays: u32, sizes: &[[u32; 2]]) -> Ch
         subjects.iter().map(|s| (&s.host, twin(&settings, &s.host.grid))).collect();
     let check = |size_px: [u32; 2]| {
         let surface = (&seen.gbuffer, seen.view_projection);
-        let stage =
-            march::March::new(&rig.resources, &seen.shared, &voxels, surface, &settings, size_px)?;
+        let stage = march::new(&rig.resources, &seen.shared, &voxels, surface, &settings, size_px)?;
         rig.run(&[&stage])?;
         let image = rig.channel(stage.texture(), 0)?;
         // As `seed_of` in shaders/shared/marching.wgsl.

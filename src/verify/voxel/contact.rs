@@ -84,7 +84,7 @@ fn alpha(rig: &Rig<'_>) -> Result<Check> {
     let bits = part.voxels.bits.clone();
     let stage = alpha::new(&rig.resources, &geometry, &[part])?;
     rig.run(&[&stage])?;
-    let Some(alphas) = stage.alphas().next() else {
+    let Some(alphas) = stage.alphas.first() else {
         return Err(VerifyError::Empty { stage: ALPHA, what: "volumes".into() });
     };
     let (alphas, bits) = (rig.read::<u32>(alphas)?, voxels_of(&rig.read(&bits)?, &subject.grid));

@@ -8,7 +8,7 @@ use fathom_reference::image::pixels;
 use fathom_reference::rays::PixelRays;
 use fathom_scene::{Grid, LightKind};
 use fathom_stages::frame::Shared;
-use fathom_stages::voxel::view::CubeView;
+use fathom_stages::voxel::view;
 use fathom_stages::voxels::Voxels;
 
 const STAGE: &str = "voxel/view";
@@ -31,9 +31,9 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.camera = rig::level_camera();
     let shared = Shared::new(&rig.resources, &rig::view(&scene, SIZE));
-    let stage = CubeView::new(&rig.resources, &shared, &[volume], SIZE)?;
+    let stage = view::new(&rig.resources, &shared, &[volume], SIZE)?;
     rig.run(&[&stage])?;
-    let depth = rig.channel(stage.depth(), 0)?;
+    let depth = rig.channel(&stage.depth, 0)?;
 
     let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
     let wrong = |grid: &Grid| {

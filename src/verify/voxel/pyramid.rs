@@ -4,7 +4,7 @@ use super::subjects::{cells, differing, plain, random_voxels};
 use crate::{Case, Check, Checks, Random, Result, Rig};
 use fathom_gpu::{GpuError, read_volume};
 use fathom_scene::Grid;
-use fathom_stages::voxel::mips::{Mips, level_cells};
+use fathom_stages::voxel::mips::{self, level_cells};
 use fathom_stages::voxels::Voxels;
 
 const STAGE: &str = "voxel/mips";
@@ -56,7 +56,7 @@ fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
         made.push((volume, voxels));
     }
     let volumes: Vec<Voxels> = made.iter().map(|(volume, _)| volume.clone()).collect();
-    rig.run(&[&Mips::new(&rig.resources, &volumes)?])?;
+    rig.run(&[&mips::new(&rig.resources, &volumes)?])?;
     let pyramid = |(volume, voxels): (Voxels, Vec<bool>)| {
         let count = volume.texture.mip_level_count();
         let level = |level| {

@@ -6,9 +6,9 @@ use crate::{Case, Check, Checks, Result, Rig, VerifyError};
 use fathom_record::Adapter;
 use fathom_reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
 use fathom_scene::Grid;
-use fathom_stages::voxel::combine::Combine;
-use fathom_stages::voxel::slice::Slice;
-use fathom_stages::voxel::slicemap::{Axis, Slicemap};
+use fathom_stages::voxel::combine;
+use fathom_stages::voxel::slice;
+use fathom_stages::voxel::slicemap::{self, Axis};
 
 const COMBINE: &str = "voxel/combine";
 const SLICE: &str = "voxel/slice";
@@ -71,9 +71,9 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
 /// The voxels of one slicemap.
 fn one_way(rig: &Rig<'_>, subject: &VoxelScene, axis: Axis) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(&rig.resources);
-    let stage = Slicemap::new(&rig.resources, &geometry, &[part], axis)?;
+    let stage = slicemap::new(&rig.resources, &geometry, &[part], axis)?;
     rig.run(&[&stage])?;
-    let Some(slices) = stage.slicemaps().next() else {
+    let Some(slices) = stage.first() else {
         return Err(VerifyError::Empty { stage: axis.info().name, what: "volumes".into() });
     };
     Ok(slices_of(&rig.read(slices)?, &subject.grid, axis))
@@ -124,21 +124,21 @@ fn differing(
 fn three_way(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(&rig.resources);
     let parts = [part];
-    let pass = |axis| Slicemap::new(&rig.resources, &geometry, &parts, axis);
+    let pass = |axis| slicemap::new(&rig.resources, &geometry, &parts, axis);
     let (x, y, z) = (pass(Axis::X)?, pass(Axis::Y)?, pass(Axis::Z)?);
-    let maps = [&x, &y, &z].map(|pass| pass.slicemaps().next().cloned());
+    let maps = [&x, &y, &z].map(|pass| pass.first().cloned());
     let [Some(a), Some(b), Some(c)] = maps else {
         return Ok(Vec::new());
     };
     let voxels = &parts[0].voxels;
-    let combine = Combine::new(&rig.resources, &[(voxels.clone(), [a, b, c])])?;
+    let combine = combine::new(&rig.resources, &[(voxels.clone(), [a, b, c])])?;
     rig.run(&[&x, &y, &z, &combine])?;
     Ok(voxels_of(&rig.read(&voxels.bits)?, &subject.grid))
 }
 
 /// The voxels of passes of a slice each.
 fn sliced(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>> {
-    subject.voxelized(rig, |geometry, parts| Slice::new(&rig.resources, geometry, parts))
+    subject.voxelized(rig, |geometry, parts| slice::new(&rig.resources, geometry, parts))
 }
 
 /// A three-way rasterization against samples, against the cubes that the surface touches, and, as figures alone, the voxels it
