@@ -35,12 +35,11 @@ pub struct ProbedSide {
 
 /// Processes that serve as [`LaunchWorkers`].
 pub struct Processes<'a> {
-    base: WorkerStart,
-    head: WorkerStart,
+    /// In the order of [`Side::BOTH`](fathom_record::comparison::Side::BOTH).
+    builds: [WorkerStart; 2],
+    pub sides: [ProbedSide; 2],
     waiting: Waiting<'a>,
     configurations: BTreeMap<String, GateConfiguration>,
-    /// In the order of [`Side::BOTH`](fathom_record::comparison::Side::BOTH).
-    pub sides: [ProbedSide; 2],
     cores: Vec<usize>,
     seed: u64,
     workers: Vec<(WorkerRole, WorkerProcess)>,
@@ -52,24 +51,24 @@ impl<'a> Processes<'a> {
     /// Asks a first base worker for the adapter, and for its clock where it is hardware: both sides then read the same
     /// clock, and each launch is spared the audit. A head with an environment of its own is asked too.
     pub fn new(
-        [base, head]: [WorkerStart; 2],
+        builds: [WorkerStart; 2],
         configurations: &[GateConfiguration],
         seed: u64,
         waiting: Waiting<'a>,
     ) -> Result<Self, RoleFault> {
-        let of_base = probe(&base, &waiting).map_err(of(WorkerRole::Base))?;
+        let [base, head] = &builds;
+        let of_base = probe(base, &waiting).map_err(of(WorkerRole::Base))?;
         let of_head = if head.environment == base.environment {
             of_base.clone()
         } else {
-            probe(&head, &waiting).map_err(of(WorkerRole::Head))?
+            probe(head, &waiting).map_err(of(WorkerRole::Head))?
         };
         let named = configurations.iter().map(|own| (own.id.clone(), own.clone()));
         Ok(Self {
-            base,
-            head,
+            sides: with_equal_clocks([of_base, of_head]),
+            builds,
             waiting,
             configurations: named.collect(),
-            sides: with_equal_clocks([of_base, of_head]),
             cores: allowed_cores(),
             seed,
             workers: Vec::new(),
@@ -80,8 +79,7 @@ impl<'a> Processes<'a> {
     fn start(&mut self, launch: u32, roles: &[WorkerRole]) -> Result<(), RoleFault> {
         let padding = random(self.seed, launch).random_range(0..PADDING_BYTES);
         for (place, role) in roles.iter().enumerate() {
-            let build = if *role == WorkerRole::Head { &self.head } else { &self.base };
-            let side = self.side(*role);
+            let side = &self.sides[role.side() as usize];
             let start = WorkerStart {
                 name: role.into(),
                 clock: side.clock,
@@ -90,15 +88,11 @@ impl<'a> Processes<'a> {
                     padding,
                     keep_memory: true,
                 }),
-                ..build.clone()
+                ..self.builds[role.side() as usize].clone()
             };
             self.workers.push((*role, WorkerProcess::start(&start).map_err(of(*role))?));
         }
         Ok(())
-    }
-
-    fn side(&self, role: WorkerRole) -> &ProbedSide {
-        &self.sides[role.side() as usize]
     }
 
     fn greeted(&mut self) -> Result<Vec<Greeting>, RoleFault> {
@@ -151,20 +145,14 @@ impl<'a> Processes<'a> {
 
     /// Conditions of a quiet measurement that this launch could not have.
     fn notes(&self, greetings: &[Greeting]) -> Vec<String> {
-        let mut notes = Vec::new();
-        let software: Vec<&Greeting> =
-            greetings.iter().filter(|greeting| greeting.adapter.software).collect();
-        if !software.is_empty() {
-            if software.iter().any(|greeting| greeting.randomized != Some(false)) {
-                notes.push(
-                    "addresses are randomized: the system does not allow otherwise".to_owned(),
-                );
-            }
-            if self.cores.is_empty() {
-                notes.push("on any core: pinning is done on Linux only".to_owned());
-            }
-        }
-        notes
+        let software = greetings.iter().filter(|greeting| greeting.adapter.software).collect_vec();
+        let randomized = software.iter().any(|greeting| greeting.randomized != Some(false));
+        let unpinned = !software.is_empty() && self.cores.is_empty();
+        let notes = [
+            (randomized, "addresses are randomized: the system does not allow otherwise"),
+            (unpinned, "on any core: pinning is done on Linux only"),
+        ];
+        notes.into_iter().filter(|(is_so, _)| *is_so).map(|(_, note)| note.to_owned()).collect()
     }
 }
 
@@ -269,8 +257,7 @@ fn with_equal_clocks(mut sides: [ProbedSide; 2]) -> [ProbedSide; 2] {
 }
 
 fn probe(start: &WorkerStart, waiting: &Waiting<'_>) -> Result<ProbedSide, WorkerFault> {
-    let mut worker = WorkerProcess::start(start)?;
-    let adapter = worker.greeted(waiting)?.adapter;
+    let (mut worker, Greeting { adapter, .. }) = WorkerProcess::open(start, waiting)?;
     let clock = if adapter.software {
         None
     } else {
@@ -293,20 +280,16 @@ mod tests {
         use fathom_record::Clock;
         let plan = |compute, compute_ns| {
             let cost = SubmitCost { compute_ns, ..SubmitCost::default() };
-            ClockPlan { compute, ..ClockPlan::fenced(cost) }
+            Some(ClockPlan { compute, ..ClockPlan::fenced(cost) })
         };
         let timed = |plans: [Option<ClockPlan>; 2]| {
             let side = |clock| ProbedSide { adapter: Adapter::default(), clock };
             with_equal_clocks(plans.map(side)).map(|side| side.clock)
         };
-        let [stamps, also, fenced] = [
-            plan(Clock::Timestamp, 1.0),
-            plan(Clock::Timestamp, 2.0),
-            plan(Clock::FencedHost, 3.0),
-        ]
-        .map(Some);
+        let [stamps, also] = [1.0, 2.0].map(|ns| plan(Clock::Timestamp, ns));
+        let fenced = plan(Clock::FencedHost, 3.0);
         assert_eq!(timed([stamps, also]), [stamps, also]);
-        assert_eq!(timed([stamps, fenced]), [Some(plan(Clock::FencedHost, 1.0)), fenced]);
+        assert_eq!(timed([stamps, fenced]), [plan(Clock::FencedHost, 1.0), fenced]);
         assert_eq!(timed([stamps, None]), [stamps, None]);
     }
 
@@ -316,10 +299,8 @@ mod tests {
         let mut first = BTreeMap::new();
         for launch in 0..20 {
             let roles = order(launch, true);
-            assert!(
-                roles[2..].contains(&WorkerRole::ControlHead)
-                    && roles[2..].contains(&WorkerRole::ControlBase)
-            );
+            let controls = [WorkerRole::ControlHead, WorkerRole::ControlBase];
+            assert!(controls.iter().all(|role| roles[2..].contains(role)));
             assert_eq!(order(launch, false), roles[..2]);
             let place = (roles[0], core(&cores, launch as usize));
             *first.entry(place).or_insert(0) += 1;

@@ -105,32 +105,29 @@ pub fn environment(
             return Err(EnvironmentError::Twice { side, name: name.to_owned() });
         }
     }
-    let refused = |path: &Path, reason| {
-        let path = path.to_owned();
-        EnvironmentError::Manifest { side, path, reason }
-    };
-    let driver = manifest.map(|path| named(path).map_err(|reason| refused(path, reason)));
+    let driver = manifest.map(|path| {
+        let refused = |reason| EnvironmentError::Manifest { side, path: path.to_owned(), reason };
+        named(path).map_err(refused)
+    });
     Ok(GivenEnvironment { driver: driver.transpose()?, variables: known })
 }
 
 fn variable(side: Side, text: &str) -> Result<(&str, &str), EnvironmentError> {
-    let Some((name, value)) = text.split_once('=') else {
+    let Some((given, value)) = text.split_once('=') else {
         return Err(EnvironmentError::NoValue { side, text: text.to_owned() });
     };
-    let owned = name.to_owned();
+    let name = given.to_owned();
     if name.is_empty() || name.contains(|c: char| c.is_whitespace() || c.is_control()) {
-        return Err(EnvironmentError::Name { side, name: owned });
+        Err(EnvironmentError::Name { side, name })
+    } else if value.contains('\0') {
+        Err(EnvironmentError::Nul { side, name })
+    } else if quiet::is_own(given) {
+        Err(EnvironmentError::Own { side, name })
+    } else if DRIVER_VARIABLES.contains(&given) || given == MORE_DRIVERS {
+        Err(EnvironmentError::Driver { side, name })
+    } else {
+        Ok((given, value))
     }
-    if value.contains('\0') {
-        return Err(EnvironmentError::Nul { side, name: owned });
-    }
-    if quiet::is_own(name) {
-        return Err(EnvironmentError::Own { side, name: owned });
-    }
-    if DRIVER_VARIABLES.contains(&name) || name == MORE_DRIVERS {
-        return Err(EnvironmentError::Driver { side, name: owned });
-    }
-    Ok((name, value))
 }
 
 /// What fathom reads of a driver's manifest (Khronos, *Vulkan Loader*, LoaderDriverInterface.md, "Driver Manifest File Format").
@@ -238,14 +235,11 @@ pub fn try_driver(
         environment: environment.clone(),
         ..WorkerStart::new(program)
     };
-    let greeted = || -> Result<Adapter, WorkerFault> {
-        let mut worker = WorkerProcess::start(&start)?;
-        let adapter = worker.greeted(waiting)?.adapter;
-        worker.quit();
-        Ok(adapter)
-    };
-    match greeted() {
-        Ok(adapter) => check(side, environment, &adapter),
+    match WorkerProcess::open(&start, waiting) {
+        Ok((worker, greeting)) => {
+            worker.quit();
+            check(side, environment, &greeting.adapter)
+        }
         // Whoever interrupts needs no reason.
         Err(WorkerFault::Interrupted) => Ok(()),
         Err(fault) => Err(unusable(side, driver, &fault.to_string())),

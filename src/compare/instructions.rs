@@ -13,12 +13,11 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
 
 use itertools::Itertools;
 use tempfile::TempDir;
 
-use super::launch::{self, Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart};
+use super::launch::{self, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Reply, WorkerRequest};
 use super::valgrind;
 use fathom_base::process;
@@ -29,10 +28,6 @@ use fathom_record::output::Held;
 
 /// Frames that are counted of each cell and side.
 pub const FRAMES: u32 = 3;
-/// Under valgrind a process is tens of times slower than by itself.
-const PATIENCE: Patience =
-    Patience { slow: Duration::from_secs(180), sample: Duration::from_secs(180) };
-
 /// The version of the valgrind that is installed, if one is.
 pub fn valgrind_version() -> Option<String> {
     let version = process::printed(Command::new("valgrind").arg("--version")).ok()?;
@@ -94,8 +89,7 @@ pub fn run(
 }
 
 fn quieted(start: WorkerStart, core: Option<usize>) -> WorkerStart {
-    let quiet = Some(Quiet { core, ..Quiet::default() });
-    WorkerStart { patience: PATIENCE, quiet, ..start }
+    WorkerStart { quiet: Some(Quiet { core, ..Quiet::default() }), ..start }
 }
 
 fn jobs<'a>(before: &StoredComparison, wanted: &'a [GateConfiguration]) -> VecDeque<Job<'a>> {
@@ -195,8 +189,7 @@ impl Counter {
             .map_err(|error| WorkerFault::fatal(format!("no folder for callgrind: {error}")))?;
         let wrapper = (conditions.wrapper)(folder.path());
         let start = WorkerStart { wrapper, ..conditions.start.clone() };
-        let mut worker = WorkerProcess::start(&start)?;
-        worker.greeted(&conditions.waiting)?;
+        let (mut worker, _) = WorkerProcess::open(&start, &conditions.waiting)?;
         let request = WorkerRequest::Prepare { configuration: job.configuration.clone() };
         match worker.ask(&request, &conditions.waiting)? {
             Reply::Prepared { .. } => Ok(Self { worker, folder, cuts: 0 }),
@@ -251,6 +244,8 @@ fn parse_total(text: &str) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     /// A worker that cuts as callgrind does: the counts of `b` are in the twenties, all others in the tens. It refuses `bad` after a

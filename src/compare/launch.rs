@@ -81,20 +81,10 @@ impl WorkerFault {
     }
 }
 
-/// How long a worker may take before it counts as hung.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Patience {
-    /// For opening the device, an audit, preparing a configuration, exact figures.
-    pub slow: Duration,
-    /// For a sample, in which a stage of milliseconds runs a few times.
-    pub sample: Duration,
-}
-
-impl Default for Patience {
-    fn default() -> Self {
-        Self { slow: Duration::from_secs(180), sample: Duration::from_secs(30) }
-    }
-}
+/// How long a worker may take before it counts as hung: for opening the device, an audit, preparing a configuration, exact figures.
+pub const PATIENCE: Duration = Duration::from_secs(180);
+/// The same for a sample, in which a stage of milliseconds runs a few times.
+const SAMPLE_PATIENCE: Duration = Duration::from_secs(30);
 
 /// What ends the wait for a reply early, and who hears of a long one.
 #[derive(Clone, Copy)]
@@ -115,7 +105,7 @@ impl Waiting<'_> {
 }
 
 /// How to start a worker.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct WorkerStart {
     /// What to call the worker in messages.
     pub name: &'static str,
@@ -132,7 +122,8 @@ pub struct WorkerStart {
     pub shader_cache: Option<PathBuf>,
     /// The audited clock of a hardware adapter: both sides must read the same one.
     pub clock: Option<ClockPlan>,
-    pub patience: Patience,
+    /// How long a sample may take.
+    pub sample_patience: Duration,
 }
 
 impl WorkerStart {
@@ -140,13 +131,8 @@ impl WorkerStart {
         Self {
             name: "a",
             program: program.to_owned(),
-            wrapper: Vec::new(),
-            gpu: gpu::Options::default(),
-            quiet: None,
-            environment: GivenEnvironment::default(),
-            shader_cache: None,
-            clock: None,
-            patience: Patience::default(),
+            sample_patience: SAMPLE_PATIENCE,
+            ..Self::default()
         }
     }
 
@@ -177,7 +163,7 @@ pub struct WorkerProcess {
     tree: ProcessTree,
     replies: Receiver<std::io::Result<String>>,
     errors: Option<Listener>,
-    patience: Patience,
+    sample_patience: Duration,
     asked: RequestKind,
 }
 
@@ -187,6 +173,16 @@ impl WorkerProcess {
         let mut worker = Self::spawn(start)?;
         worker.send(&WorkerRequest::Hello { protocol: PROTOCOL, clock: start.clock })?;
         Ok(worker)
+    }
+
+    /// Starts a process and waits for what it says of itself.
+    pub fn open(
+        start: &WorkerStart,
+        waiting: &Waiting<'_>,
+    ) -> Result<(Self, Greeting), WorkerFault> {
+        let mut worker = Self::start(start)?;
+        let greeting = worker.greeted(waiting)?;
+        Ok((worker, greeting))
     }
 
     /// Starts a process. It has said nothing yet.
@@ -204,8 +200,8 @@ impl WorkerProcess {
             std::thread::spawn(move || read_replies(output, &sender));
         }
         let errors = tree.stderr.take().map(Listener::start);
-        let (patience, asked) = (start.patience, RequestKind::Hello);
-        Ok(Self { name: start.name, tree, replies, errors, patience, asked })
+        let WorkerStart { name, sample_patience, .. } = *start;
+        Ok(Self { name, tree, replies, errors, sample_patience, asked: RequestKind::Hello })
     }
 
     /// Sends a request; [`Self::receive`] takes its reply, so that two workers can prepare at the same time.
@@ -227,8 +223,8 @@ impl WorkerProcess {
     /// The reply to the last request. After a fault that does not [go on](WorkerFault::goes_on) the worker is dead.
     pub fn receive(&mut self, waiting: &Waiting<'_>) -> Result<Reply, WorkerFault> {
         let patience = match self.asked {
-            RequestKind::Sample => self.patience.sample,
-            _ => self.patience.slow,
+            RequestKind::Sample => self.sample_patience,
+            _ => PATIENCE,
         };
         let asked = Instant::now();
         let (mut told, mut told_stopped) = (false, false);
@@ -259,17 +255,12 @@ impl WorkerProcess {
     }
 
     fn waited_for(&self, patience: Duration, stopped: bool) -> String {
-        let process = self.tree.id();
-        let stopped = if stopped {
-            format!("; it is stopped, `kill -CONT {process}` lets it go on")
-        } else {
-            String::new()
-        };
+        let (name, process, asked) = (self.name, self.tree.id(), self.asked);
+        let go_on = format!("; it is stopped, `kill -CONT {process}` lets it go on");
+        let stopped = if stopped { &go_on } else { "" };
+        let most = patience.as_secs();
         format!(
-            "waiting for the {} worker (process {process}) to answer `{}`, for at most {} s{stopped}",
-            self.name,
-            self.asked,
-            patience.as_secs()
+            "waiting for the {name} worker (process {process}) to answer `{asked}`, for at most {most} s{stopped}"
         )
     }
 

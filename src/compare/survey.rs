@@ -30,11 +30,7 @@ impl<'a> SurveyedBuild<'a> {
     fn worker(&mut self) -> Result<&mut WorkerProcess, WorkerFault> {
         let worker = match self.worker.take() {
             Some(worker) => worker,
-            None => {
-                let mut worker = WorkerProcess::start(&self.start)?;
-                worker.greeted(&self.waiting)?;
-                worker
-            }
+            None => WorkerProcess::open(&self.start, &self.waiting)?.0,
         };
         Ok(self.worker.insert(worker))
     }

@@ -3,12 +3,6 @@
 //! A client request is a sequence of instructions that does nothing on a real processor (`valgrind.h`, "Client request
 //! mechanism"): rotations that add up to whole turns, and an exchange of a register with itself.
 
-/// Starts callgrind's counting where it was held back with `--instr-atstart=no`, which spares the slow counting of a
-/// start-up. Does nothing outside valgrind.
-pub fn start_counting() {
-    request(CALLGRIND_START_INSTRUMENTATION);
-}
-
 /// This build can start the counting itself.
 pub const SUPPORTED: bool =
     cfg!(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")));
@@ -16,11 +10,13 @@ pub const SUPPORTED: bool =
 /// `callgrind.h`: the tool's base, the letters C and T, and the fifth of its requests.
 const CALLGRIND_START_INSTRUMENTATION: usize = ((b'C' as usize) << 24 | (b'T' as usize) << 16) + 4;
 
-#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
-fn request(code: usize) {
-    let words = [code, 0, 0, 0, 0, 0];
+/// Starts callgrind's counting where it was held back with `--instr-atstart=no`, which spares the slow counting of a
+/// start-up. Does nothing outside valgrind.
+pub fn start_counting() {
+    let _words = [CALLGRIND_START_INSTRUMENTATION, 0, 0, 0, 0, 0];
+    #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
     // SAFETY: rdi ends as it began, after 3 + 13 + 61 + 51 = 128 bits of rotation, and the exchange changes nothing;
-    // valgrind reads `words` and writes rdx.
+    // valgrind reads `_words` and writes rdx.
     unsafe {
         std::arch::asm!(
             "rol rdi, 3",
@@ -28,19 +24,15 @@ fn request(code: usize) {
             "rol rdi, 61",
             "rol rdi, 51",
             "xchg rbx, rbx",
-            in("rax") words.as_ptr(),
+            in("rax") _words.as_ptr(),
             inout("rdx") 0usize => _,
             out("rdi") _,
             options(nostack),
         );
     }
-}
-
-#[cfg(all(target_os = "linux", target_arch = "aarch64"))]
-fn request(code: usize) {
-    let words = [code, 0, 0, 0, 0, 0];
+    #[cfg(all(target_os = "linux", target_arch = "aarch64"))]
     // SAFETY: x12 ends as it began, after 3 + 13 + 51 + 61 = 128 bits of rotation, and the last instruction changes
-    // nothing; valgrind reads `words` and writes x3.
+    // nothing; valgrind reads `_words` and writes x3.
     unsafe {
         std::arch::asm!(
             "ror x12, x12, #3",
@@ -48,16 +40,13 @@ fn request(code: usize) {
             "ror x12, x12, #51",
             "ror x12, x12, #61",
             "orr x10, x10, x10",
-            in("x4") words.as_ptr(),
+            in("x4") _words.as_ptr(),
             inout("x3") 0usize => _,
             out("x12") _,
             options(nostack),
         );
     }
 }
-
-#[cfg(not(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64"))))]
-fn request(_: usize) {}
 
 #[cfg(test)]
 mod tests {

@@ -62,29 +62,29 @@ impl Difference {
 
 /// Every figure that differs between the sides, in the order of the lines.
 pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
-    let mut found = Vec::new();
-    let cells = of_both(&comparison.exact, |line| (line.side, &line.cell));
     let counting = Side::BOTH.map(|side| counting(comparison, side));
-    for (base, head) in cells {
-        let id = base.cell.configuration();
-        let counted = counting.iter().all(|side| side.contains(id));
-        cell(base, head, counted, &mut found);
+    let mut found = Vec::new();
+    for (base, head) in of_both(&comparison.exact, |line| (line.side, &line.cell)) {
+        let counted = counting.iter().all(|side| side.contains(base.cell.configuration()));
+        found.extend(cell(base, head, counted));
     }
-    let configurations =
-        of_both(&comparison.configurations, |line| (line.side, &line.configuration));
-    for (base, head) in configurations {
+    for (base, head) in configurations(comparison) {
         configuration(base, head, &comparison.header.cells, &mut found);
     }
     let checks = of_both(&comparison.checks, |line| (line.side, (&line.stage, &line.what)));
-    for (base, head) in checks {
-        check(base, head, &mut found);
-    }
+    found.extend(checks.into_iter().filter_map(|(base, head)| check(base, head)));
     if !AdapterRelation::in_header(&comparison.header).is_judged() {
         // What another driver or device invokes more often is no change of this one.
         let counters = found.iter_mut().filter(|other| other.kind == FigureKind::Counter);
         counters.for_each(|other| other.worse = false);
     }
     found
+}
+
+fn configurations(
+    comparison: &StoredComparison,
+) -> Vec<(&ConfigurationFigures, &ConfigurationFigures)> {
+    of_both(&comparison.configurations, |line| (line.side, &line.configuration))
 }
 
 /// Configurations in which a side counts invocations.
@@ -112,9 +112,7 @@ fn of_both<'a, T, K: Ord>(lines: &'a [T], key: impl Fn(&'a T) -> (Side, K)) -> V
 /// line may have held it.
 pub fn missing(comparison: &StoredComparison) -> Vec<Fault> {
     let mut faults = Vec::new();
-    let configurations =
-        of_both(&comparison.configurations, |line| (line.side, &line.configuration));
-    for (base, head) in configurations {
+    for (base, head) in configurations(comparison) {
         let given =
             |name: &String| head.errors.contains_key(name) || head.quantities.contains_key(name);
         let lacking = base.errors.keys().filter(|name| !given(name));
@@ -140,31 +138,25 @@ fn lack(side: Side, figure: &str, of: &str) -> Fault {
     Fault::new(Gate::Exact, Some(side), None, reason)
 }
 
-fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec<Difference>) {
-    let mut differ = |kind, figure: &str, base_count: u64, head_count: u64| {
-        if base_count != head_count {
-            found.push(Difference {
-                scope: DifferenceScope::Cell(base.cell.clone()),
-                kind,
-                figure: figure.to_owned(),
-                base: base_count as f64,
-                head: head_count as f64,
-                worse: head_count > base_count,
-            });
-        }
-    };
+/// Work, and the counters that both sides count.
+fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool) -> Vec<Difference> {
     let works = base.work.fields().into_iter().zip(head.work.fields());
-    for ((name, base), (_, head)) in works {
-        differ(FigureKind::Work, name, base, head);
-    }
-    if !counted {
-        return;
-    }
+    let works = works.map(|((name, base), (_, head))| (FigureKind::Work, name, base, head));
     let names: BTreeSet<&String> = base.counters.keys().chain(head.counters.keys()).collect();
-    for name in names {
+    let counters = names.into_iter().filter(|_| counted).map(|name| {
         let count = |line: &ExactFigures| line.counters.get(name).copied().unwrap_or(0);
-        differ(FigureKind::Counter, name, count(base), count(head));
-    }
+        (FigureKind::Counter, name.as_str(), count(base), count(head))
+    });
+    let differing = works.chain(counters).filter(|(.., base, head)| base != head);
+    let difference = |(kind, figure, base_count, head_count): (_, &str, u64, u64)| Difference {
+        scope: DifferenceScope::Cell(base.cell.clone()),
+        kind,
+        figure: figure.to_owned(),
+        base: base_count as f64,
+        head: head_count as f64,
+        worse: head_count > base_count,
+    };
+    differing.map(difference).collect()
 }
 
 fn configuration(
@@ -174,18 +166,13 @@ fn configuration(
     found: &mut Vec<Difference>,
 ) {
     let whole = DifferenceScope::Configuration(base.configuration.clone());
-    let differ = |scope, kind, figure: &str, base: f64, head: f64, worse| Difference {
-        scope,
-        kind,
-        figure: figure.to_owned(),
-        base,
-        head,
-        worse,
+    let mut differ = |scope, kind, figure: &str, base: f64, head: f64, worse| {
+        found.push(Difference { scope, kind, figure: figure.to_owned(), base, head, worse });
     };
     let (b, h) = (base.allocated_bytes, head.allocated_bytes);
     if b != h {
         let (kind, name) = (FigureKind::Bytes, "allocated_bytes");
-        found.push(differ(whole.clone(), kind, name, b as f64, h as f64, h > b));
+        differ(whole.clone(), kind, name, b as f64, h as f64, h > b);
     }
     let figures = base.errors.iter().chain(&base.quantities);
     let pairs = figures.filter_map(|(name, b)| {
@@ -204,12 +191,12 @@ fn configuration(
         if let Some(worse) = grown.get(name) {
             let stage = judged(name).map(|error| charged_stage(error, &grown, &judged));
             let scope = scope_of(stage, cells, &base.configuration);
-            found.push(differ(scope, FigureKind::Error, name, b, h, *worse));
+            differ(scope, FigureKind::Error, name, b, h, *worse);
         }
     }
     for (name, b, h) in quantities {
         if moved(b, h, LEAST_ERROR) {
-            found.push(differ(whole.clone(), FigureKind::Quantity, name, b, h, false));
+            differ(whole.clone(), FigureKind::Quantity, name, b, h, false);
         }
     }
 }
@@ -237,19 +224,18 @@ fn scope_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> Diffe
     }
 }
 
-fn check(base: &CheckFigure, head: &CheckFigure, found: &mut Vec<Difference>) {
+fn check(base: &CheckFigure, head: &CheckFigure) -> Option<Difference> {
     let broken = base.sound && !head.sound;
     let least = LEAST_OF_TOLERANCE * base.tolerance;
-    if broken || moved(base.measured, head.measured, least) {
-        found.push(Difference {
-            scope: DifferenceScope::Stage(base.stage.clone()),
-            kind: FigureKind::Error,
-            figure: format!("{} ({})", base.what, base.unit),
-            base: base.measured,
-            head: head.measured,
-            worse: broken || larger(base.measured, head.measured),
-        });
-    }
+    let differs = broken || moved(base.measured, head.measured, least);
+    differs.then(|| Difference {
+        scope: DifferenceScope::Stage(base.stage.clone()),
+        kind: FigureKind::Error,
+        figure: format!("{} ({})", base.what, base.unit),
+        base: base.measured,
+        head: head.measured,
+        worse: broken || larger(base.measured, head.measured),
+    })
 }
 
 /// A difference beyond what the order of floating-point sums makes. What is a number on one side only has moved.

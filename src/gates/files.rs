@@ -87,8 +87,8 @@ fn only_in(side: Side, own: &Read, other: &Read) -> Option<String> {
     let count = alone.clone().count();
     let more = (count > MOST_NAMED).then(|| "…".to_owned());
     let names = alone.map(|(_, cell)| name(cell)).take(MOST_NAMED).chain(more).join("; ");
-    (count > 0)
-        .then(|| format!("only in the {side}, and not compared: {count} of its cells: {names}"))
+    let told = || format!("only in the {side}, and not compared: {count} of its cells: {names}");
+    (count > 0).then(told)
 }
 
 fn read(path: &Path) -> Result<Read, FilesError> {
@@ -97,12 +97,8 @@ fn read(path: &Path) -> Result<Read, FilesError> {
     let target = target.as_deref().unwrap_or(path);
     let reading = record::read(target)?;
     let file = private::path(path);
-    let mut notes: Vec<String> = reading
-        .damaged
-        .told(ToString::to_string)
-        .into_iter()
-        .map(|told| format!("{file}: {told}"))
-        .collect();
+    let damaged = reading.damaged.told(ToString::to_string).into_iter();
+    let mut notes: Vec<String> = damaged.map(|told| format!("{file}: {told}")).collect();
     let mut last: Option<Run> = None;
     let mut cells = BTreeMap::new();
     for record in reading.records {
@@ -123,7 +119,7 @@ fn read(path: &Path) -> Result<Read, FilesError> {
     let run = last.ok_or_else(|| FilesError::NoRun { path: path.to_owned() })?;
     Ok(Read {
         build: ComparedBuild {
-            label: private::path(path),
+            label: file,
             version: run.fathom_version.clone(),
             protocol: None,
             digest: input::open(path).and_then(input::sha256).unwrap_or_default(),
@@ -160,26 +156,23 @@ struct Contents {
 
 impl Contents {
     /// One cell of both files, whose stages become gate cells.
-    fn add(&mut self, configuration: &str, sides: [&Cell; 2]) {
-        let outcomes = sides.map(|cell| &cell.outcome);
-        let [base, head] = outcomes.map(measured);
-        let cells_of = |side: Option<&Measured>| -> Vec<CellId> {
-            let stages = side.iter().flat_map(|side| &side.stages);
+    fn add(&mut self, configuration: &str, [base, head]: [&Cell; 2]) {
+        let cells_of = |side: &Cell| -> Vec<CellId> {
+            let stages = side.measured().into_iter().flat_map(|measured| &measured.stages);
             stages.map(|stage| CellId::new(configuration, &stage.stage)).collect()
         };
         self.cells.extend(cells_of(base).into_iter().chain(cells_of(head)).unique());
-        if let [Outcome::Skipped { reason } | Outcome::Failed { reason }, _] = outcomes
-            && head.is_none()
+        if let (Outcome::Skipped { reason } | Outcome::Failed { reason }, None) =
+            (&base.outcome, head.measured())
         {
             let note = format!("{configuration}: measured on neither side: {reason}");
             return self.notes.push(note);
         }
-        for (side, own, other) in [(Side::Base, outcomes[0], head), (Side::Head, outcomes[1], base)]
-        {
-            if let Some(own) = measured(own) {
+        for (side, own, other) in [(Side::Base, base, head), (Side::Head, head, base)] {
+            if let Some(own) = own.measured() {
                 self.figures(side, configuration, own);
             }
-            let lacking = |cell| lacking(side, cell, own);
+            let lacking = |cell| lacking(side, cell, &own.outcome);
             self.lines.extend(cells_of(other).into_iter().filter_map(lacking));
         }
     }
@@ -213,13 +206,6 @@ impl Contents {
                 }));
             }
         }
-    }
-}
-
-fn measured(outcome: &Outcome) -> Option<&Measured> {
-    match outcome {
-        Outcome::Measured(measured) => Some(measured),
-        Outcome::Skipped { .. } | Outcome::Failed { .. } => None,
     }
 }
 

@@ -36,22 +36,28 @@ pub fn rank_sums(n: usize) -> Vec<f64> {
     probability
 }
 
+/// How many of the least rank sums of `n` samples are together no more probable than `level`; as many of the largest are.
+fn extreme_sums(n: usize, level: f64) -> usize {
+    let mut below = 0.0;
+    let is_extreme = |p: &&f64| {
+        below += **p;
+        below <= level
+    };
+    rank_sums(n).iter().take_while(is_extreme).count()
+}
+
+/// Walsh averages in their order: the means of all pairs of samples, each with itself too.
+fn walsh(samples: &[f64]) -> Vec<f64> {
+    let means = |i: usize| samples[i..].iter().map(move |b| (samples[i] + b) / 2.0);
+    let mut walsh: Vec<f64> = (0..samples.len()).flat_map(means).collect();
+    walsh.sort_by(f64::total_cmp);
+    walsh
+}
+
 /// The samples' centre with its interval of at least the coverage `1 − alpha`.
 pub fn centre(samples: &[f64], alpha: f64) -> Centre {
-    let mut walsh = Vec::with_capacity(samples.len() * (samples.len() + 1) / 2);
-    for (i, a) in samples.iter().enumerate() {
-        walsh.extend(samples[i..].iter().map(|b| (a + b) / 2.0));
-    }
-    walsh.sort_by(f64::total_cmp);
-    let mut below = 0.0;
-    let beyond = rank_sums(samples.len())
-        .iter()
-        .take_while(|p| {
-            below += **p;
-            below <= alpha / 2.0
-        })
-        .count();
-    let (low, high) = match beyond {
+    let walsh = walsh(samples);
+    let (low, high) = match extreme_sums(samples.len(), alpha / 2.0) {
         0 => (f64::NEG_INFINITY, f64::INFINITY),
         beyond => (walsh[beyond - 1], walsh[walsh.len() - beyond]),
     };
@@ -120,37 +126,15 @@ pub fn detectable(n: usize, level: f64) -> Option<f64> {
     })
 }
 
+/// By how much noise must be raised until its rank sum rejects: the rank sum is the number of Walsh averages above 0, so this is
+/// one of them.
 fn simulated(n: usize, level: f64) -> Option<f64> {
-    let distribution = rank_sums(n);
-    let mut tail = 0.0;
-    let rejecting = distribution.iter().rev().take_while(|p| {
-        tail += **p;
-        tail <= level
-    });
-    let critical = distribution.len() - rejecting.count();
-    if critical == distribution.len() {
-        return None;
-    }
+    let last = extreme_sums(n, level).checked_sub(1)?;
     let mut random = Pcg64::seed_from_u64(SEED);
-    let mut least: Vec<f64> = (0..TRIALS)
-        .map(|_| {
-            let noise: Vec<f64> = (0..n).map(|_| normal(&mut random)).collect();
-            least_shift(&noise, critical)
-        })
-        .collect();
+    let mut noise = || -> Vec<f64> { (0..n).map(|_| normal(&mut random)).collect() };
+    let mut least: Vec<f64> = (0..TRIALS).map(|_| -walsh(&noise())[last]).collect();
     least.sort_by(f64::total_cmp);
     Some(least[(POWER * TRIALS as f64) as usize])
-}
-
-/// By how much noise must be raised until its rank sum is `critical`. The rank sum is the number of Walsh averages above 0,
-/// so this is one of them.
-fn least_shift(noise: &[f64], critical: usize) -> f64 {
-    let mut walsh = Vec::new();
-    for (i, a) in noise.iter().enumerate() {
-        walsh.extend(noise[i..].iter().map(|b| (a + b) / 2.0));
-    }
-    walsh.sort_by(|a, b| b.total_cmp(a));
-    -walsh[critical - 1]
 }
 
 /// A standard normal number. Box & Muller, *Ann. Math. Statist.* 29 (1958).
@@ -214,6 +198,12 @@ mod tests {
         assert_eq!(holm(&[0.9, 0.8]), [1.0, 1.0]);
     }
 
+    /// Of 2,000 draws of twelve samples, those that are so.
+    fn share(sample: &mut impl FnMut() -> f64, is_so: impl Fn(&[f64]) -> bool) -> f64 {
+        let mut draw = |_: &u32| is_so(&std::array::from_fn::<f64, 12, _>(|_| sample()));
+        (0..2_000).filter(&mut draw).count() as f64 / 2_000.0
+    }
+
     #[test]
     fn the_interval_covers_the_centre_as_often_as_it_says() {
         let mut random = Pcg64::seed_from_u64(11);
@@ -222,15 +212,10 @@ mod tests {
             let wide = if random.random_bool(0.125) { 5.0 } else { 1.0 };
             0.3 + wide * normal(&mut random)
         };
-        let trials = 2_000;
-        let covered = (0..trials)
-            .filter(|_| {
-                let samples: Vec<f64> = (0..12).map(|_| sample()).collect();
-                let centre = centre(&samples, 0.05);
-                centre.low <= 0.3 && 0.3 <= centre.high
-            })
-            .count() as f64
-            / f64::from(trials);
+        let covered = share(&mut sample, |samples| {
+            let centre = centre(samples, 0.05);
+            centre.low <= 0.3 && 0.3 <= centre.high
+        });
         // Exactly 0.9575 for 12 samples; three standard errors are 0.0135.
         assert!((0.944..0.971).contains(&covered), "{covered}");
     }
@@ -240,14 +225,8 @@ mod tests {
         let level = 0.05 / 80.0;
         let shift = detectable(12, level).unwrap();
         let mut random = Pcg64::seed_from_u64(12);
-        let trials = 2_000;
-        let found = (0..trials)
-            .filter(|_| {
-                let samples: Vec<f64> = (0..12).map(|_| shift + normal(&mut random)).collect();
-                above(&samples, 0.0) <= level
-            })
-            .count() as f64
-            / f64::from(trials);
+        let mut sample = || shift + normal(&mut random);
+        let found = share(&mut sample, |samples| above(samples, 0.0) <= level);
         assert!((found - POWER).abs() < 0.04, "shift {shift}: {found}");
     }
 }

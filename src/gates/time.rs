@@ -14,17 +14,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use serde::Serialize;
-
 use super::adapters::AdapterRelation;
-use super::rank;
+use super::rank::{self, Centre};
 use super::store::StoredComparison;
 use fathom_base::statistics::median;
 use fathom_record::comparison::{CellId, ComparisonHeader, GateSettings, MOST_PAIRS, Pair, Side};
 use fathom_record::{MachineState, ThrottleReason};
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TimeVerdict {
     /// Slower by more than the threshold.
     Slower,
@@ -39,12 +36,12 @@ pub enum TimeVerdict {
 }
 
 /// What the time gate says of a cell.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct CellTime {
     pub cell: CellId,
     pub verdict: TimeVerdict,
-    /// Launches that went through all rounds, of the measurement that counts.
-    pub launches: usize,
+    /// ln(head / base) of each launch that went through all rounds, of the measurement that counts.
+    pub launches: Vec<f64>,
     /// This was the second.
     pub second: bool,
     /// Median sample of each side.
@@ -58,10 +55,8 @@ pub struct CellTime {
     /// Of a change beyond the threshold in either direction, by chance; and the same adjusted for two measurements of all cells.
     pub p: f64,
     pub adjusted_p: f64,
-    /// Standard deviation between launches.
-    pub spread: f64,
-    /// The least slowdown that would be found with the power [`rank::POWER`], from the spread and the number of launches;
-    /// none where so few launches among so many cells find nothing.
+    /// The least slowdown that would be found with the power [`rank::POWER`], from the number of launches and their spread; none
+    /// where so few launches among so many cells find nothing.
     pub detectable: Option<f64>,
     /// Where clocks were held down in any launch.
     pub throttled: Option<ThrottledLaunches>,
@@ -79,7 +74,7 @@ impl CellTime {
 }
 
 /// Launches in which a cell was sampled while heat or power held clocks down, by side; at least one.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ThrottledLaunches {
     pub base: usize,
     pub head: usize,
@@ -109,7 +104,7 @@ impl ThrottledLaunches {
 }
 
 /// What the time gate says.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct TimeGate {
     /// In the order asked for; cells without any pair are left out.
     pub cells: Vec<CellTime>,
@@ -162,19 +157,9 @@ impl Ratios {
     }
 }
 
-/// The figures of one cell.
-struct Figures {
-    cell: CellId,
-    second: bool,
-    /// ln(head / base) of each launch.
-    launches: Vec<f64>,
-    base_ns: f64,
-    head_ns: f64,
-    throttled: Option<ThrottledLaunches>,
-}
-
-impl Figures {
-    fn of(cell: &CellId, second: bool, pairs: &[&Pair]) -> Option<Self> {
+impl CellTime {
+    /// What the pairs of one cell say alone; [`together`] adds what they say among others.
+    fn of(cell: &CellId, second: bool, pairs: &[&Pair], settings: &GateSettings) -> Self {
         let mut ratios: BTreeMap<u32, Ratios> = BTreeMap::new();
         for pair in pairs {
             let ratio = (pair.head_ns / pair.base_ns).ln();
@@ -184,61 +169,27 @@ impl Figures {
                 Side::Head => ratios.head_first.push(ratio),
             }
         }
-        let middle = |ns: fn(&Pair) -> f64| {
-            let all: Vec<f64> = pairs.iter().map(|pair| ns(pair)).collect();
-            median(&all)
-        };
-        (!ratios.is_empty()).then(|| Self {
+        let middle = |ns: fn(&&Pair) -> f64| median(&pairs.iter().map(ns).collect::<Vec<_>>());
+        let launches: Vec<f64> = ratios.values().map(Ratios::middle).collect();
+        let Centre { estimate, low, high } = rank::centre(&launches, settings.alpha);
+        let bound = (1.0 + settings.threshold).ln();
+        let is_same = -bound <= low && high <= bound;
+        let is_bounded = low.is_finite() && high.is_finite();
+        let slower = rank::above(&launches, bound);
+        let faster = rank::below(&launches, -bound);
+        Self {
             cell: cell.clone(),
+            verdict: if is_same { TimeVerdict::Same } else { TimeVerdict::Inconclusive },
             second,
-            launches: ratios.values().map(Ratios::middle).collect(),
             base_ns: middle(|pair| pair.base_ns),
             head_ns: middle(|pair| pair.head_ns),
+            change: estimate.exp_m1(),
+            interval: is_bounded.then(|| (low.exp_m1(), high.exp_m1())),
+            p: (2.0 * slower.min(faster)).min(1.0),
+            adjusted_p: 1.0,
+            detectable: None,
             throttled: ThrottledLaunches::of(pairs),
-        })
-    }
-
-    /// Probability of launches so far beyond the threshold, to either side, where the change is within it.
-    fn p(&self, threshold: f64) -> f64 {
-        let bound = (1.0 + threshold).ln();
-        let slower = rank::above(&self.launches, bound);
-        let faster = rank::below(&self.launches, -bound);
-        (2.0 * slower.min(faster)).min(1.0)
-    }
-
-    fn judged(
-        self,
-        settings: &GateSettings,
-        p: f64,
-        adjusted_p: f64,
-        shift: Option<f64>,
-    ) -> CellTime {
-        let bound = (1.0 + settings.threshold).ln();
-        let centre = rank::centre(&self.launches, settings.alpha);
-        let verdict = if adjusted_p <= settings.alpha {
-            if centre.estimate > 0.0 { TimeVerdict::Slower } else { TimeVerdict::Faster }
-        } else if -bound <= centre.low && centre.high <= bound {
-            TimeVerdict::Same
-        } else {
-            TimeVerdict::Inconclusive
-        };
-        let spread = deviation(&self.launches);
-        let interval = (centre.low.is_finite() && centre.high.is_finite())
-            .then(|| (centre.low.exp_m1(), centre.high.exp_m1()));
-        CellTime {
-            verdict,
-            launches: self.launches.len(),
-            second: self.second,
-            base_ns: self.base_ns,
-            head_ns: self.head_ns,
-            change: centre.estimate.exp_m1(),
-            interval,
-            p,
-            adjusted_p,
-            spread,
-            detectable: shift.map(|shift| (bound + shift * spread).exp_m1()),
-            throttled: self.throttled,
-            cell: self.cell,
+            launches,
         }
     }
 }
@@ -257,34 +208,36 @@ pub fn judge<'a>(
         let key = (&pair.cell, pair.control, pair.second);
         sorted.entry(key).or_default().push(pair);
     }
-    let figures = |cell: &CellId, second: bool| {
-        let pairs = sorted.get(&(cell, false, second))?;
-        Figures::of(cell, second, pairs)
+    let of = |cell: &CellId, control, second| {
+        let pairs = sorted.get(&(cell, control, second))?;
+        Some(CellTime::of(cell, second, pairs, settings))
     };
-    let last = |cell: &CellId| figures(cell, true).or_else(|| figures(cell, false));
-    let measured: Vec<Figures> = cells.iter().filter_map(last).collect();
-    let controls = sorted.iter().filter(|((_, control, _), _)| *control);
-    let controls =
-        controls.filter_map(|((cell, _, second), pairs)| Figures::of(cell, *second, pairs));
+    let last = |cell: &CellId| of(cell, false, true).or_else(|| of(cell, false, false));
+    let controls = sorted.keys().filter(|(_, control, _)| *control);
+    let controls = controls.filter_map(|(cell, control, second)| of(cell, *control, *second));
     TimeGate {
-        cells: judged(measured, settings),
-        controls: controls.flat_map(|control| judged(vec![control], settings)).collect(),
+        cells: together(cells.iter().filter_map(last).collect(), settings),
+        controls: controls.flat_map(|control| together(vec![control], settings)).collect(),
     }
 }
 
-/// Verdicts on figures whose probabilities are adjusted together.
-fn judged(measured: Vec<Figures>, settings: &GateSettings) -> Vec<CellTime> {
-    let p: Vec<f64> = measured.iter().map(|cell| cell.p(settings.threshold)).collect();
-    let doubled: Vec<f64> = p.iter().map(|p| (MEASUREMENTS * p).min(1.0)).collect();
-    let adjusted = rank::holm(&doubled);
+/// The cells with their probabilities adjusted together, and the verdicts that follow from these.
+fn together(mut cells: Vec<CellTime>, settings: &GateSettings) -> Vec<CellTime> {
+    let doubled: Vec<f64> = cells.iter().map(|cell| (MEASUREMENTS * cell.p).min(1.0)).collect();
     // What Holm's first step leaves to each of two directions.
-    let level = settings.alpha / 2.0 / MEASUREMENTS / measured.len().max(1) as f64;
-    let judged = measured.into_iter().zip(p).zip(adjusted);
-    let judged = judged.map(|((cell, p), adjusted_p)| {
+    let level = settings.alpha / 2.0 / MEASUREMENTS / cells.len().max(1) as f64;
+    let bound = (1.0 + settings.threshold).ln();
+    for (cell, adjusted_p) in cells.iter_mut().zip(rank::holm(&doubled)) {
+        cell.adjusted_p = adjusted_p;
+        if adjusted_p <= settings.alpha {
+            let slower = cell.change > 0.0;
+            cell.verdict = if slower { TimeVerdict::Slower } else { TimeVerdict::Faster };
+        }
         let shift = rank::detectable(cell.launches.len(), level);
-        cell.judged(settings, p, adjusted_p, shift)
-    });
-    judged.collect()
+        let least = |shift: f64| (bound + shift * deviation(&cell.launches)).exp_m1();
+        cell.detectable = shift.map(least);
+    }
+    cells
 }
 
 /// Cells of which a complete first measurement tells neither a change nor that there is none, and a second one may.
@@ -295,11 +248,9 @@ pub fn open(comparison: &StoredComparison) -> Vec<CellId> {
         return Vec::new();
     }
     let first = comparison.pairs.iter().filter(|pair| !pair.second);
-    let gate = judge(cells, first, settings);
-    let open = gate
-        .cells
-        .into_iter()
-        .filter(|cell| cell.verdict == TimeVerdict::Inconclusive && cell.detectable.is_some());
+    let cells = judge(cells, first, settings).cells.into_iter();
+    let open =
+        cells.filter(|cell| cell.verdict == TimeVerdict::Inconclusive && cell.detectable.is_some());
     open.map(|cell| cell.cell).collect()
 }
 

@@ -111,40 +111,67 @@ pub struct Verdicts<'a> {
 impl<'a> Verdicts<'a> {
     pub fn of(comparison: &'a StoredComparison) -> Self {
         let header = &comparison.header;
-        let time = time::judge(&header.cells, &comparison.pairs, &header.settings);
-        let is_judged = AdapterRelation::in_header(header).is_judged();
-        let time = if is_judged { time } else { time.unjudged() };
-        let differences = exact::judge(comparison);
+        let mut time = time::judge(&header.cells, &comparison.pairs, &header.settings);
+        if !AdapterRelation::in_header(header).is_judged() {
+            time = time.unjudged();
+        }
         let gates = Gate::ALL.map(|gate| (gate, state(comparison, gate, &time)));
-        let is_void = |(gate, state): &(Gate, GateState)| {
-            *gate == Gate::Time && matches!(state, GateState::Void(_))
+        if let [.., (Gate::Time, GateState::Void(_))] = &gates {
+            time.cells.clear();
+        }
+        let times: BTreeMap<&CellId, &CellTime> =
+            time.cells.iter().map(|cell| (&cell.cell, cell)).collect();
+        let (counts, unpaired) = (counts::judge(comparison), unpaired::judge(comparison));
+        let differences = exact::judge(comparison);
+        let is_left = |fault: &&Fault| !overcome(comparison, fault);
+        let judged = |cell: &CellId| {
+            let own = |fault: &&Fault| fault.cell.as_ref() == Some(cell) && !fault.control;
+            let mut judged = JudgedCell {
+                cell: cell.clone(),
+                verdict: CellVerdict::NotMeasured,
+                time: times.get(cell).copied().cloned(),
+                unpaired: unpaired.get(cell).copied(),
+                instructions: counts.get(cell).cloned(),
+                differences: differences.iter().filter(|d| d.concerns(cell)).cloned().collect(),
+                faults: unique(comparison.faults.iter().filter(own).filter(is_left)),
+            };
+            judged.verdict = verdict(&judged, judged.is_measured(comparison, &gates));
+            judged
         };
-        let timed = time.cells.iter().filter(|_| !gates.iter().any(is_void));
-        let sources = Sources {
-            comparison,
-            time: timed.map(|cell| (&cell.cell, cell)).collect(),
-            gates: &gates,
-            counts: counts::judge(comparison),
-            unpaired: unpaired::judge(comparison),
-            differences: &differences,
-        };
-        let cells: Vec<JudgedCell> = header.cells.iter().map(|cell| sources.cell(cell)).collect();
-        let of_no_cell =
-            |other: &&Difference| !header.cells.iter().any(|cell| other.concerns(cell));
-        let configurations: Vec<Difference> =
-            differences.iter().filter(of_no_cell).cloned().collect();
-        let whole = |fault: &&Fault| fault.cell.is_none() && !overcome(comparison, fault);
-        let missing = exact::missing(comparison);
-        let faults = unique(comparison.faults.iter().filter(whole).chain(&missing));
-        let status = status(comparison, &cells, &configurations, &gates, &faults);
-        Self {
+        let cells = header.cells.iter().map(judged).collect();
+        let of_no_cell = |other: &Difference| !header.cells.iter().any(|cell| other.concerns(cell));
+        let whole = comparison.faults.iter().filter(|fault| fault.cell.is_none()).filter(is_left);
+        let mut verdicts = Self {
             comparison,
             cells,
-            configurations,
+            configurations: differences.iter().filter(|other| of_no_cell(other)).cloned().collect(),
             controls: time.controls,
             gates: gates.into(),
-            faults,
-            status,
+            faults: unique(whole.chain(&exact::missing(comparison))),
+            status: Status::NoRegression,
+        };
+        verdicts.status = verdicts.status();
+        verdicts
+    }
+
+    fn status(&self) -> Status {
+        let settings = &self.comparison.header.settings;
+        let any = |verdict| self.cells.iter().any(|cell| cell.verdict == verdict);
+        let incomplete = !settings.unpaired
+            && (!self.comparison.came_to_its_end() || any(CellVerdict::NotMeasured));
+        let regression = self.cells.iter().any(|cell| cell.verdict.is_regression())
+            || self.configurations.iter().any(|difference| difference.worse);
+        let void = self.gates.iter().any(|(_, state)| matches!(state, GateState::Void(_)));
+        let nothing = self.cells.iter().all(|cell| cell.verdict == CellVerdict::New);
+        let failed = any(CellVerdict::Failed) || self.faults.iter().any(|fault| !fault.absent);
+        if regression {
+            Status::Regression
+        } else if void || nothing || incomplete || failed {
+            Status::CouldNotMeasure
+        } else if self.cells.iter().any(|cell| cell.may_be_slower(settings.threshold)) {
+            Status::Inconclusive
+        } else {
+            Status::NoRegression
         }
     }
 
@@ -171,6 +198,17 @@ impl JudgedCell {
         self.verdict == CellVerdict::Inconclusive && !excluded
     }
 
+    /// Each gate that ran has both sides' figures of the cell, and one did run.
+    fn is_measured(&self, comparison: &StoredComparison, gates: &[(Gate, GateState)]) -> bool {
+        let mut ran = gates.iter().filter(|(_, state)| *state == GateState::Ran).peekable();
+        let has = |gate: Gate| match gate {
+            Gate::Exact => comparison.has_exact(&self.cell),
+            Gate::Instructions => self.instructions.is_some(),
+            Gate::Time => self.time.is_some() || self.unpaired.is_some(),
+        };
+        ran.peek().is_some() && ran.all(|(gate, _)| has(*gate))
+    }
+
     /// By how much the cell changed for the worse: time before instructions.
     fn weight(&self) -> f64 {
         let instructions = self.instructions.as_ref().map(|counted| counted.ratio - 1.0);
@@ -178,47 +216,6 @@ impl JudgedCell {
             (Some(time), CellVerdict::Slower) => time.change,
             _ => instructions.unwrap_or(0.0),
         }
-    }
-}
-
-/// Where the figures of cells come from.
-struct Sources<'a> {
-    comparison: &'a StoredComparison,
-    gates: &'a [(Gate, GateState)],
-    time: BTreeMap<&'a CellId, &'a CellTime>,
-    counts: BTreeMap<CellId, Counted>,
-    unpaired: BTreeMap<CellId, Unpaired>,
-    differences: &'a [Difference],
-}
-
-impl Sources<'_> {
-    fn cell(&self, cell: &CellId) -> JudgedCell {
-        let differences = self.differences.iter().filter(|difference| difference.concerns(cell));
-        let own = |fault: &&Fault| {
-            fault.cell.as_ref() == Some(cell) && !fault.control && !overcome(self.comparison, fault)
-        };
-        let mut all = JudgedCell {
-            verdict: CellVerdict::NotMeasured,
-            cell: cell.clone(),
-            time: self.time.get(cell).copied().cloned(),
-            unpaired: self.unpaired.get(cell).copied(),
-            instructions: self.counts.get(cell).cloned(),
-            differences: differences.cloned().collect(),
-            faults: unique(self.comparison.faults.iter().filter(own)),
-        };
-        all.verdict = verdict(&all, self.measured(&all));
-        all
-    }
-
-    /// Each gate that ran has both sides' figures of the cell, and one did run.
-    fn measured(&self, cell: &JudgedCell) -> bool {
-        let mut ran = self.gates.iter().filter(|(_, state)| *state == GateState::Ran).peekable();
-        let has = |gate: Gate| match gate {
-            Gate::Exact => self.comparison.has_exact(&cell.cell),
-            Gate::Instructions => cell.instructions.is_some(),
-            Gate::Time => cell.time.is_some() || cell.unpaired.is_some(),
-        };
-        ran.peek().is_some() && ran.all(|(gate, _)| has(*gate))
     }
 }
 
@@ -292,37 +289,6 @@ fn uncontrolled(comparison: &StoredComparison, time: &TimeGate) -> Option<String
         return Some(format!("the control was lost: {}", lost.reason));
     }
     (time.controls.len() < measurements).then(|| "the control was not measured".to_owned())
-}
-
-fn status(
-    comparison: &StoredComparison,
-    cells: &[JudgedCell],
-    configurations: &[Difference],
-    gates: &[(Gate, GateState)],
-    faults: &[Fault],
-) -> Status {
-    let settings = &comparison.header.settings;
-    let any = |verdict| cells.iter().any(|cell| cell.verdict == verdict);
-    let incomplete =
-        !settings.unpaired && (!comparison.came_to_its_end() || any(CellVerdict::NotMeasured));
-    let regression = cells.iter().any(|cell| cell.verdict.is_regression())
-        || configurations.iter().any(|difference| difference.worse);
-    let void = gates.iter().any(|(_, state)| matches!(state, GateState::Void(_)));
-    let nothing = cells.iter().all(|cell| cell.verdict == CellVerdict::New);
-    if regression {
-        Status::Regression
-    } else if void
-        || nothing
-        || incomplete
-        || any(CellVerdict::Failed)
-        || faults.iter().any(|fault| !fault.absent)
-    {
-        Status::CouldNotMeasure
-    } else if cells.iter().any(|cell| cell.may_be_slower(settings.threshold)) {
-        Status::Inconclusive
-    } else {
-        Status::NoRegression
-    }
 }
 
 /// What failed was measured after all: by another launch, or when the comparison was resumed.

@@ -116,36 +116,29 @@ pub fn keep(bytes: &mut usize, row: &[Value]) -> Result<(), HistoryError> {
     Ok(())
 }
 
-/// Types of columns that the databases name differently.
-pub struct ColumnTypes {
+/// Where the languages of the databases differ.
+pub struct Dialect {
+    /// Types of columns.
     pub bytes: &'static str,
     pub real: &'static str,
     /// Behind a table whose rows lie in the order of its primary key.
     pub by_key: &'static str,
+    /// Counts the tables of a name.
+    pub count_of_table: &'static str,
+    /// Counts everything, where a history has a database to itself.
+    pub count_of_all: Option<&'static str>,
 }
 
 /// What this build needs of a database. Statements have parameters `$1`, `$2`, …, each first used in this order.
 pub trait Database {
-    fn types(&self) -> ColumnTypes;
-
-    /// The statement that counts the tables of a name.
-    fn count_of_table(&self) -> &'static str;
-
-    /// A table of this name exists.
-    fn has_table(&mut self, name: &str) -> Result<bool, HistoryError> {
-        let rows = self.rows(self.count_of_table(), &[Value::Text(name.to_owned())])?;
-        Ok(rows[0][0].integer() > 0)
-    }
-
-    /// It holds tables, and they are another program's alone.
-    fn is_foreign(&mut self) -> Result<bool, HistoryError>;
+    fn dialect(&self) -> Dialect;
 
     /// Begins a transaction that no other writer shares. Without [`Self::commit`] nothing of it stays.
     fn begin(&mut self) -> Result<(), HistoryError>;
 
-    fn commit(&mut self) -> Result<(), HistoryError>;
-
-    fn execute(&mut self, statement: &str, values: Vec<Value>) -> Result<(), HistoryError>;
+    fn commit(&mut self) -> Result<(), HistoryError> {
+        self.execute("COMMIT", Vec::new())
+    }
 
     /// Calls `take` with each row of a statement. One that goes on beyond all that a history holds is an error.
     fn each(
@@ -154,6 +147,10 @@ pub trait Database {
         values: Vec<Value>,
         take: &mut dyn FnMut(Vec<Value>) -> Result<(), HistoryError>,
     ) -> Result<(), HistoryError>;
+
+    fn execute(&mut self, statement: &str, values: Vec<Value>) -> Result<(), HistoryError> {
+        self.each(statement, values, &mut |_| Ok(()))
+    }
 
     /// All rows of a statement.
     fn rows(&mut self, statement: &str, values: &[Value]) -> Result<Vec<Vec<Value>>, HistoryError> {
@@ -164,6 +161,11 @@ pub trait Database {
             Ok(())
         })?;
         Ok(rows)
+    }
+
+    /// The integer that a statement gives.
+    fn integer(&mut self, statement: &str, values: &[Value]) -> Result<i64, HistoryError> {
+        Ok(self.rows(statement, values)?[0][0].integer())
     }
 }
 

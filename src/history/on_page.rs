@@ -4,7 +4,7 @@ use itertools::Itertools;
 
 use super::changes::LEAST_RUNS;
 use super::findings::{Change, Findings};
-use super::run::{FRAME, NANOSECONDS};
+use super::run::FRAME;
 use super::stored::{Series, StoredRuns};
 use super::tables;
 use fathom_experiments::words;
@@ -41,14 +41,13 @@ fn row(stored: &StoredRuns, change: &Change) -> ChangeRow {
         days: format!("{} → {}", before.day(), after.day()),
         n: change.n,
         name: name(series),
-        place: series.key.place().to_string(),
+        place: series.key.place(),
     }
 }
 
 /// Longer times and larger errors are worse; of what is not sure neither is said.
 fn tone(series: &Series, change: &Change) -> Tone {
-    let figure = &series.key.figure;
-    let worse = if &*figure.unit == NANOSECONDS {
+    let worse = if series.key.is_time() {
         change.size.estimate().median > 0.0
     } else {
         series.points[change.at].value.median.abs()
@@ -64,7 +63,7 @@ fn tone(series: &Series, change: &Change) -> Tone {
 /// Cell and figure; figures that are no times in words.
 fn name(series: &Series) -> String {
     let figure = &series.key.figure;
-    let told = if &*figure.figure == FRAME || series.key.is_time() {
+    let told = if figure.figure == FRAME || series.key.is_time() {
         figure.figure.to_string()
     } else {
         words::figure(&figure.figure).words
@@ -102,7 +101,7 @@ fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> HistoryChart
     });
     HistoryChart {
         name: name(series),
-        place: series.key.place().to_string(),
+        place: series.key.place(),
         unit: tables::unit(series),
         earlier: first,
         too_short: (series.points.len() < LEAST_RUNS).then_some(LEAST_RUNS),

@@ -60,8 +60,5 @@ fn csv_of(stored: &StoredRuns, series: &Series) -> Result<Vec<u8>, HistoryError>
         let row = [time, text::spreadsheet(&run.commit), point.value.median.to_string()];
         writer.write_record(row).map_err(fault)?;
     }
-    let path = || series.key.name().into();
-    writer
-        .into_inner()
-        .map_err(|error| HistoryError::Write { path: path(), source: error.into_error() })
+    writer.into_inner().map_err(|error| fault(error.into_error().into()))
 }

@@ -3,7 +3,7 @@
 use std::net::IpAddr;
 use std::str::FromStr;
 use std::sync::Arc;
-use std::sync::mpsc::{self, RecvTimeoutError, SyncSender};
+use std::sync::mpsc::{self, SyncSender};
 use std::time::Duration;
 
 use itertools::Itertools;
@@ -13,7 +13,7 @@ use postgres::types::{ToSql, Type};
 use postgres::{Client, Config, NoTls, Row};
 
 use super::HistoryError;
-use super::database::{ColumnTypes, Database, Value, counted};
+use super::database::{Database, Dialect, Value, counted};
 use super::tls;
 
 /// How long a server may take to be reached, and to greet.
@@ -32,7 +32,37 @@ const ANSWER: Duration = Duration::from_secs(75);
 const BATCH: usize = 1024;
 const BATCHES: usize = 4;
 
-type Job = Box<dyn FnOnce(&mut Client) + Send>;
+/// Rows of a statement. A batch that is not full is the last.
+type Batch = Vec<Vec<Value>>;
+
+/// A statement, and where its rows go.
+struct Job {
+    statement: String,
+    values: Vec<Value>,
+    answers: SyncSender<Result<Batch, postgres::Error>>,
+}
+
+impl Job {
+    fn run(self, client: &mut Client) {
+        let last = self.rows(client);
+        // Where nobody listens any more nothing is owed.
+        drop(self.answers.send(last));
+    }
+
+    /// Sends the full batches, and gives the last.
+    fn rows(&self, client: &mut Client) -> Result<Batch, postgres::Error> {
+        let mut rows = client.query_raw(&self.statement, self.values.iter().map(bound))?;
+        let mut batch = Batch::new();
+        while let Some(row) = rows.next()? {
+            let values = (0..row.len()).map(|column| value(&row, column));
+            batch.push(values.collect::<Result<_, _>>()?);
+            if batch.len() == BATCH && self.answers.send(Ok(std::mem::take(&mut batch))).is_err() {
+                break;
+            }
+        }
+        Ok(batch)
+    }
+}
 
 /// The connection lies in a thread of its own, which is left behind where the server says nothing any more.
 pub struct Postgres {
@@ -65,7 +95,7 @@ impl Postgres {
                 // Nobody listens any more where it took too long.
                 Err(message) => drop(greeted.send(Err(message))),
                 Ok(mut client) if greeted.send(Ok(())).is_ok() => {
-                    due.into_iter().for_each(|job| job(&mut client));
+                    due.into_iter().for_each(|job| job.run(&mut client));
                 }
                 Ok(_) => {}
             }
@@ -75,42 +105,6 @@ impl Postgres {
             Ok(Err(message)) => Err(unreachable(message)),
             Err(_) => Err(unreachable(format!("no answer within {} s", GREETING.as_secs()))),
         }
-    }
-
-    /// Has the connection's thread do something, and calls `take` with each of its answers.
-    fn ask<T: Send + 'static>(
-        &self,
-        work: impl FnOnce(&mut Client, &SyncSender<T>) -> Result<(), postgres::Error> + Send + 'static,
-        take: &mut dyn FnMut(T) -> Result<(), HistoryError>,
-    ) -> Result<(), HistoryError> {
-        let (ended, end) = mpsc::channel();
-        let (found, answers) = mpsc::sync_channel(BATCHES);
-        let job: Job = Box::new(move |client| {
-            let result = work(client, &found);
-            // Before the answers' end, so that it is there then.
-            let _ = ended.send(result);
-        });
-        let gone = || HistoryError::Unreachable {
-            place: self.place.clone(),
-            message: format!("no answer within {} s", ANSWER.as_secs()),
-        };
-        self.jobs.send(job).map_err(|_| gone())?;
-        loop {
-            match answers.recv_timeout(ANSWER) {
-                Ok(answer) => take(answer)?,
-                Err(RecvTimeoutError::Timeout) => return Err(gone()),
-                Err(RecvTimeoutError::Disconnected) => break,
-            }
-        }
-        let fault = |error: postgres::Error| HistoryError::Database {
-            place: self.place.clone(),
-            message: with_cause(&error),
-        };
-        end.try_recv().map_err(|_| gone())?.map_err(fault)
-    }
-
-    fn batch(&self, statement: &'static str) -> Result<(), HistoryError> {
-        self.ask::<()>(|client, _| client.batch_execute(statement), &mut |()| Ok(()))
     }
 }
 
@@ -199,35 +193,22 @@ fn value(row: &Row, column: usize) -> Result<Value, postgres::Error> {
 }
 
 impl Database for Postgres {
-    fn types(&self) -> ColumnTypes {
-        ColumnTypes { bytes: "BYTEA", real: "DOUBLE PRECISION", by_key: "" }
-    }
-
-    fn count_of_table(&self) -> &'static str {
-        "SELECT COUNT(*) FROM pg_catalog.pg_tables WHERE schemaname = current_schema() AND tablename = $1"
-    }
-
-    /// A server's database is often shared, and the history's tables have names of their own.
-    fn is_foreign(&mut self) -> Result<bool, HistoryError> {
-        Ok(false)
+    fn dialect(&self) -> Dialect {
+        Dialect {
+            bytes: "BYTEA",
+            real: "DOUBLE PRECISION",
+            by_key: "",
+            count_of_table: "SELECT COUNT(*) FROM pg_catalog.pg_tables \
+                             WHERE schemaname = current_schema() AND tablename = $1",
+            // A server's database is often shared, and the history's tables have names of their own.
+            count_of_all: None,
+        }
     }
 
     fn begin(&mut self) -> Result<(), HistoryError> {
-        self.batch("BEGIN")?;
-        self.rows("SELECT CAST(pg_advisory_xact_lock($1) AS TEXT)", &[Value::Integer(LOCK)])
-            .map(drop)
-    }
-
-    fn commit(&mut self) -> Result<(), HistoryError> {
-        self.batch("COMMIT")
-    }
-
-    fn execute(&mut self, statement: &str, values: Vec<Value>) -> Result<(), HistoryError> {
-        let statement = statement.to_owned();
-        let work = move |client: &mut Client, _: &SyncSender<()>| {
-            client.execute(&statement, &values.iter().map(bound).collect_vec()).map(drop)
-        };
-        self.ask(work, &mut |()| Ok(()))
+        self.execute("BEGIN", Vec::new())?;
+        let lock = "SELECT CAST(pg_advisory_xact_lock($1) AS TEXT)";
+        self.execute(lock, vec![Value::Integer(LOCK)])
     }
 
     fn each(
@@ -236,24 +217,22 @@ impl Database for Postgres {
         values: Vec<Value>,
         take: &mut dyn FnMut(Vec<Value>) -> Result<(), HistoryError>,
     ) -> Result<(), HistoryError> {
-        let statement = statement.to_owned();
-        let work = move |client: &mut Client, found: &SyncSender<Vec<Vec<Value>>>| {
-            let mut rows = client.query_raw(&statement, values.iter().map(bound))?;
-            let mut batch = Vec::new();
-            while let Some(row) = rows.next()? {
-                let values = (0..row.len()).map(|column| value(&row, column));
-                batch.push(values.collect::<Result<_, _>>()?);
-                // Where nobody listens any more the rest is left.
-                if batch.len() == BATCH && found.send(std::mem::take(&mut batch)).is_err() {
-                    return Ok(());
-                }
-            }
-            let _ = found.send(batch);
-            Ok(())
-        };
-        let mut count = 0;
-        self.ask(work, &mut |rows: Vec<Vec<Value>>| {
-            rows.into_iter().try_for_each(|row| counted(&mut count).and_then(|()| take(row)))
-        })
+        let (answers, found) = mpsc::sync_channel(BATCHES);
+        let place = || self.place.clone();
+        let silent = || format!("no answer within {} s", ANSWER.as_secs());
+        let gone = || HistoryError::Unreachable { place: place(), message: silent() };
+        let job = Job { statement: statement.to_owned(), values, answers };
+        self.jobs.send(job).map_err(|_| gone())?;
+        let (mut count, mut is_last) = (0, false);
+        while !is_last {
+            let batch = found.recv_timeout(ANSWER).map_err(|_| gone())?;
+            let batch = batch.map_err(|error| HistoryError::Database {
+                place: place(),
+                message: with_cause(&error),
+            })?;
+            is_last = batch.len() < BATCH;
+            batch.into_iter().try_for_each(|row| counted(&mut count).and_then(|()| take(row)))?;
+        }
+        Ok(())
     }
 }

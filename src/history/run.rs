@@ -1,6 +1,6 @@
 //! A run as a history takes it: the bytes of its records, and the figures of each cell.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use sha2::{Digest, Sha256};
 use super::HistoryError;
 use fathom_base::folder;
 use fathom_record as record;
-use fathom_record::{Cell, Clock, Damaged, Estimate, Measured, Record, Run, ShaderChecks};
+use fathom_record::{Cell, Clock, Damaged, Estimate, Measured, Name, Record, Run, ShaderChecks};
 
 /// Name of the figure that is a frame's time without per-stage timing.
 pub const FRAME: &str = "frame";
@@ -24,38 +24,23 @@ const CONFIGURATION_DIGITS: usize = 16;
 /// Largest file of records that a history takes, bytes: a row of SQLite holds at most 1 GB.
 pub const MAX_RECORDS: u64 = 900 << 20;
 
-/// What makes figures of different runs comparable, but for machine and branch. Keys share their texts.
+/// What makes figures of different runs comparable, but for machine and branch.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct FigureKey {
-    pub adapter: Arc<str>,
+    pub adapter: Name,
     /// Name, version and interface.
-    pub driver: Arc<str>,
+    pub driver: Name,
     /// With the shader checks where they are off.
-    pub profile: Arc<str>,
+    pub profile: Name,
     /// `EXPERIMENT CELL`.
-    pub cell: Arc<str>,
+    pub cell: Name,
     /// Digest of pipeline, scene, stand-ins and all parameters: the same cell with another parameter is another one.
-    pub configuration: Arc<str>,
+    pub configuration: Name,
     /// A stage, `frame`, or the name of an error.
-    pub figure: Arc<str>,
-    pub unit: Arc<str>,
+    pub figure: Name,
+    pub unit: Name,
     /// That timed a stage; empty for other figures.
-    pub clock: Arc<str>,
-}
-
-/// Each text once.
-#[derive(Default)]
-pub struct Texts(HashSet<Arc<str>>);
-
-impl Texts {
-    pub fn shared(&mut self, text: &str) -> Arc<str> {
-        if let Some(known) = self.0.get(text) {
-            return Arc::clone(known);
-        }
-        let text: Arc<str> = text.into();
-        self.0.insert(Arc::clone(&text));
-        text
-    }
+    pub clock: Name,
 }
 
 /// A run that was read and found sound.
@@ -81,7 +66,7 @@ pub struct NewRun {
 pub struct NewFigure {
     pub key: FigureKey,
     /// The machine that measured it, where the records name it.
-    pub host: Option<Arc<str>>,
+    pub host: Option<Name>,
     pub value: Estimate,
 }
 
@@ -149,7 +134,6 @@ impl<R: Read> Read for Copied<R> {
 /// What the records of a run hold, as they come.
 #[derive(Default)]
 struct Found {
-    texts: Texts,
     /// Of the first record, where that is one.
     first: Option<Run>,
     header: Option<Run>,
@@ -186,8 +170,8 @@ impl Found {
 
     fn add(&mut self, cell: &Cell, measured: &Measured) {
         let Some(run) = &self.header else { return };
-        let host = run.conditions.host.as_deref().map(|host| self.texts.shared(host));
-        for (key, value) in of_cell(run, cell, measured, &mut self.texts) {
+        let host = run.conditions.host.as_deref().map(Name::from);
+        for (key, value) in of_cell(run, cell, measured) {
             let place = *self.places.entry(key.digest()).or_insert(self.figures.len());
             let figure = NewFigure { key, host: host.clone(), value };
             match self.figures.get_mut(place) {
@@ -231,6 +215,12 @@ pub fn digest_of<'a>(names: impl IntoIterator<Item = &'a str>) -> KeyDigest {
 }
 
 impl FigureKey {
+    /// From [`Self::names`].
+    pub fn of_names(names: [Name; 8]) -> Self {
+        let [adapter, driver, profile, cell, configuration, figure, unit, clock] = names;
+        Self { adapter, driver, profile, cell, configuration, figure, unit, clock }
+    }
+
     /// In the order of the columns that store them.
     pub fn names(&self) -> [&str; 8] {
         let Self { adapter, driver, profile, cell, configuration, figure, unit, clock } = self;
@@ -243,26 +233,21 @@ impl FigureKey {
 }
 
 /// Frame, stages whose times are above the clock's resolution, and errors that are numbers.
-fn of_cell(
-    run: &Run,
-    cell: &Cell,
-    measured: &Measured,
-    texts: &mut Texts,
-) -> Vec<(FigureKey, Estimate)> {
+fn of_cell(run: &Run, cell: &Cell, measured: &Measured) -> Vec<(FigureKey, Estimate)> {
     let profile = match run.shader_checks {
         ShaderChecks::Checked => run.profile.name().to_owned(),
         ShaderChecks::Unchecked => format!("{}, unchecked", run.profile.name()),
     };
     let configuration = hex::encode(Sha256::digest(cell.resume_key()));
     let of_all = FigureKey {
-        adapter: texts.shared(&run.adapter.name),
-        driver: texts.shared(&driver(run)),
-        profile: texts.shared(&profile),
+        adapter: run.adapter.name.as_str().into(),
+        driver: driver(run).into(),
+        profile: profile.into(),
         cell: format!("{} {}", cell.experiment, cell.cell).trim_end().into(),
-        configuration: texts.shared(&configuration[..CONFIGURATION_DIGITS]),
-        figure: texts.shared(FRAME),
-        unit: texts.shared(NANOSECONDS),
-        clock: texts.shared(""),
+        configuration: configuration[..CONFIGURATION_DIGITS].into(),
+        figure: FRAME.into(),
+        unit: NANOSECONDS.into(),
+        clock: "".into(),
     };
     let frame = measured.is_timed().then(|| (of_all.clone(), measured.frame.untimed));
     let mut figures: Vec<(FigureKey, Estimate)> = frame.into_iter().collect();
@@ -271,12 +256,11 @@ fn of_cell(
         .iter()
         .filter(|stage| stage.time.n > 0 && stage.is_resolved() && stage.clock != Clock::Host);
     for stage in timed {
-        let figure = texts.shared(&stage.stage);
-        let clock = texts.shared(stage.clock.name());
+        let (figure, clock) = (stage.stage.clone(), stage.clock.name().into());
         figures.push((FigureKey { figure, clock, ..of_all.clone() }, stage.time));
     }
     for error in measured.errors.iter().filter(|error| error.value.is_finite()) {
-        let (figure, unit) = (texts.shared(&error.name), texts.shared(&error.unit));
+        let (figure, unit) = (error.name.clone(), error.unit.clone());
         let value = Estimate { median: error.value, interval: None, n: 1 };
         figures.push((FigureKey { figure, unit, ..of_all.clone() }, value));
     }

@@ -12,7 +12,7 @@ use rusqlite::types::{ToSqlOutput, Value as Stored, ValueRef};
 use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, params_from_iter};
 
 use super::HistoryError;
-use super::database::{ColumnTypes, Database, MOST_BYTES, MOST_ROWS, Value, counted};
+use super::database::{Database, Dialect, MOST_BYTES, MOST_ROWS, Value, counted};
 use fathom_base::input;
 
 /// How long a writer waits for another one.
@@ -54,14 +54,8 @@ impl Sqlite {
             connection.progress_handler(STEPS_AT_ONCE, Some(is_endless))?;
             Ok(connection)
         });
-        match opened {
-            Ok(connection) => Ok(Sqlite { path: path.to_owned(), connection, steps }),
-            Err(error) => Err(fault(path)(error)),
-        }
-    }
-
-    fn fault(&self) -> impl Fn(rusqlite::Error) -> HistoryError + use<> {
-        fault(&self.path)
+        let connection = opened.map_err(fault(path))?;
+        Ok(Sqlite { path: path.to_owned(), connection, steps })
     }
 }
 
@@ -112,32 +106,18 @@ impl ToSql for Value {
 }
 
 impl Database for Sqlite {
-    fn types(&self) -> ColumnTypes {
-        ColumnTypes { bytes: "BLOB", real: "REAL", by_key: " WITHOUT ROWID" }
-    }
-
-    fn count_of_table(&self) -> &'static str {
-        "SELECT COUNT(*) FROM sqlite_master WHERE type = 'table' AND name = $1"
-    }
-
-    fn is_foreign(&mut self) -> Result<bool, HistoryError> {
-        let rows = self.rows("SELECT COUNT(*) FROM sqlite_master", &[])?;
-        Ok(rows[0][0].integer() > 0)
+    fn dialect(&self) -> Dialect {
+        Dialect {
+            bytes: "BLOB",
+            real: "REAL",
+            by_key: " WITHOUT ROWID",
+            count_of_table: "SELECT COUNT(*) FROM sqlite_master WHERE type = 'table' AND name = $1",
+            count_of_all: Some("SELECT COUNT(*) FROM sqlite_master"),
+        }
     }
 
     fn begin(&mut self) -> Result<(), HistoryError> {
-        self.connection.execute_batch("BEGIN IMMEDIATE").map_err(self.fault())
-    }
-
-    fn commit(&mut self) -> Result<(), HistoryError> {
-        self.connection.execute_batch("COMMIT").map_err(self.fault())
-    }
-
-    fn execute(&mut self, statement: &str, values: Vec<Value>) -> Result<(), HistoryError> {
-        self.steps.store(0, Ordering::Relaxed);
-        let prepared = self.connection.prepare_cached(statement);
-        let executed = prepared.and_then(|mut it| it.execute(params_from_iter(&values)));
-        executed.map(drop).map_err(self.fault())
+        self.execute("BEGIN IMMEDIATE", Vec::new())
     }
 
     fn each(
@@ -147,7 +127,7 @@ impl Database for Sqlite {
         take: &mut dyn FnMut(Vec<Value>) -> Result<(), HistoryError>,
     ) -> Result<(), HistoryError> {
         self.steps.store(0, Ordering::Relaxed);
-        let fault = self.fault();
+        let fault = fault(&self.path);
         let mut prepared = self.connection.prepare_cached(statement).map_err(&fault)?;
         let columns = prepared.column_count();
         let mut rows = prepared.query(params_from_iter(&values)).map_err(&fault)?;

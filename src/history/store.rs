@@ -8,7 +8,7 @@ use flate2::read::GzDecoder;
 use itertools::Itertools;
 use jiff::Timestamp;
 
-use super::database::{self, Database, Location, Value};
+use super::database::{self, Database, Dialect, Location, Value};
 use super::run::{FigureKey, KeyDigest, MAX_RECORDS, NewFigure, NewRun, digest_of};
 use super::{FORMAT, HistoryError, Origin};
 use fathom_base::input::{self, Limited};
@@ -21,33 +21,12 @@ const LEAST_DIGITS: usize = 4;
 /// The table that says that a database is a history.
 const MARK: &str = "fathom_history";
 
-const SERIES_COLUMNS: [&str; 10] = [
-    "id",
-    "machine",
-    "adapter",
-    "driver",
-    "profile",
-    "cell",
-    "configuration",
-    "figure",
-    "unit",
-    "clock",
-];
-const FIGURE_COLUMNS: [&str; 6] = ["series", "run", "median", "low", "high", "n"];
-const RUN_COLUMNS: [&str; 12] = [
-    "id",
-    "digest",
-    "commit_name",
-    "committed_at",
-    "branch",
-    "machine",
-    "adapter",
-    "driver",
-    "started_at",
-    "cells",
-    "figures",
-    "records",
-];
+/// Columns of `fathom_series` after the id.
+pub(super) const SERIES_COLUMNS: &str =
+    "machine, adapter, driver, profile, cell, configuration, figure, unit, clock";
+pub(super) const FIGURE_COLUMNS: &str = "series, run, median, low, high, n";
+/// Columns of `fathom_run` before the records.
+pub(super) const RUN_COLUMNS: &str = "id, digest, commit_name, committed_at, branch, machine, adapter, driver, started_at, cells, figures";
 
 /// An open history.
 pub struct History {
@@ -98,19 +77,25 @@ impl History {
     /// Whether the tables are there, in this build's format.
     fn look(&mut self) -> Result<(), HistoryError> {
         let place = || self.place.clone();
-        if !self.database.has_table(MARK)? {
-            let foreign = self.database.is_foreign()?;
-            return if foreign { Err(HistoryError::Foreign { place: place() }) } else { Ok(()) };
+        let Dialect { count_of_table, count_of_all, .. } = self.database.dialect();
+        if self.database.integer(count_of_table, &[Value::Text(MARK.to_owned())])? == 0 {
+            let others = count_of_all.map(|all| self.database.integer(all, &[])).transpose()?;
+            return match others {
+                Some(1..) => Err(HistoryError::Foreign { place: place() }),
+                _ => Ok(()),
+            };
         }
         let rows = self.database.rows("SELECT format FROM fathom_history", &[])?;
         match rows.first().and_then(|row| row.first()) {
-            Some(Value::Integer(FORMAT)) => self.is_made = true,
-            Some(Value::Integer(found)) => {
-                return Err(HistoryError::Format { place: place(), found: *found });
+            Some(Value::Integer(FORMAT)) => {
+                self.is_made = true;
+                Ok(())
             }
-            _ => return Err(HistoryError::Foreign { place: place() }),
+            Some(Value::Integer(found)) => {
+                Err(HistoryError::Format { place: place(), found: *found })
+            }
+            _ => Err(HistoryError::Foreign { place: place() }),
         }
-        Ok(())
     }
 
     /// Stores a run, all or nothing. The same run again changes nothing.
@@ -145,7 +130,7 @@ impl History {
             Value::Integer(run.figures.len() as i64),
             Value::Bytes(Arc::clone(&run.packed)),
         ];
-        self.insert("fathom_run", &RUN_COLUMNS, vec![row])?;
+        self.insert("fathom_run", &format!("{RUN_COLUMNS}, records"), vec![row])?;
         self.add_figures(id, run, origin)?;
         self.database.commit()?;
         self.is_made = true;
@@ -153,7 +138,7 @@ impl History {
     }
 
     fn make(&mut self) -> Result<(), HistoryError> {
-        let database::ColumnTypes { bytes, real, by_key } = self.database.types();
+        let Dialect { bytes, real, by_key, .. } = self.database.dialect();
         let statements = [
             "CREATE TABLE fathom_history (format BIGINT NOT NULL)".to_owned(),
             format!(
@@ -213,7 +198,7 @@ impl History {
 
     fn next_id(&mut self, table: &str) -> Result<i64, HistoryError> {
         let statement = format!("SELECT COALESCE(MAX(id), 0) FROM {table}");
-        Ok(self.database.rows(&statement, &[])?[0][0].integer() + 1)
+        Ok(self.database.integer(&statement, &[])? + 1)
     }
 
     fn add_figures(&mut self, run: i64, new: &NewRun, origin: &Origin) -> Result<(), HistoryError> {
@@ -235,8 +220,8 @@ impl History {
                 );
                 figures.push(figure_row(id, run, value));
             }
-            self.insert("fathom_series", &SERIES_COLUMNS, series)?;
-            self.insert("fathom_figure", &FIGURE_COLUMNS, figures)?;
+            self.insert("fathom_series", &format!("id, {SERIES_COLUMNS}"), series)?;
+            self.insert("fathom_figure", FIGURE_COLUMNS, figures)?;
         }
         Ok(())
     }
@@ -247,8 +232,8 @@ impl History {
         machine: &str,
         known: &mut HashMap<KeyDigest, i64>,
     ) -> Result<(), HistoryError> {
-        let columns = SERIES_COLUMNS[1..].join(", ");
-        let statement = format!("SELECT {columns}, id FROM fathom_series WHERE machine = $1");
+        let statement =
+            format!("SELECT {SERIES_COLUMNS}, id FROM fathom_series WHERE machine = $1");
         self.database.each(&statement, vec![Value::name(machine)], &mut |mut row| {
             let id = row.pop().map_or(0, |id| id.integer());
             known.insert(digest_of(row.iter().map(Value::as_text)), id);
@@ -260,19 +245,18 @@ impl History {
     fn insert(
         &mut self,
         table: &str,
-        columns: &[&str],
+        columns: &str,
         rows: Vec<Vec<Value>>,
     ) -> Result<(), HistoryError> {
+        let mut places = 1..;
+        let mut place =
+            |_: &Value| places.next().map_or_else(String::new, |place| format!("${place}"));
+        let row = |row: &Vec<Value>| format!("({})", row.iter().map(&mut place).join(", "));
         if rows.is_empty() {
             return Ok(());
         }
-        let row = |row: usize| {
-            let first = row * columns.len() + 1;
-            let places = first..first + columns.len();
-            format!("({})", places.map(|place| format!("${place}")).join(", "))
-        };
-        let values = (0..rows.len()).map(row).join(", ");
-        let statement = format!("INSERT INTO {table} ({}) VALUES {values}", columns.join(", "));
+        let values = rows.iter().map(row).join(", ");
+        let statement = format!("INSERT INTO {table} ({columns}) VALUES {values}");
         self.database.execute(&statement, rows.into_iter().flatten().collect())
     }
 

@@ -1,8 +1,6 @@
 //! What a history holds: runs in their order, and series of figures over them.
 
 use std::collections::HashMap;
-use std::fmt;
-use std::sync::Arc;
 
 use itertools::Itertools;
 use jiff::Timestamp;
@@ -10,10 +8,11 @@ use jiff::civil::Date;
 use jiff::tz::TimeZone;
 
 use super::database::{Value, keep};
-use super::run::{FigureKey, NANOSECONDS, Texts};
+use super::run::{FigureKey, NANOSECONDS};
+use super::store::{FIGURE_COLUMNS, RUN_COLUMNS, SERIES_COLUMNS};
 use super::{History, HistoryError};
 use fathom_base::text;
-use fathom_record::{Estimate, Interval};
+use fathom_record::{Estimate, Interval, Name};
 
 /// Digits of a commit or a run that people read.
 const SHORT: usize = 10;
@@ -64,7 +63,7 @@ fn shortened(name: &str) -> String {
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SeriesKey {
     pub branch: String,
-    pub machine: Arc<str>,
+    pub machine: Name,
     pub figure: FigureKey,
 }
 
@@ -74,24 +73,15 @@ impl SeriesKey {
         text::line(&format!("{} {}", self.figure.cell, self.figure.figure))
     }
 
-    /// Where it was measured.
-    pub fn place(&self) -> Place<'_> {
-        Place(self)
+    /// Branch, machine, adapter, driver and profile in words.
+    pub fn place(&self) -> String {
+        let Self { branch, machine, figure } = self;
+        let FigureKey { adapter, driver, profile, .. } = figure;
+        text::line(&format!("{branch} on {machine}: {adapter}, {driver}; {profile}"))
     }
 
     pub fn is_time(&self) -> bool {
-        &*self.figure.unit == NANOSECONDS
-    }
-}
-
-/// Branch, machine, adapter, driver and profile in words.
-pub struct Place<'a>(&'a SeriesKey);
-
-impl fmt::Display for Place<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let SeriesKey { branch, machine, figure } = self.0;
-        let FigureKey { adapter, driver, profile, .. } = figure;
-        f.write_str(&text::line(&format!("{branch} on {machine}: {adapter}, {driver}; {profile}")))
+        self.figure.unit == NANOSECONDS
     }
 }
 
@@ -129,14 +119,14 @@ pub struct Selection {
 }
 
 /// Machines and figures by the ids of their series.
-type Keys = HashMap<i64, (Arc<str>, FigureKey)>;
+type Keys = HashMap<i64, (Name, FigureKey)>;
 
 impl History {
     /// The runs that a selection leaves, in their order.
     pub fn runs(&mut self, selection: &Selection) -> Result<Vec<StoredRun>, HistoryError> {
-        let statement = "SELECT id, digest, commit_name, committed_at, branch, machine, adapter, driver, started_at, cells, \
-             figures FROM fathom_run ORDER BY committed_at, started_at, id";
-        let rows = self.database.rows(statement, &[])?;
+        let statement =
+            format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
+        let rows = self.database.rows(&statement, &[])?;
         let mut runs: Vec<StoredRun> = rows.iter().map(|row| of_row(row)).collect();
         if let Some(since) = &selection.since {
             let since = moment(since, &runs)?;
@@ -170,21 +160,11 @@ impl History {
 
     /// Machines and figures by the ids of their series.
     fn keys(&mut self, filter: &str) -> Result<Keys, HistoryError> {
-        let statement = "SELECT id, machine, adapter, driver, profile, cell, configuration, figure, unit, clock \
-             FROM fathom_series";
-        let (mut texts, mut keys, mut bytes) = (Texts::default(), HashMap::new(), 0);
-        self.database.each(statement, Vec::new(), &mut |row| {
-            let mut name = |column: usize| texts.shared(row[column].as_text());
-            let key = FigureKey {
-                adapter: name(2),
-                driver: name(3),
-                profile: name(4),
-                cell: name(5),
-                configuration: name(6),
-                figure: name(7),
-                unit: name(8),
-                clock: name(9),
-            };
+        let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
+        let (mut keys, mut bytes) = (HashMap::new(), 0);
+        self.database.each(&statement, Vec::new(), &mut |row| {
+            let name = |column: usize| Name::from(row[column].as_text());
+            let key = FigureKey::of_names(std::array::from_fn(|at| name(2 + at)));
             if format!("{} {}", key.cell, key.figure).contains(filter) {
                 keep(&mut bytes, &row)?;
                 keys.insert(row[0].integer(), (name(1), key));
@@ -204,8 +184,7 @@ impl History {
             runs.iter().enumerate().map(|(at, run)| (run.id, at)).collect();
         let mut values: HashMap<i64, Vec<Point>> =
             keys.keys().map(|id| (*id, Vec::new())).collect();
-        let mut statement =
-            "SELECT series, run, median, low, high, n FROM fathom_figure".to_owned();
+        let mut statement = format!("SELECT {FIGURE_COLUMNS} FROM fathom_figure");
         let mut asked = Vec::new();
         if keys.len() <= MOST_ASKED && !keys.is_empty() {
             asked = keys.keys().map(|id| Value::Integer(*id)).collect_vec();
@@ -255,7 +234,7 @@ fn estimate(row: [Value; 4]) -> Option<Estimate> {
 
 /// A series for each branch that has values of it.
 fn grouped(keys: Keys, mut values: HashMap<i64, Vec<Point>>, runs: &[StoredRun]) -> Vec<Series> {
-    let of_key = |(id, (machine, figure)): (i64, (Arc<str>, FigureKey))| {
+    let of_key = |(id, (machine, figure)): (i64, (Name, FigureKey))| {
         let mut points = values.remove(&id).unwrap_or_default();
         points.sort_unstable_by_key(|point| point.run);
         let branches =

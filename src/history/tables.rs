@@ -19,19 +19,15 @@ const MOST_LISTED: usize = 30;
 pub fn runs(runs: &[StoredRun]) -> String {
     let head = ["RUN", "COMMIT", "DAY", "BRANCH", "MACHINE", "CELLS", "FIGURES", "ADAPTER"];
     let rows = runs.iter().map(|run| {
-        let (cells, figures) = (run.cells.to_string(), run.figures.to_string());
-        let adapter = format!("{}, {}", run.adapter, run.driver);
-        let names = [run.branch.clone(), run.machine.clone()].map(|name| text::line(&name));
-        let [branch, machine] = names;
         [
             run.short_digest(),
             run.short_commit(),
             run.day(),
-            branch,
-            machine,
-            cells,
-            figures,
-            text::line(&adapter),
+            text::line(&run.branch),
+            text::line(&run.machine),
+            run.cells.to_string(),
+            run.figures.to_string(),
+            text::line(&format!("{}, {}", run.adapter, run.driver)),
         ]
     });
     let rows: Vec<[String; 8]> = std::iter::once(head.map(str::to_owned)).chain(rows).collect();
@@ -71,7 +67,7 @@ pub fn changes(stored: &StoredRuns, findings: &Findings) -> String {
             format!("{} → {}", before.day(), after.day()),
             format!("{} + {}", change.n[0], change.n[1]),
             series.key.name(),
-            series.key.place().to_string(),
+            series.key.place(),
         ]
     });
     let rows: Vec<[String; 7]> = std::iter::once(head).chain(rows).collect();
@@ -155,14 +151,12 @@ fn of_series(stored: &StoredRuns, series: &Series, changes: &[&Change]) -> Vec<S
                 let sure = if change.is_sure() { "" } else { ", possible" };
                 format!("← {}{sure}", size(change, series))
             });
-            let n = format!("n = {}", point.value.n);
-            let [commit, day] = [run.short_commit(), run.day()];
             [
-                "  ".to_owned() + &commit,
-                day,
+                format!("  {}", run.short_commit()),
+                run.day(),
                 run.short_digest(),
                 value(series, &point.value),
-                n,
+                format!("n = {}", point.value.n),
                 change.unwrap_or_default(),
             ]
         })

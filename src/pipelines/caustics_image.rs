@@ -114,10 +114,7 @@ impl Compared {
     }
 
     /// The signed error: red where too bright, blue where too dark, in full colour from ± the mean irradiance on.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn error_picture(&self) -> Result<ErrorPicture, JudgeError> {
+    pub fn error_picture(&self) -> ErrorPicture {
         let mean = self.exact.mean();
         let errors = Image::of(self.exact.size(), |x, y| {
             let at = |image: &Image| image.clamped(x.into(), y.into());
@@ -130,7 +127,7 @@ impl Compared {
         };
         let picture = RgbImage::from_fn(width, height, color);
         let span = ErrorSpan::new(PICTURE_FULL, errors.data().iter().copied());
-        Ok((picture, PictureScale::IrradianceError(span)))
+        (picture, PictureScale::IrradianceError(span))
     }
 }
 

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use super::lighting::{Composed, Seen};
 use super::occlusion::{Model, OcclusionBuffers};
-use super::{ErrorPicture, Judge, JudgeError, Judged, Pipeline, settings};
+use super::{Pipeline, settings};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::geometry::Geometry;
@@ -89,13 +89,5 @@ impl Pipeline for Hsao {
 
     fn occlusion(&self) -> Option<&OcclusionBuffers> {
         Some(&self.buffers)
-    }
-
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        self.buffers.judge(judge)
-    }
-
-    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
-        self.buffers.error_picture(judge)
     }
 }

@@ -11,6 +11,8 @@ pub mod scalar_ao;
 pub mod screen_tracing;
 pub mod settings;
 pub mod shadow_rays;
+#[cfg(test)]
+mod tests;
 pub mod underwater;
 pub mod volume_ao;
 pub mod voxelization;
@@ -21,8 +23,8 @@ use std::collections::BTreeMap;
 use std::ops::{Deref, DerefMut};
 use std::rc::Rc;
 
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use thiserror::Error;
 
@@ -33,37 +35,79 @@ use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, PictureScale, Work};
 use fathom_reference::ReferenceError;
 use fathom_reference::kept::KeptAnswers;
-use fathom_scene::{Camera, Scene, SceneFile, VolumeFile, assets};
+use fathom_scene::{Camera, Light, Scene, SceneFile, VolumeFile, Water, assets};
 use fathom_stages::kit::{Parts, Resources};
 use occlusion::OcclusionBuffers;
+use settings::Cells;
 
-/// A pipeline's parameters.
+/// A pipeline's parameters. Those that [`Staging`] names shape the scene.
 pub trait Parameters:
-    Setting + Serialize + DeserializeOwned + Clone + for<'f> From<&'f SceneFile> + 'static
+    Setting + Serialize + DeserializeOwned + for<'f> From<&'f SceneFile> + 'static
 {
-    /// The scene file, changed by those parameters that shape the scene.
-    ///
-    /// # Errors
-    /// Parameters that the scene cannot take.
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError>;
-    /// Checks parameters that depend on each other; each is within its range.
+    /// Dotted path of what random numbers are drawn by, where there is such a setting.
+    const SEED: Option<&'static str> = None;
+
+    /// Checks parameters that depend on each other; each is within its range, and those of [`Staging`] are consistent.
     ///
     /// # Errors
     /// One line that names those at fault.
     fn consistent(&self) -> Result<(), ParamError> {
         Ok(())
     }
-    /// What the frame is seen from.
-    fn camera_mut(&mut self) -> &mut Camera;
+
     /// For a picture with `factor` times as many columns and rows, which is then scaled down. Buffers that hold an effect keep their
     /// size, so that only edges and textures change. None where a pipeline has no such picture.
     fn enlarged(&self, _factor: u32) -> Option<Self> {
         None
     }
-    /// What its random numbers are drawn by, where there is such a setting.
-    fn seed_mut(&mut self) -> Option<&mut u32> {
-        None
+}
+
+/// The parameters that shape the scene: those at the top of a pipeline's tree that bear these names.
+#[derive(Deserialize)]
+pub struct Staging {
+    /// What the frame is seen from. Every pipeline has it.
+    pub camera: Camera,
+    pub light: Option<Light>,
+    pub water: Option<Water>,
+    pub floor_depth_m: Option<f64>,
+    /// Only the first objects of the scene file; 0: all.
+    #[serde(default)]
+    pub objects: usize,
+    pub volume: Option<Cells>,
+}
+
+impl Staging {
+    fn of(parameters: &impl Serialize) -> Result<Self, ParamError> {
+        Self::deserialize(parameter::tree(parameters)).map_err(|e| ParamError::Unfit(e.to_string()))
     }
+
+    fn validate(&self) -> Result<(), String> {
+        self.camera.validate()?;
+        self.light.as_ref().map_or(Ok(()), Light::validate)?;
+        self.water.as_ref().map_or(Ok(()), Water::validate)
+    }
+}
+
+/// The scene file, changed by those parameters that shape the scene.
+///
+/// # Errors
+/// Parameters that the scene cannot take.
+pub fn staged(parameters: &impl Serialize, file: &SceneFile) -> Result<SceneFile, ParamError> {
+    let Staging { camera, light, water, floor_depth_m, objects, volume } = Staging::of(parameters)?;
+    let volume = match (volume, &file.volume) {
+        (Some(cells), Some(volume)) => Some(cells.put_into(volume)?),
+        _ => file.volume.clone(),
+    };
+    let kept = if objects == 0 { file.objects.len() } else { objects };
+    Ok(SceneFile {
+        camera,
+        light: light.unwrap_or_else(|| file.light.clone()),
+        water: water.unwrap_or_else(|| file.water.clone()),
+        floor_depth_m: floor_depth_m.unwrap_or(file.floor_depth_m),
+        objects: file.objects.iter().take(kept).cloned().collect(),
+        volume,
+        ..file.clone()
+    })
 }
 
 /// A pipeline: its parameters, its stages and its figures.
@@ -112,13 +156,12 @@ pub trait Pipeline: Sized + 'static {
         None
     }
 
-    /// Errors of the last frame, each with the stage that it judges.
+    /// Errors of the last frame, each with the stage that it judges: by default those of ambient occlusion.
     ///
     /// # Errors
     /// What the GPU reports, and a scene that the reference does not know.
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let _ = judge;
-        Ok(Judged::default())
+        self.occlusion().map_or_else(|| Ok(Judged::default()), |buffers| buffers.judge(judge))
     }
 
     /// Caustics of the last frame beside those of a photon map.
@@ -130,13 +173,18 @@ pub trait Pipeline: Sized + 'static {
         Err(JudgeError::NoCaustics(Self::NAME))
     }
 
-    /// A picture of the error, point by point, and what its colours mean.
+    /// A picture of the error of ambient occlusion or of caustics, point by point, and what its colours mean.
     ///
     /// # Errors
-    /// As [`Self::judge`], and pipelines without such a picture.
+    /// As [`Self::judge`], and pipelines with neither.
     fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
-        let _ = judge;
-        Err(JudgeError::NoPicture(Self::NAME))
+        if let Some(buffers) = self.occlusion() {
+            return buffers.error_picture(judge);
+        }
+        match self.caustics(judge) {
+            Err(JudgeError::NoCaustics(name)) => Err(JudgeError::NoPicture(name)),
+            caustics => Ok(caustics?.error_picture()),
+        }
     }
 }
 
@@ -187,7 +235,7 @@ impl Known {
     /// With the folder of answers that lies beside the assets that were fetched.
     pub fn of_earlier_runs() -> Self {
         let folder = assets::cache().map(|cache| cache.join("references"));
-        Self { kept: KeptAnswers::in_folder(folder), ..Self::default() }
+        Self { kept: KeptAnswers { folder }, ..Self::default() }
     }
 }
 
@@ -266,8 +314,6 @@ pub trait AnyPipeline {
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError>;
     /// See [`Pipeline::error_picture`].
     fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError>;
-    /// For a caller that knows the kind.
-    fn as_any(&self) -> &dyn Any;
 }
 
 impl<P: Pipeline> AnyPipeline for Built<P> {
@@ -314,10 +360,6 @@ impl<P: Pipeline> AnyPipeline for Built<P> {
     fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
         self.pipeline.error_picture(judge)
     }
-
-    fn as_any(&self) -> &dyn Any {
-        self
-    }
 }
 
 /// What a pipeline would consist of.
@@ -353,12 +395,22 @@ pub trait Configuration {
 /// Parameters of pipeline `P`.
 struct Configured<P: Pipeline>(P::Params);
 
+impl<P: Pipeline> Configured<P> {
+    /// The same with another value at a dotted path.
+    fn with(&self, path: &str, value: Value) -> Rc<dyn Configuration> {
+        let mut tree = self.tree();
+        let pointer = format!("/{}", path.replace('.', "/"));
+        *tree.pointer_mut(&pointer).expect("a parameter") = value;
+        Rc::new(Self(serde_json::from_value(tree).expect("of the kind that was there")))
+    }
+}
+
 /// Bytes that the host takes for a pixel of a picture: as it is read back, as four floats, and as it is written.
 const PICTURE_BYTES: u64 = 4 + 16 + 4;
 
 impl<P: Pipeline> Configuration for Configured<P> {
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        self.0.staged(file)
+        staged(&self.0, file)
     }
 
     fn plan(&self, scene: &Scene) -> Result<Plan, GpuError> {
@@ -380,13 +432,11 @@ impl<P: Pipeline> Configuration for Configured<P> {
     }
 
     fn camera(&self) -> Camera {
-        self.0.clone().camera_mut().clone()
+        Staging::of(&self.0).expect("read before").camera
     }
 
     fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration> {
-        let mut params = self.0.clone();
-        *params.camera_mut() = camera;
-        Rc::new(Self(params))
+        self.with("camera", parameter::tree(&camera))
     }
 
     fn enlarged(&self, factor: u32) -> Option<Rc<dyn Configuration>> {
@@ -394,10 +444,9 @@ impl<P: Pipeline> Configuration for Configured<P> {
     }
 
     fn reseeded(&self, added: u32) -> Option<Rc<dyn Configuration>> {
-        let mut params = self.0.clone();
-        let seed = params.seed_mut()?;
-        *seed = seed.wrapping_add(added);
-        Some(Rc::new(Self(params)))
+        let path = P::Params::SEED?;
+        let seed = parameter::get(&self.tree(), path)?.as_u64()? as u32;
+        Some(self.with(path, seed.wrapping_add(added).into()))
     }
 
     fn tree(&self) -> Value {
@@ -440,6 +489,7 @@ impl PipelineKind {
 /// One line that names the parameter at fault.
 pub fn read<T: Parameters>(tree: &Value) -> Result<T, ParamError> {
     let params: T = parameter::read(tree)?;
+    Staging::of(&params)?.validate()?;
     params.consistent()?;
     Ok(params)
 }

@@ -24,7 +24,7 @@ use fathom_stages::planar::points;
 use fathom_stages::scene;
 use fathom_stages::screen_ray::Transfers;
 
-pub use parameters::{Params, Show};
+pub use parameters::Params;
 
 /// Photons counted in an illumination map of a pool's floor and walls.
 pub struct Planar {
@@ -64,7 +64,7 @@ impl Pipeline for Planar {
         let pool = params.pool(&scene.water);
         let photon_w = view.weighted_flux_w() / f64::from(params.photons());
         let map = of_map.push(points::new(of_map, shared, &transfers, &pool, photon_w)?);
-        let (exposure, shown) = (params.compose.exposure, params.compose.shown());
+        let (exposure, shown) = (params.compose.exposure, params.compose.show);
         let lit = (&map, &pool);
         let compose = compose::new(of_view, shared, &gbuffer, lit, exposure, shown)?;
         let image = of_view.push(compose);

@@ -69,13 +69,7 @@ settings! {
 const MOST_PIXELS: usize = 20_000;
 
 impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        Ok(SceneFile { camera: self.camera.clone(), light: self.light.clone(), ..file.clone() })
-    }
-
     fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        self.light.validate()?;
         let (count, layers) = (self.refraction.count, self.ldi.layers);
         if self.refraction.method == Method::Trace && count > layers {
             return Err(ParamError::Unfit(format!(
@@ -83,10 +77,6 @@ impl Parameters for Params {
             )));
         }
         Ok(())
-    }
-
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
     }
 }
 

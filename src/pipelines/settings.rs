@@ -7,7 +7,7 @@ use fathom_base::choices;
 use fathom_base::parameter::{ParamError, within};
 use fathom_base::settings;
 use fathom_gpu::GpuError;
-use fathom_scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
+use fathom_scene::{Bounds, Camera, Grid, Light, Scene, VolumeFile};
 use fathom_stages::ao::compose::LightingUniforms;
 use fathom_stages::ao::glass::GlassUniforms;
 use fathom_stages::bilateral::BilateralUniforms;
@@ -243,22 +243,6 @@ pub fn deform(
         .transpose()
 }
 
-/// The scene file with a pipeline's floor, camera and light put in, and of its objects the first `objects` (0: all).
-pub fn staged(
-    file: &SceneFile,
-    floor_depth_m: f64,
-    camera: &Camera,
-    light: &Light,
-    objects: u32,
-) -> SceneFile {
-    let mut file =
-        SceneFile { floor_depth_m, camera: camera.clone(), light: light.clone(), ..file.clone() };
-    if objects > 0 {
-        file.objects.truncate(objects as usize);
-    }
-    file
-}
-
 /// What a pipeline shows its stages where none of them looks photons up in the light's depth.
 pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> frame::View {
     frame::View {
@@ -310,6 +294,34 @@ impl Transfer {
 
     pub fn uniforms(&self) -> MapUniforms {
         MapUniforms { grid: UVec2::from(self.grid) }
+    }
+}
+
+settings! {
+    /// How finely the scene's volume is sampled.
+    pub struct Cells from volume: VolumeFile {
+        /// Cells along x, y and z of a generated volume; all 0: the generator's own number.
+        cells: [u32; 3] = volume.cells => 0 ..= 4_294_967_295u32, "1";
+        /// Each axis has so many times fewer cells.
+        reduce: u32 = volume.reduce => 0 ..= 4_294_967_295u32, "1";
+    }
+}
+
+impl Cells {
+    /// The scene's volume with these cells.
+    ///
+    /// # Errors
+    /// Cells that a file or an asset gives itself.
+    pub fn put_into(&self, volume: &VolumeFile) -> Result<VolumeFile, ParamError> {
+        if self.cells != volume.cells && volume.generator.is_none() {
+            return Err(ParamError::Unfit(format!(
+                "volume.cells is {:?}: the scene's volume is not generated, only volume.reduce changes its cells",
+                self.cells
+            )));
+        }
+        let volume = VolumeFile { cells: self.cells, reduce: self.reduce, ..volume.clone() };
+        volume.validate()?;
+        Ok(volume)
     }
 }
 

@@ -43,18 +43,8 @@ const MOST_PIXELS: usize = 40_000;
 const OFF_M: f64 = 1e-4;
 
 impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        Ok(SceneFile { camera: self.camera.clone(), light: self.light.clone(), ..file.clone() })
-    }
-
     fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        self.light.validate()?;
         self.rays.fits(self.view.width.saturating_mul(self.view.height), 1, VIEWPORT)
-    }
-
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
     }
 }
 
@@ -212,23 +202,6 @@ fn to_light(view: &View, place: DVec3) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_picture_of_more_pixels_than_can_be_counted_is_planned() {
-        let file = SceneFile::load("ball").unwrap();
-        let mut tree = fathom_base::parameter::tree(&Params::from(&file));
-        for (path, value) in [
-            ("view.width", 1_000_000.into()),
-            ("view.height", 1_000_000.into()),
-            ("rays.method", "march".into()),
-        ] {
-            fathom_base::parameter::set(&mut tree, path, value).unwrap();
-        }
-        let kind = super::super::PipelineKind::of::<ShadowRays>();
-        let plan = (kind.configure)(&tree).unwrap().plan(&Scene::build(&file).unwrap()).unwrap();
-        // The room for rays is counted, and no adapter has it.
-        assert!(plan.demand.held_bytes() > 1 << 36);
-    }
 
     #[test]
     fn both_kinds_of_wrong_pixels_are_told_apart() {

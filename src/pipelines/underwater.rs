@@ -14,7 +14,7 @@ use serde_json::Value;
 
 use super::caustics_image::{Compared, IMAGE_ERROR};
 use super::settings::{VIEWPORT, scaled};
-use super::{ErrorPicture, Judge, JudgeError, Judged, Pipeline};
+use super::{Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::caustics::mesh::{self, MeshUniforms};
@@ -132,10 +132,6 @@ impl Pipeline for Underwater {
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
         let found = self.found_caustics(judge)?;
         Compared::new(judge, &self.view, &found)
-    }
-
-    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
-        self.caustics(judge)?.error_picture()
     }
 }
 

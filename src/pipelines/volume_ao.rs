@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 
 use glam::DMat4;
 
+use super::Pipeline;
 use super::lighting::{Composed, Seen};
 use super::occlusion::OcclusionBuffers;
 use super::settings::{self, Update};
 use super::voxelization::{self, Voxelization};
-use super::{ErrorPicture, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::ao;
@@ -100,14 +100,6 @@ impl Pipeline for VolumeAo {
 
     fn occlusion(&self) -> Option<&OcclusionBuffers> {
         Some(&self.buffers)
-    }
-
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        self.buffers.judge(judge)
-    }
-
-    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
-        self.buffers.error_picture(judge)
     }
 }
 

@@ -33,23 +33,13 @@ fathom_base::settings! {
 }
 
 impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        Ok(settings::staged(file, self.floor_depth_m, &self.camera, &self.light, self.objects))
-    }
-
     fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        self.light.validate()?;
         self.voxel.consistent()?;
         if self.voxel.update == Update::Once {
             let fault = "voxel.update is once: that leaves a frame of voxelize nothing to do; use every_frame";
             return Err(ParamError::Unfit(fault.into()));
         }
         Ok(())
-    }
-
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
     }
 
     fn enlarged(&self, factor: u32) -> Option<Self> {
@@ -118,57 +108,5 @@ impl Pipeline for Voxelize {
             ("texture_volume_bytes", sum(|v| texture_bytes(&v.texture))),
         ];
         Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn params(change: impl FnOnce(&mut Params)) -> Result<Params, ParamError> {
-        let mut params = Params::from(&SceneFile::load("plane").unwrap());
-        change(&mut params);
-        crate::read(&fathom_base::parameter::tree(&params))
-    }
-
-    #[test]
-    fn faults_name_the_parameter_and_its_range() {
-        assert!(params(|_| ()).is_ok());
-        let fault = |change: fn(&mut Params)| params(change).unwrap_err().to_string();
-        assert!(fault(|p| p.voxel.resolution = 3).contains("voxel.resolution is 3"));
-        assert!(fault(|p| p.voxel.cells = [0, 4, 4]).contains("voxel.cells is 0"));
-        assert!(fault(|p| p.animation.rate_hz = f64::NAN).contains("animation.rate_hz"));
-        assert!(fault(|p| p.voxel.update = Update::Once).contains("voxel.update is once"));
-        assert!(fault(|p| p.view.width = 0).contains("view.width is 0"));
-    }
-
-    #[test]
-    fn what_an_adapter_lacks_is_named_before_anything_is_made() {
-        let file = SceneFile::load("plane").unwrap();
-        let scene = Scene::build(&file).unwrap();
-        let limits = wgpu::Limits { max_texture_dimension_3d: 256, ..wgpu::Limits::default() };
-        let beyond = |change: &dyn Fn(&mut Params)| -> String {
-            let mut params = Params::from(&file);
-            change(&mut params);
-            let kind = crate::PipelineKind::of::<Voxelize>();
-            let configured = (kind.configure)(&fathom_base::parameter::tree(&params)).unwrap();
-            configured.plan(&scene).unwrap().demand.check(&limits).unwrap_err()
-        };
-        let message = beyond(&|p| p.voxel.resolution = 512);
-        assert!(message.contains("voxel.resolution: asks 512 of max_texture_dimension_3d"));
-        let message = beyond(&|p| {
-            p.voxel.cells = [256; 3];
-            p.voxel.origin_m = [-10.0, -4.0, -10.0];
-            p.voxel.voxel_m = 0.1;
-            p.voxel.method = settings::Method::MaxAlpha;
-            p.view.width = 9000;
-        });
-        assert!(message.contains("view.width"), "{message}");
-        let message = beyond(&|p| {
-            p.voxel.cells = [2000, 2000, 4000];
-            p.voxel.origin_m = [-10.0, -4.0, -10.0];
-            p.voxel.voxel_m = 0.1;
-        });
-        assert!(message.contains("voxel.cells"), "{message}");
     }
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use fathom::compare::bench::Processes;
 use fathom::compare::launch::{
-    Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
+    Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
 };
 use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
 use fathom::compare::rounds::{self, Before, RoleFault, WorkerRole};
@@ -83,7 +83,7 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     }
     let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
     assert_eq!(judged.cells.len(), 2);
-    assert!(judged.cells.iter().all(|cell| cell.launches == 2 && cell.change.is_finite()));
+    assert!(judged.cells.iter().all(|cell| cell.launches.len() == 2 && cell.change.is_finite()));
     assert!(judged.controls.len() == 1);
 }
 
@@ -191,7 +191,7 @@ fn reason_of_bad(faults: &[Fault]) -> String {
 }
 
 /// The patience with a worker that answers no sample at all. It need not be long.
-const HUNG: Patience = Patience { slow: Duration::from_secs(180), sample: Duration::from_secs(1) };
+const HUNG: Duration = Duration::from_secs(1);
 
 /// A worker that hangs for ever where its folder stays, and ends soon after it is gone.
 fn hangs(folder: &Path) -> String {
@@ -204,7 +204,7 @@ fn hangs_alone() -> String {
     let folder = tempfile::tempdir().unwrap();
     let base = script(folder.path(), "base", "echo '{\"message\":\"sample\",\"ns\":[5000000]}'");
     let mut head = script(folder.path(), "head", &hangs(folder.path()));
-    head.patience = HUNG;
+    head.sample_patience = HUNG;
     let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
     let control = Some(CellId::new("toy", "good"));
     let schedule = Schedule { control, ..schedule(&[("toy", "bad")], 3, 2) };
@@ -252,7 +252,7 @@ fn a_hung_worker_is_killed_for_certain() {
             ..Script::default()
         },
     );
-    start.patience = HUNG;
+    start.sample_patience = HUNG;
     let mut worker = WorkerProcess::start(&start).unwrap();
     worker.greeted(&Waiting::PLAINLY).unwrap();
     let request =

@@ -14,7 +14,7 @@ mod voxelize;
 
 use fathom::gpu::{Gpu, Options, Pixels};
 use fathom::parameter;
-use fathom::pipelines::{AnyPipeline, Built, Parameters, Pipeline, PipelineKind};
+use fathom::pipelines::{AnyPipeline, Built, Pipeline, PipelineKind};
 use fathom::scene::{Scene, SceneFile};
 
 fn gpu() -> Gpu {
@@ -30,7 +30,7 @@ fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &str) -> (Scene, P::Params
         parameter::set(&mut tree, &path, value).unwrap();
     }
     let params: P::Params = fathom::pipelines::read(&tree).unwrap();
-    let scene = Scene::build(&params.staged(&file).unwrap()).unwrap();
+    let scene = Scene::build(&fathom::pipelines::staged(&params, &file).unwrap()).unwrap();
     let configured = (PipelineKind::of::<P>().configure)(&tree).unwrap();
     gpu.check(&configured.plan(&scene).unwrap().demand).unwrap();
     (scene, params)

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, GpuError, read_texture};
-use fathom::parameter::ParamError;
 use fathom::pipelines::settings::View;
 use fathom::pipelines::{Parameters, Pipeline};
 use fathom::scene::{Camera, Scene, SceneFile, Water};
@@ -31,21 +30,7 @@ fathom::settings! {
     }
 }
 
-impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        let (camera, water) = (self.camera.clone(), self.water.clone());
-        Ok(SceneFile { camera, water, ..file.clone() })
-    }
-
-    fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        Ok(self.water.validate()?)
-    }
-
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
-    }
-}
+impl Parameters for Params {}
 
 /// Rings of ripples, blurred.
 pub struct Ripples {

@@ -81,7 +81,7 @@ fn throttled(time: &CellTime) -> Option<String> {
     Some(format!(
         "clocks held down ({}) in {base} of {n} launches of the base and {head} of the head{doubt}",
         machine::words(reasons),
-        n = time.launches
+        n = time.launches.len()
     ))
 }
 

@@ -6,18 +6,10 @@ use crate::run::FigureKey;
 use crate::stored::{Point, SeriesKey};
 
 fn key(cell: usize) -> SeriesKey {
-    let text = std::sync::Arc::<str>::from;
-    let figure = FigureKey {
-        adapter: text("a"),
-        driver: text("d"),
-        profile: text("quick"),
-        cell: format!("cell {cell}").into(),
-        configuration: text("0"),
-        figure: text("frame"),
-        unit: text("ns"),
-        clock: text(""),
-    };
-    SeriesKey { branch: "main".to_owned(), machine: text("m"), figure }
+    let cell = format!("cell {cell}");
+    let names = ["a", "d", "quick", &cell, "0", "frame", "ns", ""];
+    let figure = FigureKey::of_names(names.map(Into::into));
+    SeriesKey { branch: "main".to_owned(), machine: "m".into(), figure }
 }
 
 fn stored(series: Vec<Vec<f64>>) -> StoredRuns {

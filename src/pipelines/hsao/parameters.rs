@@ -3,10 +3,7 @@
 use glam::Vec2;
 
 use crate::Parameters;
-use crate::settings::{
-    Animation, Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, View, scaled, staged,
-};
-use fathom_base::parameter::ParamError;
+use crate::settings::{Animation, Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, View, scaled};
 use fathom_base::settings;
 use fathom_scene::{Camera, Light, SceneFile};
 use fathom_stages::hsao::march::HorizonUniforms;
@@ -76,27 +73,12 @@ impl Horizon {
 }
 
 impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        Ok(staged(file, self.floor_depth_m, &self.camera, &self.light, self.objects))
-    }
-
-    fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        Ok(self.light.validate()?)
-    }
-
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
-    }
+    const SEED: Option<&str> = Some("hsao.seed");
 
     fn enlarged(&self, factor: u32) -> Option<Self> {
         let mut larger = Self { view: self.view.enlarged(factor), ..self.clone() };
         larger.hsao.scale /= f64::from(factor);
         Some(larger)
-    }
-
-    fn seed_mut(&mut self) -> Option<&mut u32> {
-        Some(&mut self.hsao.seed)
     }
 }
 
@@ -109,63 +91,14 @@ impl Params {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::{Value, json};
-
     use super::*;
-    use crate as pipelines;
-    use crate::PipelineKind;
-    use crate::hsao::Hsao;
-    use fathom_base::parameter;
-    use fathom_scene::Scene;
-
-    fn with(path: &str, value: Value) -> Result<Params, ParamError> {
-        let mut tree = parameter::tree(&Params::from(&SceneFile::load("tank").unwrap()));
-        parameter::set(&mut tree, path, value).unwrap();
-        pipelines::read(&tree)
-    }
 
     #[test]
-    fn defaults_take_as_many_samples_as_the_paper() {
-        let params = Params::from(&SceneFile::load("tank").unwrap());
+    fn defaults_take_as_many_samples_as_the_paper_and_the_buffer_follows_the_viewport() {
+        let mut params = Params::from(&SceneFile::load("tank").unwrap());
         let uniforms = params.hsao.uniforms(params.buffer_px(), 1.0);
         assert_eq!(uniforms.samples_per_pixel(), 400);
-    }
-
-    #[test]
-    fn samples_beyond_the_turns_of_loops_are_refused() {
-        let scene = Scene::load("tank").unwrap();
-        let check = |directions: u32| {
-            let mut tree = parameter::tree(&Params::from(&SceneFile::load("tank").unwrap()));
-            parameter::set(&mut tree, "hsao.directions", json!(directions)).unwrap();
-            parameter::set(&mut tree, "hsao.steps", json!(64)).unwrap();
-            let built = (PipelineKind::of::<Hsao>().configure)(&tree).unwrap();
-            built.plan(&scene).unwrap().demand.check(&wgpu::Limits::default())
-        };
-        assert_eq!(check(512), Ok(()));
-        let message = check(1024).unwrap_err();
-        assert!(message.starts_with("hsao.directions × hsao.steps"), "{message}");
-    }
-
-    #[test]
-    fn bad_values_are_named() {
-        let bad = [
-            ("hsao.directions", json!(0)),
-            ("hsao.ray_steps", json!(0)),
-            ("hsao.layer_share", json!(0.0)),
-            ("hsao.scale", json!(1.5)),
-            ("filter.sigma_px", json!(0.0)),
-            ("compose.exposure", json!(-1.0)),
-            ("shadow.size", json!(0)),
-        ];
-        for (path, value) in bad {
-            let error = with(path, value).unwrap_err().to_string();
-            assert!(error.starts_with(path), "{error}");
-        }
-    }
-
-    #[test]
-    fn the_buffer_follows_the_viewport() {
-        let params = with("hsao.scale", json!(0.5)).unwrap();
+        params.hsao.scale = 0.5;
         assert_eq!(params.buffer_px(), [300, 300]);
     }
 }

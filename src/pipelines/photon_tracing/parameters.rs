@@ -92,53 +92,7 @@ impl Params {
 }
 
 impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        Ok(SceneFile {
-            floor_depth_m: self.floor_depth_m,
-            camera: self.camera.clone(),
-            light: self.light.clone(),
-            water: self.water.clone(),
-            ..file.clone()
-        })
-    }
-
     fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        self.light.validate()?;
-        self.water.validate()?;
         self.rays.fits(self.photons(), self.ways(), "transfer.grid, specular.bounces")
-    }
-
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use serde_json::{Value, json};
-
-    use super::*;
-    use crate as pipelines;
-    use fathom_base::parameter;
-
-    fn with(settings: &[(&str, Value)]) -> Result<Params, ParamError> {
-        let mut tree = parameter::tree(&Params::from(&SceneFile::load("tank").unwrap()));
-        for (path, value) in settings {
-            parameter::set(&mut tree, path, value.clone()).unwrap();
-        }
-        pipelines::read(&tree)
-    }
-
-    #[test]
-    fn more_tiles_than_are_timed_are_refused_in_one_line() {
-        for settings in
-            [vec![("rays.rows", json!(1))], vec![("transfer.grid", json!([16384, 16384]))]]
-        {
-            let error = with(&settings).unwrap_err().to_string();
-            assert!(error.contains("rays.rows") && !error.contains('\n'), "{error}");
-        }
-        assert!(with(&[("rays.rows", json!(64))]).is_ok());
-        assert!(with(&[("rays.rows", json!(1)), ("rays.method", json!("march"))]).is_ok());
     }
 }

@@ -1,11 +1,7 @@
 //! Parameters of caustics on planar receivers, their defaults with sources, and their ranges.
 
-use serde::{Deserialize, Serialize};
-
 use crate::Parameters;
 use crate::settings::{Shadow, Transfer, View, WaterGrid};
-use fathom_base::choices;
-use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_scene::{Camera, Light, SceneFile, Water};
 use fathom_stages::planar::compose::Shown;
@@ -37,33 +33,13 @@ settings! {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Show {
-    /// The lit scene.
-    Image,
-    /// The illumination map of the floor, on white. SPT Fig. 2, right.
-    FloorMap,
-}
-
-choices!(Show);
-
 settings! {
     /// How the picture is made.
     pub struct Composition {
         /// Radiance is mapped by 1 − exp(−exposure × radiance). As in pipeline underwater.
         exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
         /// What the picture shows.
-        show: Show = Show::Image;
-    }
-}
-
-impl Composition {
-    pub fn shown(&self) -> Shown {
-        match self.show {
-            Show::Image => Shown::Scene,
-            Show::FloorMap => Shown::FloorMap,
-        }
+        show: Shown = Shown::Image;
     }
 }
 
@@ -83,27 +59,6 @@ impl Params {
 }
 
 impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        Ok(SceneFile {
-            floor_depth_m: self.floor_depth_m,
-            camera: self.camera.clone(),
-            light: self.light.clone(),
-            water: self.water.clone(),
-            ..file.clone()
-        })
-    }
-
-    fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        self.light.validate()?;
-        self.water.validate()?;
-        Ok(())
-    }
-
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
-    }
-
     /// The illumination map keeps its size.
     fn enlarged(&self, factor: u32) -> Option<Self> {
         Some(Self { view: self.view.enlarged(factor), ..self.clone() })

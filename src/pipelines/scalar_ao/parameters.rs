@@ -4,11 +4,11 @@ use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::Parameters;
-use crate::settings::{Attenuation, View, staged};
+use crate::settings::{Attenuation, Cells, View};
 use fathom_base::choices;
 use fathom_base::parameter::{ParamError, within};
 use fathom_base::settings;
-use fathom_scene::{Camera, Light, SceneFile, Volume, VolumeFile};
+use fathom_scene::{Camera, Light, SceneFile, Volume};
 use fathom_stages::ray_cast::CastUniforms;
 use fathom_stages::scalar::isosurface::Rays;
 use fathom_stages::scalar_field;
@@ -24,40 +24,8 @@ settings! {
         light: Light = file.light.clone();
         /// Depth of the scene's floor under the resting water.
         floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
-        volume: Cells = Cells::of(&file.volume.clone().unwrap_or_default());
+        volume: Cells = Cells::from(&file.volume.clone().unwrap_or_default());
         scalar: Scalar = Scalar::default();
-    }
-}
-
-settings! {
-    /// How finely the scene's volume is sampled.
-    pub struct Cells {
-        /// Cells along x, y and z of a generated volume; all 0: the generator's own number.
-        cells: [u32; 3] = VolumeFile::default().cells => 0 ..= 4_294_967_295u32, "1";
-        /// Each axis has so many times fewer cells.
-        reduce: u32 = VolumeFile::default().reduce => 0 ..= 4_294_967_295u32, "1";
-    }
-}
-
-impl Cells {
-    fn of(volume: &VolumeFile) -> Self {
-        Self { cells: volume.cells, reduce: volume.reduce }
-    }
-
-    /// The scene's volume with these cells.
-    ///
-    /// # Errors
-    /// Cells that a file or an asset gives itself.
-    pub fn put_into(&self, volume: &VolumeFile) -> Result<VolumeFile, ParamError> {
-        if self.cells != volume.cells && volume.generator.is_none() {
-            return Err(ParamError::Unfit(format!(
-                "volume.cells is {:?}: the scene's volume is not generated, only volume.reduce changes its cells",
-                self.cells
-            )));
-        }
-        let volume = VolumeFile { cells: self.cells, reduce: self.reduce, ..volume.clone() };
-        volume.validate()?;
-        Ok(volume)
     }
 }
 
@@ -156,22 +124,10 @@ settings! {
 }
 
 impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        let volume = file.volume.as_ref().map(|v| self.volume.put_into(v)).transpose()?;
-        let staged = staged(file, self.floor_depth_m, &self.camera, &self.light, 0);
-        Ok(SceneFile { volume, ..staged })
-    }
-
     fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        self.light.validate()?;
         let [low, high] = self.scalar.window;
         within("scalar.window[0]", low, 0.0, 0.999)?;
         within("scalar.window[1]", high, low + 1e-3, 1.0)
-    }
-
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
     }
 
     fn enlarged(&self, factor: u32) -> Option<Self> {

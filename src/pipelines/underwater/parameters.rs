@@ -93,121 +93,6 @@ pub enum CausticMethod {
 choices!(CausticMethod, Intensity, Splatting, SubdivisionMode);
 
 settings! {
-    /// Caustics: a photon grid, drawn as splats. UW §3.3.
-    pub struct Caustics {
-        /// Cells per side of the photon grid. UW §4.1: 200.
-        grid: u32 = 200 => 1 ..= 16384, "1";
-        /// Photons per cell, a square number. UW §4.2: 4.
-        subdivision: u32 = 4 => 1 ..= 256, "1";
-        /// How the shader's loop over a cell's photons is bounded.
-        subdivision_mode: SubdivisionMode = SubdivisionMode::Static;
-        /// Place of each photon in its share of the cell; the middle is 0.5.
-        offset: [f64; 2] = [0.5, 0.5] => 0.0 ..= 1.0, "1";
-        /// How much of its share of the cell a photon is strewn over at random; with 0 the grid is regular, and shows as a herringbone
-        /// pattern on surfaces that the light grazes. Half breaks the pattern with less noise than the whole. Tuned on scene tank.
-        jitter: f64 = 0.5 => 0.0 ..= 1.0, "1";
-        /// How it is found where a photon lands.
-        estimator: PhotonEstimator = PhotonEstimator::Secant;
-        /// Iterations of the estimator; 0 chooses them. `secant`: steps of regula falsi at a crossing, 8 by default; the first is exact on
-        /// planes. `paper`, which gives none: over a level floor each multiplies the error by sin ρ · sin(θ − ρ) / cos θ, with the light θ
-        /// and the ray ρ off the vertical. 0 takes as many as reach 1 mm in the light's frustum, at least 6 and at most 64. Under 72° is
-        /// the limit at index 1.33: beyond it the factor is above 1, and no number of iterations converges.
-        iterations: u32 = 0 => 0 ..= 1000, "1";
-        /// Of `secant`: longest step of the search along the ray, in texels of the light's depth. What is narrower can be passed. Paths
-        /// longer than 128 steps take longer ones.
-        step_px: f64 = 4.0 => 0.5 ..= 1024.0, "px";
-        /// Of `paper`: first estimate d0 of the path under water. UW gives none.
-        start_m: f64 = 1.0 => 0.0 ..= 1e4, "m";
-        /// Residual below which a photon counts as converged.
-        tolerance_m: f64 = 0.01 => 0.0 ..= 1e3, "m";
-        /// Whether photons are tested against the water mask. UW §3 step 2b.
-        mask: bool = true;
-        /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.64. UW §4.1: 512 × 512 at 800 × 800.
-        buffer: [u32; 2] = [0, 0] => 0 ..= 1_000_000, "px";
-        /// What the photons are drawn as. Settings of points, coverage, intensity and splatting are those of splats.
-        method: CausticMethod = CausticMethod::Splats;
-        /// Longest edge of a drawn triangle of the mesh over its longest edge on the water's surface: a longer one joins different
-        /// surfaces. In scene port the image error changes by 1 % from 2 to no limit.
-        mesh_stretch: f64 = 8.0 => 1.0 ..= 1e6, "1";
-        /// Side of a splat at the far plane. UW §4.1: 5.
-        point_size_min_px: f64 = 5.0 => 0.1 ..= 1024.0, "px";
-        /// Side of a splat at the near plane, not less than at the far one. UW §4.1: 20.
-        point_size_max_px: f64 = 20.0 => 0.1 ..= 1024.0, "px";
-        /// Where a splat is drawn. UW's squares lie over silhouettes.
-        coverage: SplatCoverage = SplatCoverage::Surface;
-        /// How far splats are drawn towards the camera before the depth test, so that the floor they lie on does not hide
-        /// half of them; with the coverage `surface` also how far behind a splat its surface may lie. Of a mesh: how far before or behind
-        /// it what is seen may lie. Tuned on scene tank.
-        depth_bias_m: f64 = 0.3 => 0.0 ..= 100.0, "m";
-        /// How much a photon adds.
-        intensity: Intensity = Intensity::Paper;
-        /// What adds photons up. The sums are the same; which is faster depends on the adapter and on the size of splats. On
-        /// lavapipe compute takes 0.4 of the time at 5 px and 0.8 at 20 px.
-        splatting: Splatting = Splatting::Compute;
-        /// Whether the buffer is smoothed. A mesh has no gaps between photons: the low-pass only softens triangles smaller than a pixel, and
-        /// in scene port at 200 × 150 raises the image error of 65,536 photons from 0.24 to 0.33.
-        filter: bool = true;
-        /// UW §3.5 gives neither taps nor radius.
-        filter_taps: u32 = 16 => 1 ..= 1024, "1";
-        /// Radius of the disc. Tuned on scene tank: 3 px blur the lines of light.
-        filter_radius_px: f64 = 2.0 => 0.0 ..= 256.0, "px";
-        /// Taps, and texels of the buffer when the picture is composed, count up to this distance from the pixel's surface along the
-        /// view, as a share of its view depth. UW has no such limit. Tuned on scene tank.
-        filter_depth_share: f64 = 0.05 => 0.0 ..= 1e6, "1";
-    }
-}
-
-settings! {
-    /// Godrays: a photon grid, drawn as lines. UW §3.4.
-    pub struct Godrays {
-        /// Cells per side of the photon grid. UW §4.1: 100.
-        grid: u32 = 100 => 1 ..= 16384, "1";
-        /// Photons per cell, a square number. UW §4.2: 4.
-        subdivision: u32 = 4 => 1 ..= 256, "1";
-        /// How the shader's loop over a cell's photons is bounded.
-        subdivision_mode: SubdivisionMode = SubdivisionMode::Static;
-        /// Place of each photon in its share of the cell; the middle is 0.5.
-        offset: [f64; 2] = [0.5, 0.5] => 0.0 ..= 1.0, "1";
-        /// How much of its share of the cell a photon is strewn over at random; with 0 the grid is regular, and shows as a herringbone
-        /// pattern on surfaces that the light grazes. Half breaks the pattern with less noise than the whole. Tuned on scene tank.
-        jitter: f64 = 0.5 => 0.0 ..= 1.0, "1";
-        /// How it is found where a photon lands.
-        estimator: PhotonEstimator = PhotonEstimator::Secant;
-        /// Iterations of the estimator; 0 chooses them. `secant`: steps of regula falsi at a crossing, 8 by default; the first is exact on
-        /// planes. `paper`, which gives none: over a level floor each multiplies the error by sin ρ · sin(θ − ρ) / cos θ, with the light θ
-        /// and the ray ρ off the vertical. 0 takes as many as reach 1 mm in the light's frustum, at least 6 and at most 64. Under 72° is
-        /// the limit at index 1.33: beyond it the factor is above 1, and no number of iterations converges.
-        iterations: u32 = 0 => 0 ..= 1000, "1";
-        /// Of `secant`: longest step of the search along the ray, in texels of the light's depth. What is narrower can be passed. Paths
-        /// longer than 128 steps take longer ones.
-        step_px: f64 = 4.0 => 0.5 ..= 1024.0, "px";
-        /// Of `paper`: first estimate d0 of the path under water. UW gives none.
-        start_m: f64 = 1.0 => 0.0 ..= 1e4, "m";
-        /// Residual below which a photon counts as converged.
-        tolerance_m: f64 = 0.01 => 0.0 ..= 1e3, "m";
-        /// Whether photons are tested against the water mask. UW §3 step 2b.
-        mask: bool = true;
-        /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.16. UW §4.1: 128 × 128 at 800 × 800.
-        buffer: [u32; 2] = [0, 0] => 0 ..= 1_000_000, "px";
-        /// Width of the lines. UW §4.2 gives 12 px for a 460 × 272 buffer and no default; 2 px leaves shafts apart in a
-        /// 128 × 128 buffer. Tuned on scene tank.
-        line_width_px: f64 = 2.0 => 0.1 ..= 1024.0, "px";
-        /// Schlick's k of the phase function. UW gives none; 0.5 scatters forward, yet leaves shafts seen from the side.
-        phase_k: f64 = 0.5 => -0.99 ..= 0.99, "1";
-        /// Scattering coefficient that scales the composed godrays. Tuned on scene tank.
-        scattering_per_m: f64 = 0.5 => 0.0 ..= 1e3, "1/m";
-        /// How much a photon adds.
-        intensity: Intensity = Intensity::Paper;
-        /// Whether the buffer is smoothed.
-        filter: bool = true;
-        /// UW §3.5 gives neither taps nor radius.
-        filter_taps: u32 = 16 => 1 ..= 1024, "1";
-        /// Radius of the disc.
-        filter_radius_px: f64 = 1.5 => 0.0 ..= 256.0, "px";
-    }
-}
-
-settings! {
     /// How the picture is made.
     pub struct Composition {
         /// Radiance is mapped by 1 − exp(−exposure × radiance). With 0.4, white in full light of 9.2 W/sr (UW §4.1) is shown at
@@ -230,8 +115,47 @@ pub(super) struct PhotonPath {
     pub(super) filter: bool,
 }
 
+/// Declares the settings of a photon grid and of how it is drawn. Each grid has its own number of cells, and all have what follows it.
 macro_rules! photon_settings {
-    ($group:ty, $name:ident, $scale:expr) => {
+    (
+        $(#[doc = $about:tt])*
+        $group:ident of $name:ident, $scale:literal of the viewport;
+        { $($grid:tt)* }
+        { $($drawn:tt)* }
+    ) => {
+        settings! {
+            $(#[doc = $about])*
+            pub struct $group {
+                $($grid)*
+                /// Photons per cell, a square number. UW §4.2: 4.
+                subdivision: u32 = 4 => 1 ..= 256, "1";
+                /// How the shader's loop over a cell's photons is bounded.
+                subdivision_mode: SubdivisionMode = SubdivisionMode::Static;
+                /// Place of each photon in its share of the cell; the middle is 0.5.
+                offset: [f64; 2] = [0.5, 0.5] => 0.0 ..= 1.0, "1";
+                /// How much of its share of the cell a photon is strewn over at random; with 0 the grid is regular, and shows as a herringbone
+                /// pattern on surfaces that the light grazes. Half breaks the pattern with less noise than the whole. Tuned on scene tank.
+                jitter: f64 = 0.5 => 0.0 ..= 1.0, "1";
+                /// How it is found where a photon lands.
+                estimator: PhotonEstimator = PhotonEstimator::Secant;
+                /// Iterations of the estimator; 0 chooses them. `secant`: steps of regula falsi at a crossing, 8 by default; the first is exact on
+                /// planes. `paper`, which gives none: over a level floor each multiplies the error by sin ρ · sin(θ − ρ) / cos θ, with the light θ
+                /// and the ray ρ off the vertical. 0 takes as many as reach 1 mm in the light's frustum, at least 6 and at most 64. Under 72° is
+                /// the limit at index 1.33: beyond it the factor is above 1, and no number of iterations converges.
+                iterations: u32 = 0 => 0 ..= 1000, "1";
+                /// Of `secant`: longest step of the search along the ray, in texels of the light's depth. What is narrower can be passed. Paths
+                /// longer than 128 steps take longer ones.
+                step_px: f64 = 4.0 => 0.5 ..= 1024.0, "px";
+                /// Of `paper`: first estimate d0 of the path under water. UW gives none.
+                start_m: f64 = 1.0 => 0.0 ..= 1e4, "m";
+                /// Residual below which a photon counts as converged.
+                tolerance_m: f64 = 0.01 => 0.0 ..= 1e3, "m";
+                /// Whether photons are tested against the water mask. UW §3 step 2b.
+                mask: bool = true;
+                $($drawn)*
+            }
+        }
+
         impl $group {
             pub fn grid_settings(&self) -> PhotonGrid {
                 PhotonGrid {
@@ -287,9 +211,76 @@ macro_rules! photon_settings {
     };
 }
 
-// Scale factors of the buffers to the viewport: UW §4.1 (512 / 800 and 128 / 800).
-photon_settings!(Caustics, caustics, 0.64);
-photon_settings!(Godrays, godrays, 0.16);
+photon_settings! {
+    /// Caustics: a photon grid, drawn as splats. UW §3.3.
+    Caustics of caustics, 0.64 of the viewport;
+    {
+        /// Cells per side of the photon grid. UW §4.1: 200.
+        grid: u32 = 200 => 1 ..= 16384, "1";
+    }
+    {
+        /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.64. UW §4.1: 512 × 512 at 800 × 800.
+        buffer: [u32; 2] = [0, 0] => 0 ..= 1_000_000, "px";
+        /// What the photons are drawn as. Settings of points, coverage, intensity and splatting are those of splats.
+        method: CausticMethod = CausticMethod::Splats;
+        /// Longest edge of a drawn triangle of the mesh over its longest edge on the water's surface: a longer one joins different
+        /// surfaces. In scene port the image error changes by 1 % from 2 to no limit.
+        mesh_stretch: f64 = 8.0 => 1.0 ..= 1e6, "1";
+        /// Side of a splat at the far plane. UW §4.1: 5.
+        point_size_min_px: f64 = 5.0 => 0.1 ..= 1024.0, "px";
+        /// Side of a splat at the near plane, not less than at the far one. UW §4.1: 20.
+        point_size_max_px: f64 = 20.0 => 0.1 ..= 1024.0, "px";
+        /// Where a splat is drawn. UW's squares lie over silhouettes.
+        coverage: SplatCoverage = SplatCoverage::Surface;
+        /// How far splats are drawn towards the camera before the depth test, so that the floor they lie on does not hide
+        /// half of them; with the coverage `surface` also how far behind a splat its surface may lie. Of a mesh: how far before or behind
+        /// it what is seen may lie. Tuned on scene tank.
+        depth_bias_m: f64 = 0.3 => 0.0 ..= 100.0, "m";
+        /// How much a photon adds.
+        intensity: Intensity = Intensity::Paper;
+        /// What adds photons up. The sums are the same; which is faster depends on the adapter and on the size of splats. On
+        /// lavapipe compute takes 0.4 of the time at 5 px and 0.8 at 20 px.
+        splatting: Splatting = Splatting::Compute;
+        /// Whether the buffer is smoothed. A mesh has no gaps between photons: the low-pass only softens triangles smaller than a pixel, and
+        /// in scene port at 200 × 150 raises the image error of 65,536 photons from 0.24 to 0.33.
+        filter: bool = true;
+        /// UW §3.5 gives neither taps nor radius.
+        filter_taps: u32 = 16 => 1 ..= 1024, "1";
+        /// Radius of the disc. Tuned on scene tank: 3 px blur the lines of light.
+        filter_radius_px: f64 = 2.0 => 0.0 ..= 256.0, "px";
+        /// Taps, and texels of the buffer when the picture is composed, count up to this distance from the pixel's surface along the
+        /// view, as a share of its view depth. UW has no such limit. Tuned on scene tank.
+        filter_depth_share: f64 = 0.05 => 0.0 ..= 1e6, "1";
+    }
+}
+
+photon_settings! {
+    /// Godrays: a photon grid, drawn as lines. UW §3.4.
+    Godrays of godrays, 0.16 of the viewport;
+    {
+        /// Cells per side of the photon grid. UW §4.1: 100.
+        grid: u32 = 100 => 1 ..= 16384, "1";
+    }
+    {
+        /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.16. UW §4.1: 128 × 128 at 800 × 800.
+        buffer: [u32; 2] = [0, 0] => 0 ..= 1_000_000, "px";
+        /// Width of the lines. UW §4.2 gives 12 px for a 460 × 272 buffer and no default; 2 px leaves shafts apart in a
+        /// 128 × 128 buffer. Tuned on scene tank.
+        line_width_px: f64 = 2.0 => 0.1 ..= 1024.0, "px";
+        /// Schlick's k of the phase function. UW gives none; 0.5 scatters forward, yet leaves shafts seen from the side.
+        phase_k: f64 = 0.5 => -0.99 ..= 0.99, "1";
+        /// Scattering coefficient that scales the composed godrays. Tuned on scene tank.
+        scattering_per_m: f64 = 0.5 => 0.0 ..= 1e3, "1/m";
+        /// How much a photon adds.
+        intensity: Intensity = Intensity::Paper;
+        /// Whether the buffer is smoothed.
+        filter: bool = true;
+        /// UW §3.5 gives neither taps nor radius.
+        filter_taps: u32 = 16 => 1 ..= 1024, "1";
+        /// Radius of the disc.
+        filter_radius_px: f64 = 1.5 => 0.0 ..= 256.0, "px";
+    }
+}
 
 impl Caustics {
     /// How photons are weighted: a mesh conserves energy, whatever is set for splats.
@@ -329,28 +320,11 @@ impl Godrays {
 }
 
 impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        Ok(SceneFile {
-            floor_depth_m: self.floor_depth_m,
-            camera: self.camera.clone(),
-            light: self.light.clone(),
-            water: self.water.clone(),
-            ..file.clone()
-        })
-    }
-
     fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        self.light.validate()?;
-        self.water.validate()?;
         self.caustics.consistent()?;
         self.godrays.consistent()?;
         let (least, most) = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
         within("caustics.point_size_max_px", most, least, 1024.0)
-    }
-
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
     }
 
     fn enlarged(&self, factor: u32) -> Option<Self> {

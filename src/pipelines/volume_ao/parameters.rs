@@ -118,13 +118,9 @@ impl Ao {
 }
 
 impl Parameters for Params {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        Ok(settings::staged(file, self.floor_depth_m, &self.camera, &self.light, self.objects))
-    }
+    const SEED: Option<&str> = Some("ao.seed");
 
     fn consistent(&self) -> Result<(), ParamError> {
-        self.camera.validate()?;
-        self.light.validate()?;
         self.voxel.consistent()?;
         if self.ao.storage == Storage::Bits && self.voxel.method == Method::MaxAlpha {
             let fault = "ao.storage is bits: the volumes of voxel.method max_alpha hold opacities, use texture";
@@ -133,18 +129,10 @@ impl Parameters for Params {
         Ok(())
     }
 
-    fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
-    }
-
     fn enlarged(&self, factor: u32) -> Option<Self> {
         let mut larger = Self { view: self.view.enlarged(factor), ..self.clone() };
         larger.ao.scale /= f64::from(factor);
         Some(larger)
-    }
-
-    fn seed_mut(&mut self) -> Option<&mut u32> {
-        Some(&mut self.ao.seed)
     }
 }
 
@@ -200,80 +188,12 @@ impl Params {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::{Value, json};
-
     use super::*;
-    use crate as pipelines;
-    use fathom_base::parameter;
-    use fathom_base::parameter::{Beside, Setting};
-
-    fn with(changes: &[(&str, Value)]) -> Result<Params, String> {
-        let mut tree = parameter::tree(&Params::from(&SceneFile::load("plane").unwrap()));
-        for (path, value) in changes {
-            parameter::set(&mut tree, path, value.clone()).unwrap();
-        }
-        pipelines::read(&tree).map_err(|error| error.to_string())
-    }
-
-    #[test]
-    fn bad_values_are_named() {
-        let bad = [
-            ("ao.rays", json!(0)),
-            ("ao.samples", json!(0)),
-            ("ao.threshold", json!(0.0)),
-            ("ao.threshold", json!(2.5)),
-            ("ao.step_voxels", json!(0.0)),
-            ("ao.offset_voxels", json!(-1.0)),
-            ("ao.r_max_share", json!(0.0)),
-            ("ao.scale", json!(2.0)),
-            ("ao.guard", json!("thick")),
-            ("voxel.resolution", json!(2)),
-        ];
-        for (path, value) in bad {
-            let error = with(&[(path, value)]).unwrap_err();
-            assert!(error.starts_with(path), "{error}");
-        }
-        let mut params = with(&[]).unwrap();
-        params.ao.r_max_m = f64::NAN;
-        let error = params.check(Beside::default()).unwrap_err().to_string();
-        assert!(error.starts_with("ao.r_max_m is NaN"), "{error}");
-    }
-
-    #[test]
-    fn bits_hold_no_opacities() {
-        let changes = [("voxel.method", json!("max_alpha")), ("ao.storage", json!("bits"))];
-        assert!(with(&changes).unwrap_err().starts_with("ao.storage is bits"));
-    }
-
-    #[test]
-    fn what_does_not_fit_the_volume_is_named() {
-        let file = SceneFile::load("plane").unwrap();
-        let scene = Scene::build(&file).unwrap();
-        let fault = |changes: &[(&str, Value)]| {
-            let params = with(changes).unwrap();
-            let still = Animation::default();
-            let grids = params.voxel.grids(&scene, &params.camera, &still).unwrap();
-            params.fits(&scene, &grids).map_err(|error| error.to_string())
-        };
-        assert_eq!(fault(&[]), Ok(()));
-        let error = fault(&[("ao.r_max_m", json!(0.01))]).unwrap_err();
-        assert!(error.starts_with("ao.r_max_m is 1.000e-2 m, less than a voxel"), "{error}");
-        let error = fault(&[("ao.r_max_share", json!(0.001))]).unwrap_err();
-        assert!(error.starts_with("ao.r_max_share"), "{error}");
-        let error = fault(&[("ao.rays", json!(65536))]).unwrap_err();
-        assert!(error.starts_with("ao.rays"), "{error}");
-        let small = [
-            ("voxel.cells", json!([3, 3, 3])),
-            ("voxel.origin_m", json!([-1.0, -4.0, -1.0])),
-            ("voxel.voxel_m", json!(1.0)),
-            ("ao.skipping", json!(true)),
-        ];
-        assert!(fault(&small).unwrap_err().starts_with("ao.skipping"));
-    }
 
     #[test]
     fn the_buffer_follows_the_viewport() {
-        let params = with(&[("ao.scale", json!(0.5))]).unwrap();
+        let mut params = Params::from(&SceneFile::load("plane").unwrap());
+        params.ao.scale = 0.5;
         assert_eq!(params.buffer_px(), [300, 300]);
     }
 }

@@ -1,5 +1,7 @@
 //! `planar/compose`: the picture, its pool lit by the illumination map, or the map of the floor. SPT §1.1, Fig. 2.
 
+use serde::{Deserialize, Serialize};
+
 use crate::gbuffer::GbufferTextures;
 use crate::pool::Pool;
 use crate::prelude::*;
@@ -12,12 +14,16 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 /// What the picture shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Shown {
-    Scene,
-    /// The illumination map of the floor, texel by texel.
+    /// The lit scene.
+    Image,
+    /// The illumination map of the floor, texel by texel, on white. SPT Fig. 2, right.
     FloorMap,
 }
+
+fathom_base::choices!(Shown);
 
 /// Albedo, normal and depth of a pixel, and four texels of the map.
 const FETCHES: u64 = 7;
