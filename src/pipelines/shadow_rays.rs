@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Parameters, Pipeline};
+use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError, read_buffer};
@@ -86,7 +86,9 @@ impl Pipeline for ShadowRays {
         let image = of_view.push(compose);
         Ok(Self { params: params.clone(), view, photons, image })
     }
+}
 
+impl Drawing for ShadowRays {
     fn image(&self) -> &wgpu::Texture {
         &self.image
     }

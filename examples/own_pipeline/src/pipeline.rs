@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, GpuError, read_texture};
 use fathom::pipelines::settings::View;
-use fathom::pipelines::{Parameters, Pipeline};
+use fathom::pipelines::{Drawing, Parameters, Pipeline};
 use fathom::scene::{Camera, Scene, SceneFile, Water};
 use fathom::stages::kit::Resources;
 
@@ -49,7 +49,9 @@ impl Pipeline for Ripples {
         let blur = blur::new(resources, &draw, params.ripples.blur_px)?;
         Ok(Self { image: resources.push(blur) })
     }
+}
 
+impl Drawing for Ripples {
     fn image(&self) -> &wgpu::Texture {
         &self.image
     }
