@@ -81,7 +81,7 @@ fn a_late_queue_and_an_earlier_status_cost_one_submission() {
 #[test]
 fn only_the_fleets_own_jobs_are_cancelled() {
     let fake = Fake::new(
-        "[ -e cancelled ] || [ ! -e job ] || sed -n 's/^--comment=/41|1|n1|None|/p' arguments\n",
+        "[ -e cancelled ] || [ ! -e job ] || sed -n 's/^--comment=/41|1|n1|/p' arguments\n",
     );
     let out = fake.path("out");
     fs::create_dir(&out).unwrap();
@@ -106,7 +106,7 @@ fn only_the_fleets_own_jobs_are_cancelled() {
 
 #[test]
 fn a_job_with_another_comment_is_neither_followed_nor_cancelled() {
-    let fake = Fake::new("echo '13|1|n1|None|(null)'\n");
+    let fake = Fake::new("echo '13|1|n1|(null)'\n");
     let output = fake.fleet(&fake.path("out"), &[]).output().unwrap();
     refused(&output, "but the comment `(null)` of another: it is left alone");
     assert!(!fake.path("job").exists() && !fake.path("cancelled").exists());
