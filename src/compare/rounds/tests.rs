@@ -17,7 +17,8 @@ struct Simulated {
     dying: Option<(u32, WorkerRole, &'static str)>,
     /// It hangs where it would die.
     hangs: bool,
-    refused_configuration: Option<(&'static str, WorkerRole)>,
+    /// The head refuses this configuration, or dies of it.
+    refused_configuration: Option<&'static str>,
     killing_configuration: Option<&'static str>,
     never_starts: bool,
     interrupt_after: Option<usize>,
@@ -46,23 +47,20 @@ impl LaunchWorkers for Simulated {
         launch: u32,
         cells: &[CellId],
         _: Option<&CellId>,
-    ) -> Result<OpenedLaunch, BrokenLaunch> {
+    ) -> Result<OpenedLaunch, RoleFault> {
         self.launch = launch;
         self.opened.push((launch, cells.to_vec()));
-        let broken = |configuration, fault| BrokenLaunch {
-            configuration,
-            cause: RoleFault { role: WorkerRole::Head, fault },
+        let failed = |configuration: Option<&str>, fault| {
+            let configuration = configuration.map(str::to_owned);
+            RoleFault { role: WorkerRole::Head, configuration, fault }
         };
-        if self.never_starts {
-            return Err(broken(None, ended()));
+        let there = |id: &&str| cells.iter().any(|cell| cell.configuration() == *id);
+        let killing = self.killing_configuration.filter(there);
+        if self.never_starts || killing.is_some() {
+            return Err(failed(killing, ended()));
         }
-        let there = |id: &str| cells.iter().any(|cell| cell.configuration() == id);
-        if let Some(id) = self.killing_configuration.filter(|id| there(id)) {
-            return Err(broken(Some(id.to_owned()), ended()));
-        }
-        let refused = self.refused_configuration.filter(|(id, _)| there(id));
-        let refused =
-            refused.map(|(id, role)| (id.to_owned(), RoleFault { role, fault: refusal() }));
+        let refused = self.refused_configuration.filter(there);
+        let refused = refused.map(|id| failed(Some(id), refusal()));
         Ok(OpenedLaunch { refused: Vec::from_iter(refused), ..OpenedLaunch::default() })
     }
 
@@ -183,10 +181,7 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
         for pair in round.chunks(2) {
             assert_eq!(pair[0].2, pair[1].2);
             assert!(pair[0].1 != pair[1].1);
-            let controls = pair.iter().map(|sample| sample.1);
-            let controls = controls
-                .filter(|role| matches!(role, WorkerRole::ControlHead | WorkerRole::ControlBase));
-            assert!(matches!(controls.count(), 0 | 2));
+            assert_eq!(pair[0].1.is_control(), pair[1].1.is_control());
         }
         let order = round.chunks(2).map(|pair| pair[0].2.clone());
         orders.insert(order.collect::<Vec<_>>());
@@ -248,12 +243,10 @@ fn a_dead_or_hung_worker_costs_the_launch_and_the_cell_that_it_was_at() {
 #[test]
 fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
     for kills in [false, true] {
-        let mut bench = Simulated::default();
-        if kills {
-            bench.killing_configuration = Some("one")
-        } else {
-            bench.refused_configuration = Some(("one", WorkerRole::Head))
-        }
+        let [refused_configuration, killing_configuration] =
+            [!kills, kills].map(|does| does.then_some("one"));
+        let mut bench =
+            Simulated { refused_configuration, killing_configuration, ..Simulated::default() };
         let found = measure(&mut bench);
         assert_eq!(found.launches().len(), 3);
         let faults = &found.faults;
