@@ -212,17 +212,13 @@ fn header(
 
 /// Why a gate cannot be run with these workers here.
 fn obstacle(gate: Gate, greetings: &[Greeting; 2]) -> Option<String> {
-    for (side, greeting) in Side::BOTH.into_iter().zip(greetings) {
-        if !greeting.parts.contains(&gate.to_string()) {
-            return Some(format!("the {side} build knows no such gate"));
-        }
+    let knows = |greeting: &Greeting| greeting.parts.contains(&gate.to_string());
+    let mut sides = Side::BOTH.into_iter().zip(greetings);
+    if let Some((side, _)) = sides.find(|(_, greeting)| !knows(greeting)) {
+        return Some(format!("the {side} build knows no such gate"));
     }
-    match gate {
-        Gate::Instructions => {
-            instructions::obstacle(greetings.iter().all(|greeting| greeting.adapter.software))
-        }
-        Gate::Exact | Gate::Time => None,
-    }
+    let software = greetings.iter().all(|greeting| greeting.adapter.software);
+    (gate == Gate::Instructions).then(|| instructions::obstacle(software))?
 }
 
 /// The folder's comparison, if it is this one.

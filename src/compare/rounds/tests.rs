@@ -12,14 +12,10 @@ struct Simulated {
     samples: Vec<(u32, WorkerRole, CellId)>,
     opened: Vec<(u32, Vec<CellId>)>,
     launch: u32,
-    /// (launch, role, stage): the worker goes on after this, or dies.
-    refusing: Option<(u32, WorkerRole, &'static str)>,
-    dying: Option<(u32, WorkerRole, &'static str)>,
-    /// It hangs where it would die.
-    hangs: bool,
-    /// The head refuses this configuration, or dies of it.
-    refused_configuration: Option<&'static str>,
-    killing_configuration: Option<&'static str>,
+    /// Launch, role, stage, and what the worker fails with there.
+    failing: Option<(u32, WorkerRole, &'static str, WorkerFault)>,
+    /// A configuration, and what the head fails with at it.
+    unprepared: Option<(&'static str, WorkerFault)>,
     never_starts: bool,
     interrupt_after: Option<usize>,
     /// What interrupts kills the workers too.
@@ -54,23 +50,25 @@ impl LaunchWorkers for Simulated {
             let configuration = configuration.map(str::to_owned);
             RoleFault { role: WorkerRole::Head, configuration, fault }
         };
-        let there = |id: &&str| cells.iter().any(|cell| cell.configuration() == *id);
-        let killing = self.killing_configuration.filter(there);
-        if self.never_starts || killing.is_some() {
-            return Err(failed(killing, ended()));
+        if self.never_starts {
+            return Err(failed(None, ended()));
         }
-        let refused = self.refused_configuration.filter(there);
-        let refused = refused.map(|id| failed(Some(id), refusal()));
-        Ok(OpenedLaunch { refused: Vec::from_iter(refused), ..OpenedLaunch::default() })
+        let there = |(id, _): &(&str, _)| cells.iter().any(|cell| cell.configuration() == *id);
+        let unprepared = self.unprepared.clone().filter(there);
+        match unprepared.map(|(id, fault)| failed(Some(id), fault)) {
+            Some(cause) if !cause.fault.goes_on() => Err(cause),
+            refused => {
+                let refused = Vec::from_iter(refused);
+                Ok(OpenedLaunch { refused, ..OpenedLaunch::default() })
+            }
+        }
     }
 
     fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault> {
-        let now = Some((self.launch, role, cell.stage()));
-        if now == self.refusing {
-            return Err(refusal());
-        }
-        if now == self.dying {
-            return Err(if self.hangs { silent() } else { ended() });
+        if let Some((launch, at, stage, fault)) = &self.failing
+            && (self.launch, role, cell.stage()) == (*launch, *at, *stage)
+        {
+            return Err(fault.clone());
         }
         self.samples.push((self.launch, role, cell.clone()));
         if self.interrupt_after == Some(self.samples.len()) {
@@ -204,8 +202,8 @@ fn the_seed_decides_the_schedule_of_each_launch_for_itself() {
 
 #[test]
 fn a_refused_sample_costs_its_cell_and_nothing_else() {
-    let mut bench =
-        Simulated { refusing: Some((1, WorkerRole::Head, "b/y")), ..Simulated::default() };
+    let failing = Some((1, WorkerRole::Head, "b/y", refusal()));
+    let mut bench = Simulated { failing, ..Simulated::default() };
     let found = measure(&mut bench);
     assert_eq!(found.launches(), [0, 1, 2]);
     let fault = found.only_fault();
@@ -220,12 +218,12 @@ fn a_refused_sample_costs_its_cell_and_nothing_else() {
 
 #[test]
 fn a_dead_or_hung_worker_costs_the_launch_and_the_cell_that_it_was_at() {
-    for (hangs, reason) in [
-        (false, "base worker: it ended with signal 11"),
-        (true, "base worker: it gave no answer to `sample` within 30 s"),
+    for (fault, reason) in [
+        (ended(), "base worker: it ended with signal 11"),
+        (silent(), "base worker: it gave no answer to `sample` within 30 s"),
     ] {
-        let dying = Some((1, WorkerRole::Base, "a/x"));
-        let mut bench = Simulated { dying, hangs, ..Simulated::default() };
+        let failing = Some((1, WorkerRole::Base, "a/x", fault));
+        let mut bench = Simulated { failing, ..Simulated::default() };
         let found = measure(&mut bench);
         assert_eq!(found.launches(), [0, 2, 3], "launch 1 does not count and another is run");
         assert!(found.pairs.iter().all(|pair| pair.launch != 1));
@@ -242,11 +240,8 @@ fn a_dead_or_hung_worker_costs_the_launch_and_the_cell_that_it_was_at() {
 
 #[test]
 fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
-    for kills in [false, true] {
-        let [refused_configuration, killing_configuration] =
-            [!kills, kills].map(|does| does.then_some("one"));
-        let mut bench =
-            Simulated { refused_configuration, killing_configuration, ..Simulated::default() };
+    for fault in [refusal(), ended()] {
+        let mut bench = Simulated { unprepared: Some(("one", fault)), ..Simulated::default() };
         let found = measure(&mut bench);
         assert_eq!(found.launches().len(), 3);
         let faults = &found.faults;
@@ -259,8 +254,8 @@ fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
 
 #[test]
 fn a_lost_control_leaves_the_cells() {
-    let mut bench =
-        Simulated { refusing: Some((0, WorkerRole::ControlHead, "b/y")), ..Simulated::default() };
+    let failing = Some((0, WorkerRole::ControlHead, "b/y", refusal()));
+    let mut bench = Simulated { failing, ..Simulated::default() };
     let found = measure(&mut bench);
     let fault = found.only_fault();
     assert!(fault.control);
