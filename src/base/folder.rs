@@ -181,16 +181,12 @@ impl Folder {
 
     /// Its bytes, no more than `limit`.
     pub fn bytes(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        self.plain(name, limit)?.read_to_end(&mut bytes)?;
-        Ok(bytes)
+        self.plain(name, limit)?.bytes()
     }
 
     /// Its text, no more than `limit` bytes of it.
     pub fn text(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<String> {
-        let mut text = String::new();
-        self.plain(name, limit)?.read_to_string(&mut text)?;
-        Ok(text)
+        self.plain(name, limit)?.text()
     }
 
     /// Its bytes, decompressed as [`input::unpacked`] does.

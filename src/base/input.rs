@@ -69,6 +69,20 @@ impl Limited<File> {
         }
         Ok(Self::new(file, limit))
     }
+
+    /// All its bytes at once.
+    pub fn bytes(mut self) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        self.read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+
+    /// All of its text.
+    pub fn text(mut self) -> io::Result<String> {
+        let mut text = String::new();
+        self.read_to_string(&mut text)?;
+        Ok(text)
+    }
 }
 
 impl<R: Read> Read for Limited<R> {
@@ -132,18 +146,9 @@ pub fn sha256(source: impl Read) -> io::Result<String> {
     }
 }
 
-/// A file's bytes at once, no more than `limit`.
-pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    plain(path, limit)?.read_to_end(&mut bytes)?;
-    Ok(bytes)
-}
-
 /// A file's text, no more than `limit` bytes of it.
 pub fn text(path: &Path, limit: u64) -> io::Result<String> {
-    let mut text = String::new();
-    plain(path, limit)?.read_to_string(&mut text)?;
-    Ok(text)
+    plain(path, limit)?.text()
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -222,25 +227,18 @@ mod tests {
     }
 
     #[test]
-    fn folders_and_devices_are_refused() {
-        let folder = open(Path::new("/")).unwrap_err().to_string();
-        assert!(folder.contains("a folder"), "{folder}");
-        #[cfg(unix)]
-        for device in ["/dev/zero", "/dev/null"] {
-            let fault = open(Path::new(device)).unwrap_err().to_string();
-            assert!(fault.contains("a device"), "{fault}");
-        }
-    }
-
-    #[test]
     #[cfg(unix)]
-    fn a_pipe_is_refused_and_not_waited_for() {
+    fn folders_devices_and_pipes_are_refused_and_not_waited_for() {
         let folder = tempfile::tempdir().unwrap();
         let pipe = folder.path().join("pipe");
-        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
-        assert!(made.unwrap().success());
-        let fault = open(&pipe).unwrap_err().to_string();
-        assert!(fault.contains("a pipe"), "{fault}");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let [root, zero, null] = ["/", "/dev/zero", "/dev/null"].map(Path::new);
+        let refused =
+            [(root, "a folder"), (zero, "a device"), (null, "a device"), (&pipe, "a pipe")];
+        for (path, what) in refused {
+            let fault = open(path).unwrap_err().to_string();
+            assert!(fault.contains(what), "{fault}");
+        }
     }
 
     #[test]

@@ -69,8 +69,7 @@ pub fn words(text: &str) -> String {
     let (mut shown, mut rest) = (String::new(), text.as_str());
     while let Some(start) = next_path(rest, &shown) {
         let (before, found) = rest.split_at(start);
-        let ends = |c: char| c.is_whitespace() || AFTER_PATH.contains(&c);
-        let (found, after) = found.split_at(found.find(ends).unwrap_or(found.len()));
+        let (found, after) = found.split_at(found.find(is_beside_path).unwrap_or(found.len()));
         shown.push_str(before);
         // A lone name after a stroke is no path: `1 /s`.
         match found.trim_end_matches('/').rsplit_once('/') {
@@ -82,13 +81,21 @@ pub fn words(text: &str) -> String {
     shown + rest
 }
 
+fn is_beside_path(c: char) -> bool {
+    c.is_whitespace() || AFTER_PATH.contains(&c)
+}
+
+/// A path may begin behind this text.
+fn may_begin(before: &str) -> bool {
+    before.chars().next_back().is_none_or(is_beside_path)
+}
+
 /// Where the next path begins in what is left of a text.
 fn next_path(rest: &str, before: &str) -> Option<usize> {
     let is_start = |at: usize| {
-        let previous = rest[..at].chars().next_back().or_else(|| before.chars().next_back());
-        let begins = previous.is_none_or(|c| c.is_whitespace() || AFTER_PATH.contains(&c));
+        let before = if at == 0 { before } else { &rest[..at] };
         // `https://` and comments are no paths.
-        begins && !rest[at + 1..].starts_with(['/', ' ']) && rest.len() > at + 1
+        may_begin(before) && !rest[at + 1..].starts_with(['/', ' ']) && rest.len() > at + 1
     };
     rest.match_indices('/').map(|(at, _)| at).find(|at| is_start(*at))
 }
@@ -100,9 +107,8 @@ fn replaced(text: &str, folder: &str, by: &str) -> String {
     while let Some(at) = rest.find(folder) {
         let (before, found) = rest.split_at(at);
         shown.push_str(before);
-        let previous = shown.chars().next_back();
-        let begins = previous.is_none_or(|c| c.is_whitespace() || AFTER_PATH.contains(&c));
-        shown.push_str(if begins { by } else { folder });
+        let shown_as = if may_begin(&shown) { by } else { folder };
+        shown.push_str(shown_as);
         rest = &found[folder.len()..];
     }
     shown + rest

@@ -82,6 +82,13 @@ pub fn median(samples: &[f64]) -> f64 {
     median_of_sorted(&sorted(samples))
 }
 
+/// The place of the sample nearest to the median; the first of several. None for no samples.
+pub fn nearest_to_median(samples: &[f64]) -> Option<usize> {
+    let median = median(samples);
+    let distances = samples.iter().map(|sample| (sample - median).abs()).enumerate();
+    distances.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(place, _)| place)
+}
+
 /// The median with its 95 % interval. A median of 0 and no interval for no samples.
 pub fn estimate(samples: &[f64]) -> Estimate {
     if samples.is_empty() {
@@ -181,16 +188,18 @@ pub fn log_log_slope(points: &[(f64, f64)]) -> Option<Slope> {
     let usable = |v: f64| v.is_finite() && v > 0.0;
     let points = points.iter().filter(|(x, y)| usable(*x) && usable(*y));
     let points = points.map(|(x, y)| (x.ln(), y.ln())).collect_vec();
-    let slope = theil_sen(&points)?;
+    // Theil–Sen: Sen, *J. Am. Stat. Assoc.* 63 (1968).
+    let slopes = slopes([&points[..]]);
+    let slope = (!slopes.is_empty()).then(|| median_of_sorted(&slopes))?;
     let intercepts = points.iter().map(|(x, y)| y - slope * x).collect_vec();
     Some(Slope { slope, intercept: median(&intercepts), n: points.len() })
 }
 
-/// The median slope over all pairs of points with distinct `x`. Sen, *J. Am. Stat. Assoc.* 63 (1968).
-fn theil_sen(points: &[(f64, f64)]) -> Option<f64> {
-    let slopes = points.iter().array_combinations().map(|[a, b]| (b.1 - a.1) / (b.0 - a.0));
-    let mut slopes = slopes.filter(|slope| slope.is_finite()).collect_vec();
-    (!slopes.is_empty()).then(|| median_in_place(&mut slopes))
+/// The slopes over all pairs of points of one group with distinct `x`, sorted.
+fn slopes<'a>(groups: impl IntoIterator<Item = &'a [(f64, f64)]>) -> Vec<f64> {
+    let pairs = groups.into_iter().flat_map(|points| points.iter().array_combinations());
+    let slopes = pairs.map(|[a, b]| (b.1 - a.1) / (b.0 - a.0)).filter(|slope| slope.is_finite());
+    slopes.sorted_unstable_by(f64::total_cmp).collect()
 }
 
 /// Quantile of the standard normal distribution for an interval of 95 %.
@@ -201,9 +210,7 @@ const Z_95: f64 = 1.959_964;
 /// Gilbert, *Statistical Methods for Environmental Pollution Monitoring* (1987), section 17.4, for the interval, which takes points
 /// for independent. `None` unless a group has two distinct `x`.
 pub fn slope_within_groups(groups: &[Vec<(f64, f64)>]) -> Option<Estimate> {
-    let pairs = groups.iter().flat_map(|points| points.iter().array_combinations());
-    let slopes = pairs.map(|[a, b]| (b.1 - a.1) / (b.0 - a.0)).filter(|slope| slope.is_finite());
-    let slopes = slopes.sorted_unstable_by(f64::total_cmp).collect_vec();
+    let slopes = slopes(groups.iter().map(Vec::as_slice));
     if slopes.is_empty() {
         return None;
     }
@@ -223,17 +230,6 @@ pub fn slope_within_groups(groups: &[Vec<(f64, f64)>]) -> Option<Estimate> {
 /// Variance of Kendall's S of `n` points without a trend.
 fn kendall_variance(n: f64) -> f64 {
     n * (n - 1.0) * (2.0 * n + 5.0) / 18.0
-}
-
-/// The same value as [`median`] in linear time.
-fn median_in_place(samples: &mut [f64]) -> f64 {
-    let n = samples.len();
-    let (below, upper, _) = samples.select_nth_unstable_by(n / 2, f64::total_cmp);
-    let lower = below.iter().copied().max_by(f64::total_cmp);
-    match lower {
-        Some(lower) if n.is_multiple_of(2) => (lower + *upper) / 2.0,
-        _ => *upper,
-    }
 }
 
 fn sorted(samples: &[f64]) -> Vec<f64> {
@@ -273,6 +269,12 @@ mod tests {
     }
 
     #[test]
+    fn the_sample_nearest_to_the_median_is_found() {
+        assert_eq!(nearest_to_median(&[5.0, 1.0, 3.0, 9.0, 3.5]), Some(4));
+        assert_eq!(nearest_to_median(&[]), None);
+    }
+
+    #[test]
     fn ranks_are_the_innermost_that_keep_the_level() {
         for alpha in [0.05, 0.01, 0.003] {
             for n in 1..200 {
@@ -306,16 +308,6 @@ mod tests {
         let n = 1e6_f64;
         let rank = lower_rank(n as usize, 0.05).unwrap() as f64;
         assert!((rank - (n - 1.96 * n.sqrt()) / 2.0).abs() < 3.0, "{rank}");
-    }
-
-    #[test]
-    fn medians_in_place_are_medians() {
-        let mut random = Pcg64::seed_from_u64(4);
-        for n in 1..40 {
-            let mut samples = heavy_tailed(&mut random, n);
-            let expected = median(&samples);
-            assert_eq!(median_in_place(&mut samples), expected);
-        }
     }
 
     /// The sum of twelve uniform numbers, as good as normal.
@@ -436,10 +428,9 @@ mod tests {
     #[test]
     fn no_slope_without_two_distinct_positive_points() {
         assert!(log_log_slope(&[]).is_none());
-        assert!(log_log_slope(&[(1.0, 1.0)]).is_none());
-        assert!(log_log_slope(&[(2.0, 1.0), (2.0, 3.0)]).is_none());
-        assert!(log_log_slope(&[(0.0, 1.0), (2.0, 3.0)]).is_none());
-        assert!(log_log_slope(&[(1.0, 0.0), (2.0, 3.0)]).is_none());
+        for point in [(2.0, 3.0), (2.0, 1.0), (0.0, 1.0), (1.0, 0.0)] {
+            assert!(log_log_slope(&[point, (2.0, 3.0)]).is_none(), "{point:?}");
+        }
     }
 
     proptest! {

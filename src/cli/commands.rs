@@ -15,11 +15,12 @@ use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
-    ceilings, dump as dumping, journal, picture, progress, query as querying, render as rendering,
-    sheet, verify as verifying,
+    ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
+    verify as verifying,
 };
 use crate::parameter::{self, Allowed};
 use crate::picture::RgbImage;
+use crate::record::Reading;
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::report::{self, ReportView};
 use crate::scene::{SceneFile, assets};
@@ -60,7 +61,6 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         no_ceilings: args.no_ceilings,
         request: request(args),
         command: private::command(),
-        quiet: false,
     };
     let summary = run::run(&options, &INTERRUPT)?;
     let output = OutputFolder { folder: summary.out.clone() };
@@ -78,6 +78,17 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         Some(reason) if nothing => super::fail(&format!("every cell was skipped; {reason}")),
         _ => ExitCode::SUCCESS,
     })
+}
+
+/// The status of a command whose parts went well or not.
+pub fn ended(well: bool) -> Outcome {
+    Ok(if well { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
+}
+
+/// Names the files that a command has written.
+pub fn written(paths: impl IntoIterator<Item = PathBuf>) -> Outcome {
+    paths.into_iter().for_each(|path| tell::done(path.display()));
+    Ok(ExitCode::SUCCESS)
 }
 
 /// What a run is asked to measure.
@@ -136,23 +147,14 @@ fn print_summary(summary: &Summary) {
 pub fn list(catalog: &Catalog, args: ListArgs) -> Outcome {
     use Listing::*;
     check_options(&args)?;
-    match args.what {
-        Some(what) => print_listing(catalog, what, &args)?,
-        None => {
-            for (heading, what) in [
-                ("Experiments", Experiments),
-                ("Figures", Figures),
-                ("Scenes", Scenes),
-                ("Pipelines", Pipelines),
-                ("Stages", Stages),
-                ("Adapters", Adapters),
-                ("Exporters", Exporters),
-            ] {
-                tell::answer(heading);
-                print_listing(catalog, what, &args)?;
-                tell::answer("");
-            }
-        }
+    if let Some(what) = args.what {
+        print_listing(catalog, what, &args)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    for what in [Experiments, Figures, Scenes, Pipelines, Stages, Adapters, Exporters] {
+        tell::answer(format!("{what:?}"));
+        print_listing(catalog, what, &args)?;
+        tell::answer("");
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -220,7 +222,7 @@ fn scene_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
         let description = SceneFile::load_from(&catalog.scenes, &name)?.description;
         Ok((name, description))
     };
-    catalog.scenes.texts(".toml").into_iter().map(|(name, _)| name).map(row).collect()
+    catalog.scenes.stems(".toml").map(row).collect()
 }
 
 fn stage_rows(catalog: &Catalog, pipeline: Option<&str>) -> anyhow::Result<Rows> {
@@ -302,8 +304,7 @@ pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
     } else {
         tell::answer(format!("{}\n{answer}", text::line(&answer.adapter)));
     }
-    let sound = answer.unsound.is_empty();
-    Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
+    ended(answer.unsound.is_empty())
 }
 
 pub fn verify(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {
@@ -311,8 +312,7 @@ pub fn verify(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) 
     let checks =
         verifying::verify(&gpu, &catalog.cases(), filter.as_deref(), |ended| tell::note(ended))?;
     tell::answer(verifying::Table(&checks));
-    let sound = checks.iter().all(verifying::Check::is_sound);
-    Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
+    ended(checks.iter().all(verifying::Check::is_sound))
 }
 
 pub fn fetch(names: &[String]) -> Outcome {
@@ -347,9 +347,9 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
         let stem = Path::new(scene).file_stem().unwrap_or_default();
         PathBuf::from(stem).with_extension("png")
     });
-    rendering::render(&gpu, &subject, args.samples.unwrap_or(1), &path)?;
-    tell::done(path.display());
-    Ok(ExitCode::SUCCESS)
+    let rendered = rendering::bare(&gpu, &subject, args.samples.unwrap_or(1))?;
+    picture::write_to(&rendered.explained(), &path)?;
+    written([path])
 }
 
 /// Each panel and the sheet of each figure; for all figures one sheet more. A figure that cannot be rendered does not keep the
@@ -373,8 +373,7 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
         picture::write_to(&sheet::of_all(&parts), &path)?;
         tell::done(path.display());
     }
-    let whole = parts.len() == figures.len();
-    Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
+    ended(parts.len() == figures.len())
 }
 
 /// Writes a figure's files. Its part of a sheet of many comes back.
@@ -395,10 +394,7 @@ pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let SubjectArgs { pipeline, scene, set } = &args.subject;
     let subject = Subjects::of(catalog).within(&gpu.capacity).subject(pipeline, scene, set)?;
-    for path in dumping::dump(&gpu, &subject, &args.stage, &args.output)? {
-        tell::done(path.display());
-    }
-    Ok(ExitCode::SUCCESS)
+    written(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
 }
 
 pub fn query(catalog: &Catalog, args: QueryArgs) -> Outcome {
@@ -406,10 +402,7 @@ pub fn query(catalog: &Catalog, args: QueryArgs) -> Outcome {
         Question::Ao => query_occlusion(catalog, &args)?,
         Question::Photons => query_photons(catalog, &args)?,
     }
-    if let Some(path) = &args.output {
-        tell::done(path.display());
-    }
-    Ok(ExitCode::SUCCESS)
+    written(args.output)
 }
 
 fn query_occlusion(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
@@ -465,35 +458,33 @@ fn answer<E: std::error::Error + Send + Sync + 'static>(
 
 /// Of one folder all its files, beside its records. Of several, or into another folder, one page.
 pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
-    let paths = match (folders.as_slice(), out) {
-        ([folder], None) => report_of(folder)?,
-        (_, Some(out)) => {
-            let page = exporters::page_of(&folders)?;
-            exporters::put(&out, vec![page])?
-        }
+    match (folders.as_slice(), out) {
+        ([folder], None) => written(report_of(folder)?),
+        (_, Some(out)) => written(exporters::put(&out, vec![exporters::page_of(&folders)?])?),
         (_, None) => {
             anyhow::bail!("several folders give one page: say with --out where to write it")
         }
-    };
-    for path in paths {
-        tell::done(path.display());
     }
-    Ok(ExitCode::SUCCESS)
+}
+
+/// The sound records of a folder; the others are named. `hint` ends with the name of the file that should be there.
+pub fn sound(output: &OutputFolder, hint: &str) -> anyhow::Result<Reading> {
+    let reading =
+        record::read_good(&output.records()).with_context(|| format!("{hint} {RECORDS}"))?;
+    reading.damaged.notices(&output.records()).into_iter().for_each(tell::note);
+    Ok(reading)
 }
 
 fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let output = OutputFolder { folder: folder.to_owned() };
-    let reading = record::read_good(&output.records())
-        .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
-    reading.damaged.notices(&output.records()).into_iter().for_each(tell::note);
+    let reading = sound(&output, "a run's folder holds its records in")?;
     let unfinished = journal::unfinished(&output.samples(), &reading.records)?;
     if !unfinished.is_empty() {
         let pairs: usize = unfinished.iter().sum();
         let (cells, folder) = (unfinished.len(), output.folder.display());
-        let notice = format!(
+        tell::note(format!(
             "{folder}: {cells} cells with {pairs} pairs of frames have no record yet; `fathom run --resume --out {folder}` goes on"
-        );
-        progress::say(&notice, false);
+        ));
     }
     Ok(exporters::write(&output.folder, reading)?)
 }

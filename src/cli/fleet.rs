@@ -10,7 +10,7 @@ use super::commands::{
     INTERRUPT, INTERRUPTED, Outcome, SOMETHING_FAILED, request, watch_interrupts,
 };
 use super::{COULD_NOT_RUN, Cli, Command, Engine, FleetArgs, RunArgs, merge};
-use crate::fleet::slurm::{self, Slurm};
+use crate::fleet::slurm::Slurm;
 use crate::fleet::{self, Followed};
 use crate::harness::catalog::Catalog;
 use crate::record::output;
@@ -22,21 +22,13 @@ const MERGED: &str = "merged";
 pub fn fleet(catalog: &Catalog, args: FleetArgs) -> Outcome {
     let Engine::Slurm = args.engine;
     let run = run_arguments(catalog, &args.command)?;
-    let slurm = slurm::Options {
-        partition: args.partition,
-        nodes: args.nodes,
-        gres: args.gres,
-        time: args.time,
-        shared: args.shared,
-        more: args.sbatch,
-    };
     let shards = match args.shards {
         Some(shards) => shards,
-        None => u32::try_from(Slurm::node_count(&slurm)?)?,
+        None => u32::try_from(Slurm::node_count(&args.slurm)?)?,
     };
     let out = std::path::absolute(&args.out).context("there is no current folder")?;
     let options = fleet::Options {
-        slurm,
+        slurm: args.slurm,
         shards,
         run,
         program: std::env::current_exe().context("cannot tell where this program lies")?,

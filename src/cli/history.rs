@@ -130,32 +130,36 @@ impl SelectionArgs {
 
 pub fn history(command: HistoryCommand) -> Outcome {
     match command {
-        HistoryCommand::Add(args) => add(args)?,
+        HistoryCommand::Add(args) => add(args),
         HistoryCommand::List { selection, place } => {
             let runs = History::open(&place.location()?)?.runs(&selection.with(None))?;
-            tell::answer(tables::runs(&runs));
+            answered(tables::runs(&runs))
         }
         HistoryCommand::Show { filter, out, selection, place } => {
-            show(&selection.with(filter), out.as_deref(), &place.location()?)?;
+            show(&selection.with(filter), out.as_deref(), &place.location()?)
         }
         HistoryCommand::Changes { filter, json, selection, place } => {
             let stored = History::open(&place.location()?)?.stored(&selection.with(filter))?;
             let findings = Findings::of(&stored);
-            match json {
-                true => tell::answer(format!("{:#}", tables::changes_json(&stored, &findings))),
-                false => tell::answer(tables::changes(&stored, &findings)),
-            }
+            answered(match json {
+                true => format!("{:#}", tables::changes_json(&stored, &findings)),
+                false => tables::changes(&stored, &findings),
+            })
         }
-        HistoryCommand::Get { run, out, place } => get(&run, &out, &place.location()?)?,
+        HistoryCommand::Get { run, out, place } => get(&run, &out, &place.location()?),
         HistoryCommand::Export { otava, filter, selection, place } => {
-            export(&otava, &selection.with(filter), &place.location()?)?;
+            export(&otava, &selection.with(filter), &place.location()?)
         }
     }
+}
+
+fn answered(answer: String) -> Outcome {
+    tell::answer(answer);
     Ok(ExitCode::SUCCESS)
 }
 
 /// All folders are read before the first is stored, so that a damaged one is told at once.
-fn add(args: AddArgs) -> anyhow::Result<()> {
+fn add(args: AddArgs) -> Outcome {
     let AddArgs { folders, commit, branch, machine, place } = args;
     let origin = history::origin(Said { commit, branch, machine })?;
     for folder in &folders {
@@ -171,22 +175,21 @@ fn add(args: AddArgs) -> anyhow::Result<()> {
         };
         tell::done(format!("{name} of {} on {}: {told}", origin.commit, origin.branch));
     }
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }
 
-fn show(selection: &Selection, out: Option<&Path>, location: &Location) -> anyhow::Result<()> {
+fn show(selection: &Selection, out: Option<&Path>, location: &Location) -> Outcome {
     let stored = History::open(location)?.stored(selection)?;
     let findings = Findings::of(&stored);
     let Some(out) = out else {
-        tell::answer(tables::series(&stored, &findings));
-        return Ok(());
+        return answered(tables::series(&stored, &findings));
     };
     let shown = Some(on_page::on_page(&stored, &findings));
     let page = Page { history: shown, ..Page::new(Vec::new()) }.file();
     write_into(out, vec![page])
 }
 
-fn get(run: &str, out: &Path, location: &Location) -> anyhow::Result<()> {
+fn get(run: &str, out: &Path, location: &Location) -> Outcome {
     let (_, bytes) = History::open(location)?.records(run)?;
     let path = out.join(RECORDS);
     anyhow::ensure!(
@@ -197,7 +200,7 @@ fn get(run: &str, out: &Path, location: &Location) -> anyhow::Result<()> {
     write_into(out, vec![Artifact { name: RECORDS.to_owned(), bytes }])
 }
 
-fn export(folder: &Path, selection: &Selection, location: &Location) -> anyhow::Result<()> {
+fn export(folder: &Path, selection: &Selection, location: &Location) -> Outcome {
     let stored = History::open(location)?.stored(selection)?;
     std::fs::create_dir_all(folder)
         .with_context(|| format!("cannot make the folder {}", folder.display()))?;
@@ -207,5 +210,5 @@ fn export(folder: &Path, selection: &Selection, location: &Location) -> anyhow::
     let count = files.len() - 1;
     exporters::put(folder, files)?;
     tell::done(format!("{}: {count} series", folder.join(otava::CONFIGURATION).display()));
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,9 +1,8 @@
 //! `fathom merge`: from the folders of shards to that of the run, with its reports.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
-use super::commands::{Outcome, SOMETHING_FAILED};
+use super::commands::{Outcome, ended};
 use crate::harness::merge::{self, Merged, OfAdapter, Staging};
 use crate::harness::outcome::Counts;
 use crate::record::{Damaged, Reading};
@@ -13,9 +12,7 @@ use crate::{exporters, tell, text};
 const MOST_NAMED: usize = 20;
 
 pub fn merge(folders: &[PathBuf], out: &Path) -> Outcome {
-    let merged = join(folders, out)?;
-    let whole = merged.iter().all(is_whole);
-    Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
+    ended(join(folders, out)?.iter().all(is_whole))
 }
 
 /// Every cell is there, and none failed.

@@ -12,6 +12,7 @@ use std::process::ExitCode;
 
 use crate::experiments::{parse_axis, parse_set};
 use crate::exporters::OF_COMPARISONS;
+use crate::fleet::slurm;
 use crate::harness::catalog::Catalog;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use crate::record::schema::LineKind;
@@ -221,7 +222,8 @@ pub struct RunArgs {
     pub adapter: AdapterArgs,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+/// What there is to list; its name is its heading.
+#[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Listing {
     Experiments,
     Figures,
@@ -346,24 +348,8 @@ pub struct FleetArgs {
     /// Parts that the run is divided into, each a task [default: as many as there are nodes]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SHARDS)))]
     pub shards: Option<u32>,
-    /// The only nodes to use, as Slurm writes a list of them: `gpu[1-4]`
-    #[arg(long, value_name = "LIST")]
-    pub nodes: Option<String>,
-    /// Partition of the nodes
-    #[arg(long, value_name = "NAME")]
-    pub partition: Option<String>,
-    /// Generic resources of each task: `gpu:1`
-    #[arg(long, value_name = "LIST")]
-    pub gres: Option<String>,
-    /// Longest time of a task, as Slurm writes it: `01:30:00`
-    #[arg(long, value_name = "TIME")]
-    pub time: Option<String>,
-    /// Let other jobs run on a task's node, which disturbs its times
-    #[arg(long)]
-    pub shared: bool,
-    /// A further option of `sbatch`; may be given several times
-    #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
-    pub sbatch: Vec<String>,
+    #[command(flatten)]
+    pub slurm: slurm::Options,
     /// Submit a shard that failed or was killed so many times again
     #[arg(long, default_value_t = 2)]
     pub retries: u32,

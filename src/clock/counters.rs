@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::frame::{Mode, Recorder};
+use super::queries::QueryResults;
 use super::{DeviceError, TimedStage, WatchedDevice};
 
 const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::all();
@@ -14,7 +15,6 @@ const NAMES: [&str; 5] = [
     "fragment_invocations",
     "compute_invocations",
 ];
-const QUERY_BYTES: u64 = (NAMES.len() * size_of::<u64>()) as u64;
 
 /// What the adapter counted in one stage's passes. Counters that are zero are left out.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,39 +42,16 @@ pub fn count<S: TimedStage + ?Sized>(
         let mut recorder = Recorder::default();
         recorder.record(gpu, Mode::Counted { set: &set, max_passes }, stages)?;
         recorder.run(gpu)?;
-        let results = resolve(gpu, &set, recorder.queries)?;
+        let count = u64::from(recorder.queries) * NAMES.len() as u64;
+        let results = match recorder.queries {
+            0 => Vec::new(),
+            queries => QueryResults::new(gpu, "pipeline statistics", count).read(
+                gpu,
+                count,
+                |encoder, resolved| encoder.resolve_query_set(&set, 0..queries, resolved, 0),
+            )?,
+        };
         Ok(Some(sum(stages, &recorder, &results)))
-    })
-}
-
-/// The results of the first `queries` queries, [`NAMES`] of each.
-fn resolve(
-    gpu: &WatchedDevice,
-    set: &wgpu::QuerySet,
-    queries: u32,
-) -> Result<Vec<u64>, DeviceError> {
-    if queries == 0 {
-        return Ok(Vec::new());
-    }
-    let bytes = u64::from(queries) * QUERY_BYTES;
-    let buffer = |usage| {
-        gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("pipeline statistics"),
-            size: bytes,
-            usage,
-            mapped_at_creation: false,
-        })
-    };
-    use wgpu::BufferUsages as Usage;
-    let resolved = buffer(Usage::QUERY_RESOLVE | Usage::COPY_SRC);
-    let read_back = buffer(Usage::MAP_READ | Usage::COPY_DST);
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    encoder.resolve_query_set(set, 0..queries, &resolved, 0);
-    encoder.copy_buffer_to_buffer(&resolved, 0, &read_back, 0, bytes);
-    gpu.queue.submit([encoder.finish()]);
-    gpu.map(&read_back, bytes, |raw| {
-        let value = |raw: &[u8]| u64::from_le_bytes(std::array::from_fn(|byte| raw[byte]));
-        raw.chunks_exact(size_of::<u64>()).map(value).collect()
     })
 }
 

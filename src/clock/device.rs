@@ -154,6 +154,15 @@ impl WatchedDevice {
         self.wait_for(Some(index))
     }
 
+    pub fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size,
+            usage,
+            mapped_at_creation: false,
+        })
+    }
+
     /// Waits for the GPU, maps the first `bytes` of a buffer, and hands them to `read`.
     ///
     /// # Errors

@@ -6,6 +6,7 @@ mod device;
 mod error;
 mod frame;
 mod machine;
+mod queries;
 mod sampling;
 mod session;
 

@@ -136,6 +136,11 @@ impl Folders {
         all.collect::<BTreeMap<_, _>>().into_iter().collect()
     }
 
+    /// The stems of [`Self::texts`].
+    pub fn stems(&self, ending: &str) -> impl Iterator<Item = String> {
+        self.texts(ending).into_iter().map(|(stem, _)| stem)
+    }
+
     pub fn names(&self) -> Vec<Cow<'static, str>> {
         self.0.iter().map(|folder| folder.name.clone()).collect()
     }

@@ -19,6 +19,7 @@ mod comparisons;
 mod fits;
 
 use indexmap::IndexMap;
+use serde_json::{Map, Value};
 use strum::Display;
 
 use self::comparison::{Comparison, Judgement};
@@ -43,7 +44,7 @@ pub fn least_samples() -> usize {
     statistics::least_samples(ALPHA)
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Display)]
 #[strum(serialize_all = "lowercase")]
 pub enum Verdict {
     Contradicted,
@@ -171,17 +172,22 @@ fn by_group(test: &Test, over: &str, cells: &[&Cell], software: bool) -> Vec<Tes
 
 /// Cells that have the axis, grouped by the values of all their other axes.
 pub fn groups<'a>(cells: &[&'a Cell], over: &str) -> Vec<(String, Vec<&'a Cell>)> {
-    let mut groups = IndexMap::<String, Vec<&Cell>>::new();
-    for cell in cells.iter().filter(|cell| cell.axes.contains_key(over)) {
-        let others: Vec<String> = cell
-            .axes
-            .iter()
-            .filter(|(name, _)| *name != over)
-            .map(|(name, value)| format!("{name}={}", label_text(value)))
-            .collect();
-        groups.entry(others.join(", ")).or_default().push(cell);
+    by_other_axes(cells.iter().copied(), over, |cell| &cell.axes).into_iter().collect()
+}
+
+/// The same of anything that has axes.
+pub(super) fn by_other_axes<'a, T>(
+    cells: impl IntoIterator<Item = T>,
+    over: &str,
+    axes: impl Fn(&T) -> &'a Map<String, Value>,
+) -> IndexMap<String, Vec<T>> {
+    let mut groups = IndexMap::<String, Vec<T>>::new();
+    for cell in cells.into_iter().filter(|cell| axes(cell).contains_key(over)) {
+        let others = axes(&cell).iter().filter(|(name, _)| *name != over);
+        let others = others.map(|(name, value)| format!("{name}={}", label_text(value)));
+        groups.entry(others.collect::<Vec<_>>().join(", ")).or_default().push(cell);
     }
-    groups.into_iter().collect()
+    groups
 }
 
 fn test_group(test: &Test, cells: &[&Cell], software: bool) -> Tested {

@@ -109,25 +109,6 @@ pub(super) struct AxisValue {
 }
 
 impl AxisValue {
-    pub(super) fn parse(axis: &str, value: &Value) -> Result<AxisValue, String> {
-        let Value::Object(table) = value else {
-            return Ok(AxisValue {
-                label: value.clone(),
-                set: vec![(axis.to_owned(), value.clone())],
-            });
-        };
-        let label = table.get("label").filter(|label| !label.is_object());
-        let set = table.get("set").and_then(Value::as_object);
-        match (label, set) {
-            (Some(label), Some(set)) if table.len() == 2 && !set.is_empty() => {
-                Ok(AxisValue { label: label.clone(), set: flatten(set) })
-            }
-            _ => Err(format!(
-                "a table among the values of axis `{axis}` must be {{ label = …, set = {{ path = value, … }} }}"
-            )),
-        }
-    }
-
     fn text(&self) -> String {
         label_text(&self.label)
     }
@@ -136,12 +117,6 @@ impl AxisValue {
     fn bytes(&self) -> u64 {
         2 * (ENTRY_BYTES + self.text().len() as u64 + entry_bytes(&self.set))
     }
-}
-
-/// Whether a value of an axis sets a name or a choice in place of a number.
-pub(super) fn sets_a_name(value: &Value) -> bool {
-    let is_name = |value: &Value| value.is_string() || value.is_boolean();
-    AxisValue::parse("", value).is_ok_and(|value| value.set.iter().any(|(_, value)| is_name(value)))
 }
 
 /// What names and values take in memory, about.
@@ -189,6 +164,47 @@ impl Profiles {
 }
 
 impl Axis {
+    pub(super) fn parse(&self, value: &Value) -> Result<AxisValue, String> {
+        let name = &self.name;
+        let Value::Object(table) = value else { return self.plain(value) };
+        let label = table.get("label").filter(|label| !label.is_object());
+        let set = table.get("set").and_then(Value::as_object);
+        match (label, set) {
+            (Some(label), Some(set)) if table.len() == 2 && !set.is_empty() => {
+                Ok(AxisValue { label: label.clone(), set: flatten(set) })
+            }
+            _ => Err(format!(
+                "a table among the values of axis `{name}` must be {{ label = …, set = {{ path = value, … }} }}"
+            )),
+        }
+    }
+
+    /// A value that is no table.
+    fn plain(&self, value: &Value) -> Result<AxisValue, String> {
+        let label = match value {
+            Value::Array(_) if !self.sets.is_empty() => label_text(value).into(),
+            _ => value.clone(),
+        };
+        let set = match (self.sets.as_slice(), value) {
+            ([], _) => vec![(self.name.clone(), value.clone())],
+            ([path], _) => vec![(path.clone(), value.clone())],
+            (paths, Value::Array(items)) if items.len() == paths.len() => {
+                paths.iter().cloned().zip(items.iter().cloned()).collect()
+            }
+            (paths, _) => {
+                let (name, text) = (&self.name, label_text(value));
+                return Err(format!("axis `{name}` sets {} parameters: `{text}`", paths.len()));
+            }
+        };
+        Ok(AxisValue { label, set })
+    }
+
+    /// Whether this value of the axis sets a name or a choice in place of a number.
+    pub(super) fn sets_a_name(&self, value: &Value) -> bool {
+        let is_name = |value: &Value| value.is_string() || value.is_boolean();
+        self.parse(value).is_ok_and(|value| value.set.iter().any(|(_, value)| is_name(value)))
+    }
+
     fn of(&self, profile: Profile) -> &[Value] {
         let own = match profile {
             Profile::Quick => &self.quick,
@@ -201,17 +217,18 @@ impl Axis {
         [&self.values, &self.quick, &self.paper].into_iter().flatten().flatten()
     }
 
-    /// One value of the command line: the label of a table, or a value of the same type as those in the file.
+    /// One value of the command line: a label, or a value of the same type as those in the file where the axis is named after the
+    /// parameter that it sets.
     fn choose(&self, text: &str) -> Result<AxisValue, String> {
-        let parse = |value: &Value| AxisValue::parse(&self.name, value);
-        for value in self.every().filter(|value| value.is_object()) {
-            let known = parse(value)?;
+        let is_labelled = |value: &Value| value.is_object() || !self.sets.is_empty();
+        for value in self.every().filter(|value| is_labelled(value)) {
+            let known = self.parse(value)?;
             if known.text() == text {
                 return Ok(known);
             }
         }
         let labels: IndexSet<String> = self.every().map(value_text).collect();
-        let plain = self.every().find(|value| !value.is_object());
+        let plain = self.every().find(|value| !is_labelled(value));
         let Some(example) = plain else {
             let near = nearest(text, labels.iter().map(String::as_str));
             let values = labels.iter().join(", ");
@@ -228,7 +245,7 @@ impl Axis {
                 value_text(example)
             ));
         }
-        parse(&value)
+        self.parse(&value)
     }
 }
 
@@ -314,7 +331,7 @@ impl Experiment {
     ) -> Result<(), ExperimentError> {
         for axis in self.axes() {
             for value in axis.of(profile) {
-                let parsed = self.of_axis(axis, AxisValue::parse(&axis.name, value))?;
+                let parsed = self.of_axis(axis, axis.parse(value))?;
                 for (path, _) in parsed.set {
                     if sets.iter().any(|(set, _)| *set == path) {
                         return Err(ExperimentError::SetOnAxis {
@@ -348,10 +365,7 @@ impl Experiment {
             let chosen = axis_overrides.iter().find(|(name, _)| *name == axis.name);
             let values: Result<Vec<AxisValue>, String> = match chosen {
                 Some((_, texts)) => texts.iter().map(|text| axis.choose(text)).collect(),
-                None => {
-                    let values = axis.of(profile).iter();
-                    values.map(|value| AxisValue::parse(&axis.name, value)).collect()
-                }
+                None => axis.of(profile).iter().map(|value| axis.parse(value)).collect(),
             };
             axes.push((axis, self.of_axis(axis, values)?));
         }

@@ -56,6 +56,14 @@ pub fn profile(profile: Profile) -> Vec<Record> {
     records
 }
 
+/// The cells of records, to change them.
+pub fn cells(records: &mut [Record]) -> impl Iterator<Item = &mut Cell> {
+    records.iter_mut().filter_map(|record| match record {
+        Record::Cell(cell) => Some(cell.as_mut()),
+        _ => None,
+    })
+}
+
 /// A run in which no cell was measured.
 pub fn all_skipped() -> Vec<Record> {
     let skip = |record| match record {

@@ -24,8 +24,9 @@ use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
+use crate::expand::flatten;
 use crate::words::{self, Label, Unit};
 use fathom_base::statistics;
 use fathom_record::{Cell, Estimate, Interval, Measured, StageRecord, Work};
@@ -447,17 +448,25 @@ pub fn lookup<'a>(params: &'a Value, path: &str) -> Option<&'a Value> {
 }
 
 /// A cell fits a filter when each name is an axis, else a parameter (`scene` and `pipeline` included), of the value given.
-pub fn fits(cell: &Cell, filter: &serde_json::Map<String, Value>) -> bool {
-    super::expand::flatten(filter).iter().all(|(name, wanted)| {
-        let scene = Value::from(cell.scene.as_str());
-        let pipeline = Value::from(cell.pipeline.as_str());
-        let found = match (cell.axes.get(name), name.as_str()) {
-            (Some(value), _) => Some(value),
-            (None, "scene") => Some(&scene),
-            (None, "pipeline") => Some(&pipeline),
-            (None, _) => cell.params.lookup(name),
-        };
-        found.is_some_and(|found| same(found, wanted))
+pub fn fits(cell: &Cell, filter: &Map<String, Value>) -> bool {
+    let Cell { axes, scene, pipeline, params, .. } = cell;
+    fits_with(filter, axes, [scene, pipeline], |path, wanted| {
+        params.lookup(path).is_some_and(|found| same(found, wanted))
+    })
+}
+
+/// The same of a cell with these axes, whose other parameters `param` tells of.
+pub(super) fn fits_with(
+    filter: &Map<String, Value>,
+    axes: &Map<String, Value>,
+    [scene, pipeline]: [&str; 2],
+    param: impl Fn(&str, &Value) -> bool,
+) -> bool {
+    flatten(filter).iter().all(|(name, wanted)| match (axes.get(name), name.as_str()) {
+        (Some(value), _) => same(value, wanted),
+        (None, "scene") => wanted == scene,
+        (None, "pipeline") => wanted == pipeline,
+        (None, path) => param(path, wanted),
     })
 }
 

@@ -76,7 +76,7 @@ impl Experiment {
 
     /// Names of the experiments in these folders, in alphabetical order.
     pub fn ids(folders: &Folders) -> Vec<String> {
-        folders.texts(".toml").into_iter().map(|(id, _)| id).collect()
+        folders.stems(".toml").collect()
     }
 
     /// Loads an experiment of these folders by its id, or a file by its path.

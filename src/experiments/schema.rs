@@ -9,7 +9,7 @@ mod plot;
 
 use std::collections::HashSet;
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer, de};
 use serde_json::{Map, Value};
 
 use super::{ExperimentError, Measure};
@@ -59,7 +59,7 @@ pub struct Experiment {
     /// A map of the signed error beside each picture, for pipelines whose error is known point by point.
     #[serde(default)]
     pub error_picture: bool,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "figures")]
     pub published: Vec<Published>,
     #[serde(default)]
     pub claim: Vec<Claim>,
@@ -116,6 +116,10 @@ pub struct Sweep {
 #[serde(deny_unknown_fields)]
 pub struct Axis {
     pub name: String,
+    /// The parameters that its plain values are given to, where it is not named after one: a single one, or one for each item of
+    /// a list. A list's label is its text, such as `640x480`.
+    #[serde(default)]
+    pub sets: Vec<String>,
     /// What to write beside it in tables and plots, with its unit; the name where absent.
     pub title: Option<String>,
     pub values: Option<Vec<Value>>,
@@ -231,7 +235,8 @@ pub enum Comparison {
     Range,
 }
 
-/// A published figure and the cells it speaks of.
+/// A published figure and the cells it speaks of. In a file, a table with a list `figures` stands for as many figures: each has what
+/// the table holds, and what its own entry holds.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Published {
@@ -246,6 +251,24 @@ pub struct Published {
     pub hardware: String,
     #[serde(default)]
     pub note: String,
+}
+
+fn figures<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Published>, D::Error> {
+    let mut published = Vec::new();
+    for mut shared in Vec::<Map<String, Value>>::deserialize(deserializer)? {
+        let own = match shared.remove("figures") {
+            Some(list) => {
+                Vec::<Map<String, Value>>::deserialize(list).map_err(de::Error::custom)?
+            }
+            None => vec![Map::new()],
+        };
+        for figure in own {
+            let whole = shared.clone().into_iter().chain(figure).collect();
+            let figure = Published::deserialize(Value::Object(whole));
+            published.push(figure.map_err(de::Error::custom)?);
+        }
+    }
+    Ok(published)
 }
 
 impl Published {
@@ -376,7 +399,7 @@ impl Experiment {
 impl Axis {
     fn is_category(&self) -> bool {
         let lists = [&self.values, &self.quick, &self.paper].into_iter().flatten();
-        lists.flatten().any(super::expand::sets_a_name)
+        lists.flatten().any(|value| self.sets_a_name(value))
     }
 
     fn check(&self) -> Result<(), String> {
@@ -389,7 +412,7 @@ impl Axis {
                 return Err(format!("axis `{name}` has an empty list of values"));
             }
             for value in list {
-                super::expand::AxisValue::parse(name, value)?;
+                self.parse(value)?;
             }
         }
         Ok(())

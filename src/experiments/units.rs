@@ -3,8 +3,8 @@
 use indexmap::IndexMap;
 use serde_json::{Map, Value};
 
-use super::expand::{flatten, label_text};
-use super::measure::same;
+use super::claims::by_other_axes;
+use super::measure::fits_with;
 use super::schema::{Experiment, PlotKind};
 use super::{CellPlan, schema::Plot};
 
@@ -19,7 +19,10 @@ impl Experiment {
         for plot in self.plot.iter().filter(|plot| joins_cells(plot)) {
             let fitting = fitting(plans, &plot.filter);
             match &plot.over {
-                Some(over) => along(plans, fitting, over).for_each(|group| sets.join(group)),
+                Some(over) => {
+                    let groups = by_other_axes(fitting, over, |index| &plans[*index].axes);
+                    groups.into_values().for_each(|group| sets.join(group));
+                }
                 None => sets.join(fitting),
             }
         }
@@ -37,31 +40,10 @@ fn joins_cells(plot: &Plot) -> bool {
 
 /// The cells that may fit a filter: what it asks of parameters, which a plan does not have resolved, is taken for given.
 fn fitting(plans: &[CellPlan], filter: &Map<String, Value>) -> Vec<usize> {
-    let wanted = flatten(filter);
-    let fits = |plan: &CellPlan| {
-        wanted.iter().all(|(name, wanted)| match (plan.axes.get(name), name.as_str()) {
-            (Some(value), _) => same(value, wanted),
-            (None, "scene") => wanted == &Value::from(plan.scene.as_str()),
-            (None, "pipeline") => wanted == &Value::from(plan.pipeline.as_str()),
-            (None, _) => true,
-        })
+    let fits = |CellPlan { axes, scene, pipeline, .. }: &CellPlan| {
+        fits_with(filter, axes, [scene, pipeline], |_, _| true)
     };
     (0..plans.len()).filter(|index| fits(&plans[*index])).collect()
-}
-
-/// Those of `chosen` that have the axis, in groups that differ in it alone.
-fn along(
-    plans: &[CellPlan],
-    chosen: Vec<usize>,
-    over: &str,
-) -> impl Iterator<Item = Vec<usize>> + use<> {
-    let mut groups = IndexMap::<Vec<(String, String)>, Vec<usize>>::new();
-    for index in chosen.into_iter().filter(|index| plans[*index].axes.contains_key(over)) {
-        let others = plans[index].axes.iter().filter(|(name, _)| *name != over);
-        let others = others.map(|(name, value)| (name.clone(), label_text(value))).collect();
-        groups.entry(others).or_default().push(index);
-    }
-    groups.into_values()
 }
 
 /// Disjoint sets of the numbers below a count, each with its least member as its name.

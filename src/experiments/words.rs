@@ -96,16 +96,24 @@ pub fn parameter_label(path: &str) -> String {
 
 type Entry = (&'static str, &'static str, Unit);
 
+/// By its entry, or by that of what comes before its end.
 fn known(table: &[Entry], name: &str) -> Option<Label> {
-    let (_, words, unit) = table.iter().find(|(known, ..)| *known == name)?;
-    Some(Label::new(*words, *unit))
+    let entry = |name: &str| table.iter().find(|(known, ..)| *known == name);
+    if let Some((_, words, unit)) = entry(name) {
+        return Some(Label::new(*words, *unit));
+    }
+    ENDS.iter().find_map(|(end, words, unit)| {
+        let (_, start, _) = entry(name.strip_suffix(end)?)?;
+        Some(Label::new(format!("{start}{words}"), *unit))
+    })
 }
 
 /// Ends of names, with what they say: the unit, and words behind the rest.
-const ENDS: [(&str, &str, Unit); 13] = [
+const ENDS: [(&str, &str, Unit); 14] = [
     ("_median_m", ", median", Unit::Metres),
     ("_p99_m", ", 99th percentile", Unit::Metres),
     ("_median_deg", ", median", Unit::Degrees),
+    ("_p90_deg", ", 90th percentile", Unit::Degrees),
     ("_rate", "", Unit::Percent),
     ("_share", "", Unit::Percent),
     ("_bytes", "", Unit::Mebibytes),
@@ -152,16 +160,7 @@ const FIGURES: &[Entry] = &[
     ("caustics_left_frustum_rate", "caustic photons that left the light's view", Unit::Percent),
     ("caustics_missed_water_rate", "caustic photons that missed the water", Unit::Percent),
     ("caustics_noise", "noise of caustics, RMS", Unit::Percent),
-    (
-        "caustics_photon_error_median_m",
-        "distance of caustic photons from the exact end, median",
-        Unit::Metres,
-    ),
-    (
-        "caustics_photon_error_p99_m",
-        "distance of caustic photons from the exact end, 99th percentile",
-        Unit::Metres,
-    ),
+    ("caustics_photon_error", "distance of caustic photons from the exact end", Unit::Metres),
     ("caustics_photon_false_hit_rate", "caustic photons that hit where none should", Unit::Percent),
     ("caustics_photon_miss_rate", "caustic photons lost, of all", Unit::Percent),
     ("caustics_reference_noise", "noise of the reference of caustics, RMS", Unit::Percent),
@@ -175,16 +174,7 @@ const FIGURES: &[Entry] = &[
     ("godrays_left_frustum_rate", "godray photons that left the light's view", Unit::Percent),
     ("godrays_missed_water_rate", "godray photons that missed the water", Unit::Percent),
     ("godrays_noise", "noise of godrays, RMS", Unit::Percent),
-    (
-        "godrays_photon_error_median_m",
-        "distance of godray photons from the exact end, median",
-        Unit::Metres,
-    ),
-    (
-        "godrays_photon_error_p99_m",
-        "distance of godray photons from the exact end, 99th percentile",
-        Unit::Metres,
-    ),
+    ("godrays_photon_error", "distance of godray photons from the exact end", Unit::Metres),
     ("godrays_photon_false_hit_rate", "godray photons that hit where none should", Unit::Percent),
     ("godrays_photon_miss_rate", "godray photons lost", Unit::Percent),
     ("godrays_unconverged_rate", "godray photons not converged", Unit::Percent),
@@ -197,8 +187,7 @@ const FIGURES: &[Entry] = &[
     ("missed_water_rate", "photons that missed the water", Unit::Percent),
     ("occupied_share", "voxels occupied", Unit::Percent),
     ("occupied_voxels", "voxels occupied", Unit::Voxels),
-    ("photon_error_median_m", "distance of photons from the exact end, median", Unit::Metres),
-    ("photon_error_p99_m", "distance of photons from the exact end, 99th percentile", Unit::Metres),
+    ("photon_error", "distance of photons from the exact end", Unit::Metres),
     ("photon_false_hit_rate", "photons that hit where none should", Unit::Percent),
     ("photon_miss_rate", "photons lost, of those that end in view", Unit::Percent),
     ("photon_no_hit_rate", "photons without a hit", Unit::Percent),
@@ -213,11 +202,9 @@ const FIGURES: &[Entry] = &[
     ("r_max_m", "largest distance of occluders", Unit::Metres),
     ("r_max_voxels", "largest distance of occluders", Unit::Voxels),
     ("reads_per_pixel_mean", "reads per pixel, mean", Unit::One),
-    ("refraction_error_median_deg", "angle to the exact ray, median", Unit::Degrees),
-    ("refraction_error_p90_deg", "angle to the exact ray, 90th percentile", Unit::Degrees),
+    ("refraction_error", "angle to the exact ray", Unit::Degrees),
     ("samples_per_covered_pixel", "samples per covered pixel", Unit::One),
     ("samples_per_pixel", "samples per pixel", Unit::One),
-    ("samples_per_pixel_mean", "samples per pixel, mean", Unit::One),
     ("samples_per_pixel_most", "samples per pixel, most", Unit::One),
     ("shadow_false_rate", "pixels with a shadow that should have none", Unit::Percent),
     ("shadow_missed_rate", "pixels that miss their shadow", Unit::Percent),

@@ -40,19 +40,26 @@ pub enum SlurmError {
 }
 
 /// Where and how tasks run.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, clap::Args)]
 pub struct Options {
-    pub partition: Option<String>,
-    /// The only nodes to use, as Slurm writes lists of them.
+    /// The only nodes to use, as Slurm writes a list of them: `gpu[1-4]`
+    #[arg(long, value_name = "LIST")]
     pub nodes: Option<String>,
-    /// Generic resources of each task, such as `gpu:1`.
+    /// Partition of the nodes
+    #[arg(long, value_name = "NAME")]
+    pub partition: Option<String>,
+    /// Generic resources of each task: `gpu:1`
+    #[arg(long, value_name = "LIST")]
     pub gres: Option<String>,
-    /// Longest time of a task, as Slurm writes it.
+    /// Longest time of a task, as Slurm writes it: `01:30:00`
+    #[arg(long, value_name = "TIME")]
     pub time: Option<String>,
-    /// Other tasks may run on a task's node.
+    /// Let other jobs run on a task's node, which disturbs its times
+    #[arg(long)]
     pub shared: bool,
-    /// Further options of `sbatch`.
-    pub more: Vec<String>,
+    /// A further option of `sbatch`; may be given several times
+    #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
+    pub sbatch: Vec<String>,
 }
 
 /// Number of a job array.
@@ -168,7 +175,7 @@ impl<'a> Slurm<'a> {
         sbatch.args(["--requeue", "--open-mode=append"]);
         sbatch.arg(format!("--array={}", numbers.iter().join(",")));
         sbatch.arg(format!("--output={logs}"));
-        let Options { partition, gres, time, shared, more, .. } = self.options;
+        let Options { partition, gres, time, shared, sbatch: more, .. } = self.options;
         for (option, value) in [("partition", partition), ("gres", gres), ("time", time)] {
             sbatch.args(value.iter().map(|value| format!("--{option}={value}")));
         }

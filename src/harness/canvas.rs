@@ -43,10 +43,6 @@ impl Canvas {
         Self(RgbImage::filled(width, height, [255; 3]))
     }
 
-    pub fn put(&mut self, picture: &RgbImage, x: u32, y: u32) {
-        self.0.put(picture, x, y);
-    }
-
     /// Lines of black text, the first one's top at `y`.
     pub fn write(&mut self, lines: &[String], font: &MonoFont<'_>, x: u32, y: u32) {
         let style = MonoTextStyle::new(font, Rgb888::BLACK);

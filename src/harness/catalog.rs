@@ -131,8 +131,7 @@ impl Catalog {
     pub fn stages_of(&self, pipeline: &str) -> Result<Vec<&'static StageInfo>, SubjectError> {
         let kind = self.kind(pipeline)?;
         let suitable = LISTED.into_iter().map(str::to_owned);
-        let mut scenes =
-            suitable.chain(self.scenes.texts(".toml").into_iter().map(|(name, _)| name));
+        let mut scenes = suitable.chain(self.scenes.stems(".toml"));
         let planned = |scene: String| {
             let file = pipelines::smallest(SceneFile::load_from(&self.scenes, &scene).ok()?);
             let tree = (kind.defaults)(&file);

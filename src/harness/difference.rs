@@ -2,11 +2,46 @@
 
 use std::collections::HashMap;
 
-use super::plan::PlannedReference;
-use super::readout::{self, ReadoutError};
+use thiserror::Error;
+
 use super::subject::Subject;
-use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels};
+use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
 use fathom_pipelines::AnyPipeline;
+use fathom_stages::OutputData;
+
+/// Why nothing can be told of images that stages left behind.
+#[derive(Debug, Error)]
+pub enum ReadoutError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error("no stage of {0} leaves a texture")]
+    NoTexture(String),
+    #[error("the cell's image has {0} × {1} pixels, the reference's {2} × {3}")]
+    Size(u32, u32, u32, u32),
+    #[error("the reference is black")]
+    BlackReference,
+    #[error("the repetitions' images differ in size")]
+    Sizes,
+    #[error("the image is black")]
+    Black,
+}
+
+/// Texels of the first texture that the first present of the named stages leaves.
+pub fn image(
+    gpu: &Gpu,
+    pipeline: &dyn AnyPipeline,
+    stages: &[String],
+) -> Result<Pixels, ReadoutError> {
+    let present = pipeline.stages();
+    let named = |name: &String| present.iter().find(|stage| stage.name() == name);
+    let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| stage.outputs());
+    let texture = outputs.find_map(|output| match output.data {
+        OutputData::Texture(texture) => Some(texture),
+        _ => None,
+    });
+    let texture = texture.ok_or_else(|| ReadoutError::NoTexture(stages.join(", ")))?;
+    Ok(read_texture(gpu, &texture)?)
+}
 
 /// Results of reference runs, each run once.
 #[derive(Default)]
@@ -22,11 +57,10 @@ impl References {
         gpu: &Gpu,
         timer: &mut FrameTimer,
         cell: &dyn AnyPipeline,
-        reference: &PlannedReference,
+        (subject, stages): (&Subject, &[String]),
     ) -> Result<f64, ReadoutError> {
-        let stages = &reference.plan.stages;
-        let known = self.images(gpu, timer, &reference.subject, &[stages])?;
-        relative_rms(&readout::image(gpu, cell, stages, None)?, known[0])
+        let known = self.images(gpu, timer, subject, &[stages])?;
+        relative_rms(&image(gpu, cell, stages)?, known[0])
     }
 
     /// What the first present of each list's stages leaves, in a run of the subject that is made unless all of it is known.
@@ -44,7 +78,7 @@ impl References {
             let pipeline = subject.build(gpu)?;
             timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
             for (key, stages) in keys.iter().zip(outputs) {
-                let image = readout::image(gpu, pipeline.as_ref(), stages, None)?;
+                let image = image(gpu, pipeline.as_ref(), stages)?;
                 self.images.insert(key.clone(), image);
             }
         }

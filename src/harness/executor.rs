@@ -11,7 +11,7 @@ use super::difference::References;
 use super::journal::{CellName, Journal};
 use super::outcome::{Findings, measured};
 use super::picture::PictureError;
-use super::plan::PlannedCell;
+use super::plan::{PlannedCell, PlannedExperiment};
 use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
 use super::sample::{CellResult, Executor, Failure};
@@ -26,10 +26,10 @@ use fathom_gpu::{
     StageCounters,
 };
 use fathom_pipelines::{AnyPipeline, Judge, Known};
-use fathom_record::output::picture_path;
+use fathom_record::output::{Held, picture_path};
 use fathom_record::{
     Addition, Ceiling, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind,
-    PictureScale, Record, RecordError, Run, SampleLine, SetUp, Writer,
+    PictureScale, Record, RecordError, Run, SampleLine, SetUp,
 };
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -112,7 +112,7 @@ pub struct CellExecutor<'a> {
     /// Of the cells, as the journal calls them.
     names: Vec<CellName>,
     built: Vec<Option<Built>>,
-    output: CellOutput<'a>,
+    output: &'a mut Output,
     precision: f64,
     start: Instant,
     /// A picture has been tried.
@@ -122,13 +122,21 @@ pub struct CellExecutor<'a> {
 }
 
 /// Where records, samples, pictures and progress go.
-pub struct CellOutput<'a> {
-    pub writer: &'a mut Writer,
-    pub journal: &'a mut Journal,
-    pub header: &'a Run,
-    pub progress: &'a mut Progress,
-    /// The folder of the records, in which pictures are.
-    pub folder: &'a Path,
+pub struct Output {
+    pub held: Held,
+    pub header: Run,
+    pub journal: Journal,
+    pub progress: Progress,
+}
+
+impl Output {
+    /// Writes the record of a cell that is done before anything is said of it.
+    pub fn finish(&mut self, cell: Cell) -> Result<(), RecordError> {
+        let record = Record::Cell(Box::new(cell));
+        self.held.writer.write(&record)?;
+        record.try_as_cell_ref().into_iter().for_each(|cell| self.progress.finished(cell));
+        Ok(())
+    }
 }
 
 struct Built {
@@ -187,16 +195,16 @@ fn asked(experiment: &Experiment) -> Vec<String> {
 impl<'a> CellExecutor<'a> {
     pub fn new(
         session: &'a mut Session,
-        (experiment, cells): (&'a Experiment, &'a [PlannedCell]),
+        output: &'a mut Output,
+        PlannedExperiment { experiment, cells }: &'a PlannedExperiment,
         precision: f64,
-        output: CellOutput<'a>,
     ) -> Self {
         Self {
             session,
             experiment,
             asked: asked(experiment),
             cells,
-            names: cells.iter().map(|cell| name(output.header, cell)).collect(),
+            names: cells.iter().map(|cell| name(&output.header, cell)).collect(),
             built: cells.iter().map(|_| None).collect(),
             output,
             precision,
@@ -289,10 +297,10 @@ impl<'a> CellExecutor<'a> {
     /// Differences from the cell's reference run, and between its repetitions.
     fn compared(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
         let Session { gpu, timer, references, .. } = &mut *self.session;
-        let PlannedCell { reference, repetitions, .. } = &self.cells[cell];
-        if let Some(reference) = reference {
-            let name = &reference.plan.quantity;
-            let difference = references.difference(gpu, timer, pipeline, reference);
+        let PlannedCell { plan, reference, repetitions, .. } = &self.cells[cell];
+        if let (Some(asked), Some(subject)) = (&plan.reference, reference) {
+            let name = &asked.quantity;
+            let difference = references.difference(gpu, timer, pipeline, (subject, &asked.stages));
             let figures = difference.map(|value| [(name.clone(), value)]);
             findings.add(&format!("{name} not computed"), figures);
         }
@@ -320,10 +328,10 @@ impl<'a> CellExecutor<'a> {
             Picture { path, shows, scale: None }
         });
         image.scale = pipeline.shows_visibility().then_some(PictureScale::Visibility);
-        let folder = self.output.folder;
+        let folder = self.output.held.output.folder.clone();
         let save = |picture: &RgbImage, name: &str| {
             let folder =
-                Folder::open(folder).map_err(|source| picture::unwritten(folder, source))?;
+                Folder::open(&folder).map_err(|source| picture::unwritten(&folder, source))?;
             picture::write(picture, &folder, Path::new(name))
         };
         let saved = views.unwrap_or_else(|| picture::of(&self.session.gpu, pipeline));
@@ -421,7 +429,6 @@ impl Executor for CellExecutor<'_> {
         self.output.journal.write()
     }
 
-    /// Writes the record before anything is said of it.
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), RecordError> {
         // What is found out about a cell may take long.
         self.output.journal.write()?;
@@ -431,11 +438,9 @@ impl Executor for CellExecutor<'_> {
         };
         let record = record.unwrap_or_else(|| self.failed(cell, "its pipeline is gone".to_owned()));
         self.finished.push(record.clone());
-        let record = Box::new(record);
-        self.output.writer.write(&Record::Cell(record.clone()))?;
-        self.output.journal.close(&self.names[cell], &record.outcome)?;
-        self.output.progress.finished(&record);
-        Ok(())
+        let failed = matches!(record.outcome, Outcome::Failed { .. });
+        self.output.finish(record)?;
+        self.output.journal.close(&self.names[cell], failed)
     }
 
     fn release(&mut self, cell: usize) {

@@ -100,7 +100,7 @@ pub struct Rendered {
 impl Figure {
     /// Ids of the figures in these folders, by paper and number.
     pub fn ids(folders: &Folders) -> Vec<String> {
-        let mut ids: Vec<String> = folders.texts(".toml").into_iter().map(|(id, _)| id).collect();
+        let mut ids: Vec<String> = folders.stems(".toml").collect();
         ids.sort_by_key(|id| match id.rsplit_once('-').map(|(of, n)| (of, n.parse::<u32>())) {
             Some((of, Ok(number))) => (of.to_owned(), number),
             _ => (id.clone(), 0),

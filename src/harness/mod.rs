@@ -18,7 +18,6 @@ pub mod picture;
 pub mod plan;
 pub mod progress;
 pub mod query;
-pub mod readout;
 pub mod render;
 pub mod repetitions;
 pub mod run;

@@ -16,7 +16,7 @@ use super::subject::{Subject, SubjectError, Subjects};
 use super::views::OtherViews;
 use fathom_base::private;
 use fathom_base::text::{did_you_mean, nearest};
-use fathom_experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
+use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_gpu::Capacity;
 use fathom_record as record;
 use fathom_record::{Outcome, Part, Profile, resume_key};
@@ -96,16 +96,11 @@ pub struct PlannedCell {
     pub subject: Subject,
     /// Beyond what the adapter can take, with the numbers.
     pub skip: Option<String>,
-    pub reference: Option<PlannedReference>,
+    /// What its result is held against; see [`CellPlan::reference`].
+    pub reference: Option<Subject>,
     /// The same seen from elsewhere, where the experiment asks for views.
     pub views: Option<OtherViews>,
     pub repetitions: Option<PlannedRepetitions>,
-}
-
-/// What a cell's result is held against.
-pub struct PlannedReference {
-    pub plan: ReferencePlan,
-    pub subject: Subject,
 }
 
 impl PlannedCell {
@@ -187,10 +182,7 @@ fn planned_cell(
     let mut subject =
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
-    let mut reference = None;
-    if let Some(plan) = plan.reference.clone() {
-        reference = Some(PlannedReference { subject: subject(&plan.overrides)?, plan });
-    }
+    let reference = plan.reference.as_ref().map(|run| subject(&run.overrides)).transpose()?;
     let views = turns_deg.and_then(|turns_deg| OtherViews::of(&of_cell, turns_deg));
     let mut repetitions = None;
     if let Some(runs) = &plan.repetitions {

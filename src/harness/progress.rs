@@ -19,13 +19,12 @@ pub struct Progress {
     total: usize,
     done: usize,
     end: Instant,
-    quiet: bool,
 }
 
 impl Progress {
-    /// For `total` cells and a time budget in seconds; silent if `quiet`.
-    pub fn new(total: usize, budget_s: f64, quiet: bool) -> Self {
-        let bar = (!quiet && stderr().is_terminal()).then(|| {
+    /// For `total` cells and a time budget in seconds.
+    pub fn new(total: usize, budget_s: f64) -> Self {
+        let bar = stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(total as u64);
             let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cells  {msg}")
                 .unwrap_or_else(|_| ProgressStyle::default_bar());
@@ -33,7 +32,7 @@ impl Progress {
         });
         let budget = Duration::try_from_secs_f64(budget_s.clamp(0.0, LONGEST_S));
         let end = Instant::now() + budget.unwrap_or(Duration::ZERO);
-        Self { bar, total, done: 0, end, quiet }
+        Self { bar, total, done: 0, end }
     }
 
     /// A cell's pipeline is about to be built.
@@ -63,7 +62,7 @@ impl Progress {
             }
             None => {
                 let (done, total, left) = (self.done, self.total, self.time_left());
-                say(&format!("[{done}/{total}] {name}: {result}  ({left})"), self.quiet);
+                tell::note(format!("[{done}/{total}] {name}: {result}  ({left})"));
             }
         }
     }
@@ -83,13 +82,6 @@ impl Progress {
     }
 }
 
-/// Says something on standard error, unless `quiet`.
-pub fn say(message: &str, quiet: bool) {
-    if !quiet {
-        tell::note(message);
-    }
-}
-
 /// A cell's result in a few words.
 fn describe(outcome: &Outcome) -> String {
     match outcome {
@@ -98,13 +90,8 @@ fn describe(outcome: &Outcome) -> String {
         }
         Outcome::Measured(measured) => {
             let frame = &measured.frame.untimed;
-            let half_width = 100.0 * frame.relative_half_width();
-            format!(
-                "{:.3} ms ±{:.1} % from {} pairs of frames",
-                frame.median * 1e-6,
-                half_width,
-                frame.n
-            )
+            let (median_ms, share) = (frame.median * 1e-6, 100.0 * frame.relative_half_width());
+            format!("{median_ms:.3} ms ±{share:.1} % from {} pairs of frames", frame.n)
         }
         Outcome::Skipped { reason } => format!("skipped: {reason}"),
         Outcome::Failed { reason } => format!("failed: {reason}"),
@@ -119,7 +106,7 @@ mod tests {
     #[test]
     fn any_budget_is_counted_down() {
         for budget_s in [f64::MIN_POSITIVE, 1e19, f64::MAX] {
-            let progress = Progress::new(1, budget_s, true);
+            let progress = Progress::new(1, budget_s);
             assert!(progress.end <= Instant::now() + Duration::from_secs_f64(LONGEST_S));
         }
     }

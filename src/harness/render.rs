@@ -1,7 +1,5 @@
 //! `fathom render`: one frame of a scene as a PNG file.
 
-use std::path::Path;
-
 use fathom_picture::RgbImage;
 
 use super::picture::{self, PictureError};
@@ -51,9 +49,4 @@ pub fn caustics(
     let mut judge = Judge { gpu, scene: &subject.scene, known, asked: &[] };
     let compared: Compared = pipeline.caustics(&mut judge)?;
     Ok(Bare { image: compared.picture(exact), shows_visibility: false })
-}
-
-/// Renders the subject and writes its final image to `path`.
-pub fn render(gpu: &Gpu, subject: &Subject, samples: u32, path: &Path) -> Result<(), PictureError> {
-    picture::write_to(&bare(gpu, subject, samples)?.explained(), path)
 }

@@ -1,8 +1,7 @@
 //! Noise and bias of a cell's result apart: its frame is drawn several times with the photon grids at other places, and once
 //! densely. UW §4.2.
 
-use super::difference::References;
-use super::readout::{self, ReadoutError};
+use super::difference::{ReadoutError, References, image};
 use super::subject::Subject;
 use fathom_base::statistics::mean;
 use fathom_experiments::schema::RepeatedOutput;
@@ -38,7 +37,7 @@ pub fn noise_and_bias(
         let pipeline = subject.build(gpu)?;
         timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
         for (images, output) in images.iter_mut().zip(outputs) {
-            images.push(readout::image(gpu, pipeline.as_ref(), &output.stages, None)?);
+            images.push(image(gpu, pipeline.as_ref(), &output.stages)?);
         }
     }
     let stages: Vec<&[String]> = outputs.iter().map(|output| output.stages.as_slice()).collect();

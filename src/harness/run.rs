@@ -7,14 +7,14 @@ use std::time::Instant;
 use thiserror::Error;
 
 use super::catalog::Catalog;
-use super::executor::{self, CellExecutor, Session, Spent};
+use super::executor::{self, CellExecutor, Output, Session, Spent};
 use super::journal::Journal;
 use super::outcome::Counts;
 use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
-use super::progress::{self, Progress};
+use super::progress::Progress;
 use super::sample::{self, Settings};
 use super::{ceilings, memory, shard};
-use fathom_base::quiet;
+use fathom_base::{quiet, tell};
 use fathom_experiments::{Experiment, ExperimentError};
 use fathom_gpu as gpu;
 use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError};
@@ -71,8 +71,6 @@ pub struct Options {
     pub no_ceilings: bool,
     /// The command line, for the record.
     pub command: Vec<String>,
-    /// Tell no progress on standard error.
-    pub quiet: bool,
 }
 
 /// What came of a run.
@@ -151,15 +149,15 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         header.ceilings = ceilings::of_run(&gpu, plan, &header, &held.before)?;
     }
     spent.since(now, SetUp::Ceilings);
+    let settings = settings(options, profile, &planned, seed, gpu.adapter.software);
+    let total = planned.iter().map(|experiment| experiment.cells.len()).sum();
+    let progress = Progress::new(total, settings.budget_s);
     let mut measurement = Measurement {
-        settings: settings(options, profile, &planned, seed, gpu.adapter.software),
+        settings,
         session: Session::new(gpu, options.gpu.clone(), (plan, header.ceilings.clone()), spent)?,
         round: next_round(&held.before, &journal).max(part.map_or(0, Part::first_round)),
-        held,
-        header,
-        journal,
+        output: Output { held, header, journal, progress },
         interrupted,
-        quiet: options.quiet,
     };
     measurement.begin(&damage, &ids)?;
     measurement.measure(&planned)?;
@@ -213,11 +211,9 @@ fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockP
 
 /// Says so where passes are timed by another clock than this run's audit found.
 fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<Note> {
-    let mut kinds = AUDITED.into_iter();
-    let differs = kinds.any(|kind| found.clock(kind) != plan.clock(kind));
     let text =
         "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
-    differs.then(|| Note::new(NoteKind::OtherClocks, text))
+    (!plan.has_clocks_of(found)).then(|| Note::new(NoteKind::OtherClocks, text))
 }
 
 fn check(options: &Options) -> Result<(), RunError> {
@@ -293,53 +289,45 @@ fn weight(planned: &PlannedExperiment) -> f64 {
 
 struct Measurement<'a> {
     session: Session,
-    held: Held,
-    header: Run,
-    journal: Journal,
+    output: Output,
     settings: Settings,
     /// Number of the next round of samples.
     round: u32,
     interrupted: &'a AtomicBool,
-    quiet: bool,
 }
 
 impl Measurement<'_> {
     /// Writes the header, and says what of an earlier run was damaged and what is gone on with.
     fn begin(&mut self, damage: &[String], ids: &[String]) -> Result<(), RunError> {
-        let header = Record::Run(Box::new(self.header.clone()));
-        self.held.writer.write(&header)?;
-        for notice in self.held.notices.iter().chain(damage) {
-            progress::say(notice, self.quiet);
-        }
-        let (pairs, cells) = self.journal.earlier_pairs(ids);
+        let Output { held, header, journal, .. } = &mut self.output;
+        held.writer.write(&Record::Run(Box::new(header.clone())))?;
+        held.notices.iter().chain(damage).for_each(tell::note);
+        let (pairs, cells) = journal.earlier_pairs(ids);
         if pairs > 0 {
-            let notice = format!("going on from {pairs} pairs of frames of {cells} cells");
-            progress::say(&notice, self.quiet);
+            tell::note(format!("going on from {pairs} pairs of frames of {cells} cells"));
         }
         Ok(())
     }
 
     fn measure(&mut self, planned: &[PlannedExperiment]) -> Result<(), RunError> {
-        let total = planned.iter().map(|experiment| experiment.cells.len()).sum();
-        let mut progress = Progress::new(total, self.settings.budget_s, self.quiet);
         let start = Instant::now();
-        if self.header.shard.is_some() {
+        let is_shard = self.output.header.shard.is_some();
+        if is_shard {
             // Merging needs all of them, to tell which cells are missing.
             planned.iter().try_for_each(|planned| self.define(&planned.experiment))?;
         }
         let mut weight_left: f64 = planned.iter().map(weight).sum();
         for (index, planned) in planned.iter().enumerate() {
-            let PlannedExperiment { experiment, cells } = planned;
-            if cells.is_empty() {
+            if planned.cells.is_empty() {
                 continue;
             }
             if self.interrupted.load(Ordering::Relaxed) {
                 break;
             }
-            if self.header.shard.is_none() {
-                self.define(experiment)?;
+            if !is_shard {
+                self.define(&planned.experiment)?;
             }
-            self.skip(cells, &mut progress)?;
+            self.skip(&planned.cells)?;
             let left_s = self.settings.budget_s - start.elapsed().as_secs_f64();
             let settings = Settings {
                 budget_s: (left_s * weight(planned) / weight_left.max(1e-9)).max(0.0),
@@ -347,11 +335,11 @@ impl Measurement<'_> {
                 first_round: self.round,
                 ..self.settings
             };
-            self.sample((experiment, cells), &settings, &mut progress)?;
+            self.sample(planned, &settings)?;
             self.session.gpu.forget_pipelines();
             weight_left -= weight(planned);
         }
-        progress.end();
+        self.output.progress.end();
         Ok(())
     }
 
@@ -361,18 +349,16 @@ impl Measurement<'_> {
             id: experiment.id.clone(),
             toml: experiment.text.clone(),
         });
-        if self.held.before.contains(&definition) {
+        if self.output.held.before.contains(&definition) {
             return Ok(());
         }
-        self.held.writer.write(&definition)
+        self.output.held.writer.write(&definition)
     }
 
-    fn skip(&mut self, cells: &[PlannedCell], progress: &mut Progress) -> Result<(), RecordError> {
+    fn skip(&mut self, cells: &[PlannedCell]) -> Result<(), RecordError> {
         for cell in cells {
             if let Some(reason) = cell.skip.clone() {
-                let record = Box::new(cell.record(Outcome::Skipped { reason }));
-                self.held.writer.write(&Record::Cell(record.clone()))?;
-                progress.finished(&record);
+                self.output.finish(cell.record(Outcome::Skipped { reason }))?;
             }
         }
         Ok(())
@@ -380,27 +366,19 @@ impl Measurement<'_> {
 
     fn sample(
         &mut self,
-        (experiment, cells): (&Experiment, &[PlannedCell]),
+        planned: &PlannedExperiment,
         settings: &Settings,
-        progress: &mut Progress,
     ) -> Result<(), RecordError> {
-        let folder = self.held.output.folder.clone();
-        let output = executor::CellOutput {
-            writer: &mut self.held.writer,
-            journal: &mut self.journal,
-            header: &self.header,
-            progress,
-            folder: &folder,
-        };
-        let asked = (experiment, cells);
-        let mut executor = CellExecutor::new(&mut self.session, asked, settings.precision, output);
+        let (session, output) = (&mut self.session, &mut self.output);
+        let mut executor = CellExecutor::new(session, output, planned, settings.precision);
+        let cells = planned.cells.iter().enumerate();
         let due: Vec<usize> =
-            (0..cells.len()).filter(|index| cells[*index].skip.is_none()).collect();
+            cells.filter(|(_, cell)| cell.skip.is_none()).map(|(index, _)| index).collect();
         self.round = sample::sample(&mut executor, &due, settings, self.interrupted)?;
         Ok(())
     }
 
-    fn end(mut self, start: Instant, kept: usize) -> Result<Summary, RunError> {
+    fn end(self, start: Instant, kept: usize) -> Result<Summary, RunError> {
         let parts_s = self.session.spent.set_up_s.clone();
         let set_up_s = parts_s.values().sum();
         let end = End {
@@ -411,11 +389,11 @@ impl Measurement<'_> {
             peak_memory_bytes: memory::peak_bytes(),
             interrupted: self.interrupted.load(Ordering::Relaxed),
         };
-        self.held.writer.write(&Record::End(end.clone()))?;
-        self.journal.end()?;
-        let output = &self.held.output;
-        let records = record::read(&output.records())?.records;
-        Ok(summary(output.folder.clone(), &records, end, kept))
+        let Output { mut held, journal, .. } = self.output;
+        held.writer.write(&Record::End(end.clone()))?;
+        journal.end()?;
+        let records = record::read(&held.output.records())?.records;
+        Ok(summary(held.output.folder, &records, end, kept))
     }
 }
 

@@ -16,7 +16,7 @@
 //!
 //! The scheduler reads no clock and touches no device: both are behind [`Executor`].
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rand::seq::SliceRandom;
@@ -108,7 +108,6 @@ pub enum CellResult {
 }
 
 struct Live {
-    cell: usize,
     samples: Samples,
     /// Pairs until the next look.
     target: usize,
@@ -120,10 +119,9 @@ struct Live {
 }
 
 impl Live {
-    fn new(cell: usize, earlier: &[Addition]) -> Self {
+    fn new(earlier: &[Addition]) -> Self {
         let samples = Samples::of(earlier);
         Self {
-            cell,
             unconfirmed: !samples.stages.is_empty(),
             target: look_after(samples.pairs().saturating_sub(1)).unwrap_or(MAX_PAIRS),
             spent_s: 0.0,
@@ -169,7 +167,7 @@ pub fn sample<X: Executor>(
         interrupted,
         settings,
         random: Pcg64::seed_from_u64(settings.seed),
-        live: Vec::new(),
+        live: BTreeMap::new(),
         round: settings.first_round,
         end_s,
         hopeless: None,
@@ -191,7 +189,8 @@ struct Sampler<'a, X: Executor> {
     interrupted: &'a AtomicBool,
     settings: &'a Settings,
     random: Pcg64,
-    live: Vec<Live>,
+    /// By the number of the cell.
+    live: BTreeMap<usize, Live>,
     round: u32,
     /// When the group's time is over.
     end_s: f64,
@@ -214,14 +213,15 @@ impl<X: Executor> Sampler<'_, X> {
                 return Ok(done);
             }
             let earlier = self.executor.earlier(cell);
-            self.live.push(Live::new(cell, &earlier));
+            self.live.insert(cell, Live::new(&earlier));
             let mut bytes = 0;
             self.attempt(cell, |sampler| {
                 bytes = sampler.executor.prepare(cell)?;
                 Ok(())
             })?;
             if self.executor.untimed_only(cell) {
-                self.run_once(cell)?;
+                self.attempt(cell, |sampler| sampler.executor.untimed(cell).map(drop))?;
+                self.close_sampled(cell, Stopped::UntimedOnly)?;
             } else {
                 used = used.saturating_add(bytes);
                 largest = largest.max(bytes);
@@ -230,19 +230,11 @@ impl<X: Executor> Sampler<'_, X> {
         Ok(waiting.len())
     }
 
-    fn run_once(&mut self, cell: usize) -> Result<(), X::Fatal> {
-        self.attempt(cell, |sampler| sampler.executor.untimed(cell).map(drop))?;
-        match self.position(cell) {
-            Some(at) => self.close_sampled(at, Stopped::UntimedOnly),
-            None => Ok(()),
-        }
-    }
-
     fn sample_group(&mut self) -> Result<(), X::Fatal> {
         while !self.interrupted() {
             let time_is_left = self.executor.now_s() < self.end_s;
-            let wanting = self.live.iter().filter(|live| live.wants(time_is_left));
-            let mut round: Vec<usize> = wanting.map(|live| live.cell).collect();
+            let wanting = self.live.iter().filter(|(_, live)| live.wants(time_is_left));
+            let mut round: Vec<usize> = wanting.map(|(cell, _)| *cell).collect();
             if round.is_empty() {
                 if self.look(time_is_left)? {
                     continue;
@@ -262,20 +254,22 @@ impl<X: Executor> Sampler<'_, X> {
     /// Decides which cells are sampled on, and closes those that need no more while others go on; whether any does.
     fn look(&mut self, time_is_left: bool) -> Result<bool, X::Fatal> {
         let samples: Vec<(usize, &Samples)> =
-            self.live.iter().map(|live| (live.cell, &live.samples)).collect();
+            self.live.iter().map(|(cell, live)| (*cell, &live.samples)).collect();
         let open = self.executor.unsettled(&samples);
-        let goes_on = |live: &&Live| {
+        let goes_on = |live: &Live| {
             live.may_go_on(time_is_left) && look_after(live.samples.pairs()).is_some()
         };
         let width = |live: &Live| live.samples.relative_half_width();
-        let any_open = self.live.iter().filter(goes_on).any(|live| open.contains(&live.cell));
-        let widest = self.live.iter().filter(goes_on).map(width).fold(0.0, f64::max);
+        let going = || self.live.iter().filter(|(_, live)| goes_on(live));
+        let any_open = going().any(|(cell, _)| open.contains(cell));
+        let widest = going().map(|(_, live)| width(live)).fold(0.0, f64::max);
         let enough = self.settings.precision;
         let (mut done, mut any) = (Vec::new(), false);
-        for live in &mut self.live {
-            let vague = width(live) > enough && goes_on(&&*live);
+        for (cell, live) in &mut self.live {
+            let wide = width(live) > enough;
+            let vague = wide && goes_on(live);
             let next = if any_open {
-                open.contains(&live.cell) && goes_on(&&*live)
+                open.contains(cell) && goes_on(live)
             } else {
                 vague && width(live) >= widest * WIDE
             };
@@ -283,52 +277,47 @@ impl<X: Executor> Sampler<'_, X> {
                 live.target = look_after(live.samples.pairs()).unwrap_or(MAX_PAIRS);
                 any = true;
             } else if !vague {
-                done.push(live.cell);
+                let stopped = match (wide, time_is_left) {
+                    (false, _) => Stopped::Precise,
+                    (true, true) => Stopped::EnoughPairs,
+                    (true, false) => Stopped::OutOfTime,
+                };
+                done.push((*cell, stopped));
             }
         }
-        for cell in done {
-            if let Some(at) = self.position(cell) {
-                let samples = &self.live[at].samples;
-                let vague = samples.relative_half_width() > self.settings.precision;
-                let stopped = if !vague {
-                    Stopped::Precise
-                } else if time_is_left {
-                    Stopped::EnoughPairs
-                } else {
-                    Stopped::OutOfTime
-                };
-                self.close_sampled(at, stopped)?;
-            }
+        for (cell, stopped) in done {
+            self.close_sampled(cell, stopped)?;
         }
         Ok(any)
     }
 
     /// One pair of frames, after warm-up if that is due; then the cell may have failed.
     fn visit(&mut self, cell: usize) -> Result<(), X::Fatal> {
-        if self.interrupted() || self.position(cell).is_none() {
+        if self.interrupted() {
             return Ok(());
         }
         let start_s = self.executor.now_s();
         let mut added = Addition::default();
         self.attempt(cell, |sampler| sampler.warm_up(cell, &mut added))?;
         self.attempt(cell, |sampler| sampler.pair(cell, &mut added))?;
-        let Some(at) = self.position(cell) else {
+        let Some(live) = self.live.get_mut(&cell) else {
             return Ok(());
         };
-        self.live[at].spent_s += self.executor.now_s() - start_s;
-        self.live[at].samples.add(&added);
+        live.spent_s += self.executor.now_s() - start_s;
+        live.samples.add(&added);
+        let verdict = live.samples.verdict_on_rejections();
         self.executor.keep(cell, added)?;
-        match self.live[at].samples.verdict_on_rejections() {
-            Some(reason) => self.close(at, CellResult::Failed(reason)),
+        match verdict {
+            Some(reason) => self.close(cell, CellResult::Failed(reason)),
             None => Ok(()),
         }
     }
 
     /// See [`WarmUp`].
     fn warm_up(&mut self, cell: usize, added: &mut Addition) -> Result<(), Failure> {
-        let Some(at) = self.position(cell).filter(|at| !self.live[*at].warm) else {
+        if self.live[&cell].warm {
             return Ok(());
-        };
+        }
         let mut warm_up = WarmUp::default();
         while !warm_up.is_over() && !self.interrupted() {
             warm_up.add(if warm_up.is_timed() {
@@ -337,18 +326,14 @@ impl<X: Executor> Sampler<'_, X> {
                 self.executor.untimed(cell)?
             });
         }
-        let live = &mut self.live[at];
         added.warm_up_frames = warm_up.frames();
         added.unsteady = !warm_up.is_steady();
-        live.warm = true;
+        self.live.entry(cell).and_modify(|live| live.warm = true);
         Ok(())
     }
 
     /// A timed and an untimed frame, in random order.
     fn pair(&mut self, cell: usize, added: &mut Addition) -> Result<(), Failure> {
-        let Some(at) = self.position(cell) else {
-            return Ok(());
-        };
         let (frame, untimed_ns) = if self.random.random_bool(0.5) {
             let frame = self.executor.timed(cell)?;
             (frame, self.executor.untimed(cell)?)
@@ -359,7 +344,9 @@ impl<X: Executor> Sampler<'_, X> {
         let taken = (self.round, self.executor.unix_s());
         let machine = self.executor.machine();
         let pair = FramePair { machine, ..frame_pair(&frame, untimed_ns, taken) };
-        let live = &mut self.live[at];
+        let Some(live) = self.live.get_mut(&cell) else {
+            return Ok(());
+        };
         if std::mem::take(&mut live.unconfirmed) && !live.samples.has_stages(&pair.stages) {
             live.samples = Samples::default();
             added.afresh = true;
@@ -369,13 +356,13 @@ impl<X: Executor> Sampler<'_, X> {
         Ok(())
     }
 
-    /// Runs one step of a cell; a failure closes the cell, and the loss of the device concerns all.
+    /// Runs one step of a cell that is not closed; a failure closes the cell, and the loss of the device concerns all.
     fn attempt(
         &mut self,
         cell: usize,
         step: impl FnOnce(&mut Self) -> Result<(), Failure>,
     ) -> Result<(), X::Fatal> {
-        if self.position(cell).is_none() {
+        if !self.live.contains_key(&cell) {
             return Ok(());
         }
         let result = match &self.hopeless {
@@ -384,9 +371,9 @@ impl<X: Executor> Sampler<'_, X> {
         };
         match result {
             Ok(()) => Ok(()),
-            Err(Failure::Cell(reason)) => self.fail(cell, reason),
+            Err(Failure::Cell(reason)) => self.close(cell, CellResult::Failed(reason)),
             Err(Failure::DeviceLost(reason)) => {
-                self.fail(cell, format!("device lost: {reason}"))?;
+                self.close(cell, CellResult::Failed(format!("device lost: {reason}")))?;
                 self.recover(&reason)
             }
         }
@@ -397,52 +384,45 @@ impl<X: Executor> Sampler<'_, X> {
         if let Err(why) = self.executor.recover() {
             self.hopeless = Some(format!("device lost before ({reason}) and not recovered: {why}"));
         }
-        let survivors: Vec<usize> = self.live.iter().map(|live| live.cell).collect();
+        let survivors: Vec<usize> = self.live.keys().copied().collect();
         for cell in survivors {
-            let Some(at) = self.position(cell) else {
+            let Some(live) = self.live.get_mut(&cell) else {
                 continue;
             };
-            self.live[at].warm = false;
+            live.warm = false;
             self.executor.release(cell);
             self.attempt(cell, |sampler| sampler.executor.prepare(cell).map(|_| ()))?;
         }
         Ok(())
     }
 
-    fn position(&self, cell: usize) -> Option<usize> {
-        self.live.iter().position(|live| live.cell == cell)
+    /// Closes a cell with what was sampled of it, unless it is closed.
+    fn close_sampled(&mut self, cell: usize, stopped: Stopped) -> Result<(), X::Fatal> {
+        let Some(live) = self.live.get_mut(&cell) else {
+            return Ok(());
+        };
+        let samples = std::mem::take(&mut live.samples);
+        self.close(cell, CellResult::Sampled(Samples { stopped, ..samples }))
     }
 
-    fn fail(&mut self, cell: usize, reason: String) -> Result<(), X::Fatal> {
-        match self.position(cell) {
-            Some(at) => self.close(at, CellResult::Failed(reason)),
-            None => Ok(()),
-        }
-    }
-
-    fn close_sampled(&mut self, at: usize, stopped: Stopped) -> Result<(), X::Fatal> {
-        let samples = std::mem::take(&mut self.live[at].samples);
-        self.close(at, CellResult::Sampled(Samples { stopped, ..samples }))
-    }
-
-    fn close(&mut self, at: usize, result: CellResult) -> Result<(), X::Fatal> {
-        let live = self.live.remove(at);
-        let finished = self.executor.finish(live.cell, result);
-        self.executor.release(live.cell);
+    fn close(&mut self, cell: usize, result: CellResult) -> Result<(), X::Fatal> {
+        self.live.remove(&cell);
+        let finished = self.executor.finish(cell, result);
+        self.executor.release(cell);
         finished
     }
 
     /// Hands over what the group's remaining cells have.
     fn finish_rest(&mut self) -> Result<(), X::Fatal> {
         let interrupted = self.interrupted();
-        while let Some(live) = self.live.first() {
+        let stopped = if interrupted { Stopped::Interrupted } else { Stopped::OutOfTime };
+        while let Some((&cell, live)) = self.live.first_key_value() {
             if interrupted && !live.suffices() {
-                let live = self.live.remove(0);
-                self.executor.release(live.cell);
-                continue;
+                self.live.remove(&cell);
+                self.executor.release(cell);
+            } else {
+                self.close_sampled(cell, stopped)?;
             }
-            let stopped = if interrupted { Stopped::Interrupted } else { Stopped::OutOfTime };
-            self.close_sampled(0, stopped)?;
         }
         Ok(())
     }

@@ -24,12 +24,12 @@ pub fn below(picture: &RgbImage) -> RgbImage {
     let font = font(width);
     let text = font.character_size;
     let mut canvas = Canvas::new(width, height + MARGIN_PX * 3 + BAR_PX + text.height);
-    canvas.put(picture, 0, 0);
+    canvas.0.put(picture, 0, 0);
     // The first column is black and the last white.
     let last = (width - 1).max(1);
     let bar = RgbImage::from_fn(width, BAR_PX, |x, _| [((255 * x + last / 2) / last) as u8; 3]);
     let top = height + MARGIN_PX;
-    canvas.put(&bar, 0, top);
+    canvas.0.put(&bar, 0, top);
     for (share, label) in (0..).zip(LABELS) {
         let left = width.saturating_sub(label.len() as u32 * text.width) * share / 2;
         canvas.write(&[label.to_owned()], &font, left, top + BAR_PX + MARGIN_PX);

@@ -126,6 +126,27 @@ mod tests {
         (experiments, expanded)
     }
 
+    /// The cells of one shard.
+    fn kept(
+        number: u32,
+        of: u32,
+        experiments: &[Experiment],
+        expanded: &[Vec<CellPlan>],
+    ) -> Vec<Vec<CellPlan>> {
+        let mut mine = expanded.to_vec();
+        keep(Part { number, of }, experiments, &mut mine);
+        mine
+    }
+
+    /// What each shard takes.
+    fn loads(units: &[Unit], shards: u32) -> Vec<f64> {
+        let mut loads = vec![0.0_f64; shards as usize];
+        for (unit, shard) in units.iter().zip(assigned(units, shards)) {
+            loads[shard as usize] += unit.cost;
+        }
+        loads
+    }
+
     fn names(expanded: &[Vec<CellPlan>]) -> Vec<(String, String)> {
         let plans = expanded.iter().flatten();
         plans.map(|plan| (plan.experiment.clone(), plan.cell.clone())).collect()
@@ -138,10 +159,9 @@ mod tests {
             let mut all = BTreeSet::new();
             let mut count = 0;
             for number in 1..=of {
-                let mut mine = expanded.clone();
-                keep(Part { number, of }, &experiments, &mut mine);
-                count += names(&mine).len();
-                all.extend(names(&mine));
+                let mine = names(&kept(number, of, &experiments, &expanded));
+                count += mine.len();
+                all.extend(mine);
             }
             let whole = names(&expanded);
             assert_eq!((count, all.len()), (whole.len(), whole.len()), "{of} shards");
@@ -152,25 +172,15 @@ mod tests {
     #[test]
     fn no_claim_speaks_of_two_shards() {
         let (experiments, expanded) = builtin();
-        let claims = |of: u32, number: u32| {
-            let mut mine = expanded.clone();
-            keep(Part { number, of }, &experiments, &mut mine);
-            let with_cells = experiments.iter().zip(mine);
-            with_cells
-                .map(|(experiment, plans)| (experiment.units(&plans), plans))
-                .collect::<Vec<_>>()
+        let lengths = |experiment: &Experiment, plans: &[CellPlan]| {
+            let name = |unit: &Vec<usize>| (plans[unit[0]].cell.clone(), unit.len());
+            experiment.units(plans).iter().map(name).collect::<BTreeSet<_>>()
         };
-        let of = 7;
-        for number in 1..=of {
-            for ((units, plans), (experiment, whole)) in
-                claims(of, number).into_iter().zip(experiments.iter().zip(&expanded))
-            {
-                let lengths = |units: &[Vec<usize>], plans: &[CellPlan]| {
-                    let name = |unit: &Vec<usize>| (plans[unit[0]].cell.clone(), unit.len());
-                    units.iter().map(name).collect::<BTreeSet<_>>()
-                };
-                let all = lengths(&experiment.units(whole), whole);
-                assert!(lengths(&units, &plans).is_subset(&all), "{}", experiment.id);
+        for number in 1..=7 {
+            let mine = kept(number, 7, &experiments, &expanded);
+            for (experiment, (mine, whole)) in experiments.iter().zip(mine.iter().zip(&expanded)) {
+                let all = lengths(experiment, whole);
+                assert!(lengths(experiment, mine).is_subset(&all), "{}", experiment.id);
             }
         }
     }
@@ -181,11 +191,7 @@ mod tests {
         let units = units(&experiments, &expanded);
         let total: f64 = units.iter().map(|unit| unit.cost).sum();
         for of in [2, 4, 8] {
-            let mut loads = vec![0.0_f64; of as usize];
-            for (unit, shard) in units.iter().zip(assigned(&units, of)) {
-                loads[shard as usize] += unit.cost;
-            }
-            let fullest = loads.iter().copied().fold(0.0, f64::max);
+            let fullest = loads(&units, of).into_iter().fold(0.0, f64::max);
             let best = (total / f64::from(of)).max(units[0].cost);
             assert!(fullest <= 4.0 / 3.0 * best, "{of} shards: {fullest} of {total}");
         }
@@ -212,10 +218,7 @@ mod tests {
             costs.sort_by(|a, b| b.total_cmp(a));
             let unit = |cost: &f64| Unit { experiment: 0, cells: Vec::new(), cost: *cost };
             let units: Vec<Unit> = costs.iter().map(unit).collect();
-            let mut loads = vec![0.0_f64; shards as usize];
-            for (unit, shard) in units.iter().zip(assigned(&units, shards)) {
-                loads[shard as usize] += unit.cost;
-            }
+            let loads = loads(&units, shards);
             let [fullest, emptiest] =
                 [loads.iter().copied().fold(0.0, f64::max), loads.iter().copied().fold(f64::INFINITY, f64::min)];
             prop_assert!(fullest - emptiest <= costs[0] + 1e-9);

@@ -75,7 +75,7 @@ impl Cell {
     }
 
     fn draw(&self, canvas: &mut Canvas, x: u32, y: u32) {
-        canvas.put(&self.picture, x, y);
+        canvas.0.put(&self.picture, x, y);
         canvas.write(&self.caption, &PLAIN, x, y + self.picture.height() + MARGIN / 2);
     }
 }
@@ -140,7 +140,7 @@ pub fn of_all(parts: &[RgbImage]) -> RgbImage {
         .collect();
     let mut canvas = Canvas::new(width, (y + row).max(1));
     for (part, (x, y)) in parts.iter().zip(places) {
-        canvas.put(part, x, y);
+        canvas.0.put(part, x, y);
     }
     canvas.0
 }

@@ -235,7 +235,7 @@ impl Known {
     /// With the folder of answers that lies beside the assets that were fetched.
     pub fn of_earlier_runs() -> Self {
         let folder = assets::cache().map(|cache| cache.join("references"));
-        Self { kept: KeptAnswers::in_folder(folder), ..Self::default() }
+        Self { kept: KeptAnswers { folder }, ..Self::default() }
     }
 }
 

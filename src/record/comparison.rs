@@ -40,11 +40,11 @@ pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
     PartialOrd,
     Ord,
     Hash,
+    Display,
+    IntoStaticStr,
     Serialize,
     Deserialize,
     JsonSchema,
-    Display,
-    IntoStaticStr,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -67,11 +67,11 @@ impl Side {
     PartialOrd,
     Ord,
     Hash,
+    Display,
+    EnumString,
     Serialize,
     Deserialize,
     JsonSchema,
-    Display,
-    EnumString,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]

@@ -7,8 +7,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::lines::{
-    Damaged, Line, LineWriter, Reading, RecordError, each_line, read_lines,
-    read_lines_of_this_format,
+    Damaged, Line, LineWriter, OtherFormat, Reading, RecordError, read_lines, read_stored, sift,
 };
 use super::{Cell, Outcome, Record, Run, SCHEMA};
 use fathom_base::text;
@@ -33,14 +32,6 @@ impl Line for Record {
 
     fn needs_header(&self) -> bool {
         matches!(self, Self::Cell(_) | Self::End(_))
-    }
-
-    fn compact(&mut self) {
-        if let Self::Cell(cell) = self
-            && let Outcome::Measured(measured) = &mut cell.outcome
-        {
-            measured.compact();
-        }
     }
 
     /// Unless it begins as another kind of record does and holds no header's beginning.
@@ -78,7 +69,7 @@ pub fn read(path: &Path) -> Result<Reading, RecordError> {
 /// As [`read`]; lines in another format are left out like damaged ones. A file without any sound record is an error that names
 /// its damage.
 pub fn read_good(path: &Path) -> Result<Reading, RecordError> {
-    let read = read_lines_of_this_format::<Record>(path)?;
+    let read = read_stored::<Record>(path, OtherFormat::IsLeftOut)?;
     if read.records.is_empty() {
         Err(nothing_sound::<Record>(path, &read.damaged))
     } else {
@@ -93,11 +84,11 @@ pub fn each_good(
     mut take: impl FnMut(Record),
 ) -> Result<Damaged, RecordError> {
     let mut any = false;
-    let damaged = each_line(path, source, |record| {
+    let sifted = sift(path, source, OtherFormat::IsLeftOut, |record, _| {
         any = true;
         take(record);
     })?;
-    if any { Ok(damaged) } else { Err(nothing_sound::<Record>(path, &damaged)) }
+    if any { Ok(sifted.damaged) } else { Err(nothing_sound::<Record>(path, &sifted.damaged)) }
 }
 
 /// Lines were read and none is sound, or none was read.

@@ -4,13 +4,17 @@ use std::fmt;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 use fathom_base::private;
 
 /// How large an experiment runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, IntoStaticStr, Serialize, Deserialize, JsonSchema,
+)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Profile {
     /// Scaled for a software driver on two cores.
     #[default]
@@ -23,16 +27,16 @@ impl Profile {
     pub const ALL: [Profile; 2] = [Profile::Quick, Profile::Paper];
 
     pub fn name(self) -> &'static str {
-        match self {
-            Profile::Quick => "quick",
-            Profile::Paper => "paper",
-        }
+        self.into()
     }
 }
 
 /// Whether wgpu's bounds and loop checks are compiled into the shaders.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, IntoStaticStr, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum ShaderChecks {
     #[default]
     Checked,
@@ -41,16 +45,14 @@ pub enum ShaderChecks {
 
 impl ShaderChecks {
     pub fn name(self) -> &'static str {
-        match self {
-            ShaderChecks::Checked => "checked",
-            ShaderChecks::Unchecked => "unchecked",
-        }
+        self.into()
     }
 }
 
 /// What else was in the command buffer of an audited pass.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, IntoStaticStr, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Surrounding {
     Alone,
     /// Passes of the other kinds.
@@ -59,10 +61,7 @@ pub enum Surrounding {
 
 impl Surrounding {
     pub fn name(self) -> &'static str {
-        match self {
-            Surrounding::Alone => "alone",
-            Surrounding::Mixed => "mixed",
-        }
+        self.into()
     }
 }
 
@@ -75,10 +74,10 @@ impl Surrounding {
     Eq,
     PartialOrd,
     Ord,
+    IntoStaticStr,
     Serialize,
     Deserialize,
     JsonSchema,
-    strum::IntoStaticStr,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
@@ -126,7 +125,7 @@ impl Note {
 }
 
 /// What a note is about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NoteKind {
     /// The adapter lacks a feature, or the environment changes how it works.

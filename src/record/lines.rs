@@ -27,7 +27,7 @@ pub const MAX_FILE: u64 = 2 << 30;
 pub const MAX_LINE: usize = 8 << 20;
 
 /// What a file of lines holds.
-pub trait Line: Serialize + DeserializeOwned {
+pub trait Line: Clone + Serialize + DeserializeOwned {
     /// Version of the format. A line with a `schema` field states it.
     const SCHEMA: u32;
     /// Names a line in messages, such as `record`.
@@ -47,9 +47,6 @@ pub trait Line: Serialize + DeserializeOwned {
     fn needs_header(&self) -> bool {
         false
     }
-
-    /// Takes no more memory than it needs.
-    fn compact(&mut self) {}
 
     /// A line that cannot be read may have been a header.
     fn may_be_header(_line: &[u8]) -> bool {
@@ -128,27 +125,27 @@ impl<T: Line> LineWriter<T> {
         path: &Path,
         check: impl FnOnce(&Reading<T>) -> Result<(), E>,
     ) -> Result<Opened<T>, E> {
-        let place = folder::of(path);
-        let sorted = match place.and_then(|(folder, name)| folder.plain(name, MAX_FILE)) {
-            Err(error) if error.kind() == ErrorKind::NotFound => Sorted::default(),
+        let (mut read, mut sound, mut unterminated) = (Reading::default(), Vec::new(), false);
+        match folder::of(path).and_then(|(folder, name)| folder.plain(name, MAX_FILE)) {
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(io("read", path)(error).into()),
-            Ok(file) => sort::<T>(path, file, OtherFormat::IsAnError)?,
-        };
-        check(&sorted.read)?;
-        let aside = if sorted.read.damaged.is_empty() {
-            None
-        } else {
-            let (folder, name) = folder::of(path).map_err(io("write", path))?;
-            let bytes = folder.bytes(name, MAX_FILE).map_err(io("read", path))?;
-            let aside = keep_beside(&folder, path, "damaged", &bytes)?;
-            replace(&folder, path, &sorted.sound_of(&bytes))?;
-            Some(aside)
-        };
+            Ok(file) => {
+                let take = |line, place| {
+                    read.records.push(line);
+                    sound.push(place);
+                };
+                let sifted = sift(path, file, OtherFormat::IsAnError, take)?;
+                (read.damaged, unterminated) = (sifted.damaged, sifted.unterminated);
+            }
+        }
+        check(&read)?;
+        let is_damaged = !read.damaged.is_empty();
+        let aside = if is_damaged { Some(keep_aside(path, &sound)?) } else { None };
         let mut writer = Self::append(path)?;
-        if aside.is_none() && sorted.unterminated {
+        if aside.is_none() && unterminated {
             writer.put(b"\n")?;
         }
-        Ok(Opened { writer, read: sorted.read, aside })
+        Ok(Opened { writer, read, aside })
     }
 
     fn append(path: &Path) -> Result<Self, RecordError> {
@@ -210,6 +207,21 @@ impl<T: Line> LineWriter<T> {
     }
 }
 
+/// Keeps a file as it is beside it, and leaves what lies in these places of it, each as a line.
+fn keep_aside(path: &Path, sound: &[Range<usize>]) -> Result<PathBuf, RecordError> {
+    let (folder, name) = folder::of(path).map_err(io("write", path))?;
+    let bytes = folder.bytes(name, MAX_FILE).map_err(io("read", path))?;
+    let aside = keep_beside(&folder, path, "damaged", &bytes)?;
+    let lines = sound.iter().filter_map(|place| bytes.get(place.clone()));
+    let lines: Vec<u8> = lines.flat_map(|line| [line, b"\n"]).flatten().copied().collect();
+    let written = folder.write_with(name, |file| {
+        file.write_all(&lines)?;
+        file.sync_all()
+    });
+    written.map_err(io("write", path))?;
+    Ok(aside)
+}
+
 /// Writes bytes to the first free file `STEM.WORD-N.EXTENSION` beside a file, and gives its path.
 fn keep_beside(
     folder: &Folder,
@@ -248,15 +260,6 @@ pub fn kept_aside(path: &Path) -> Vec<PathBuf> {
         .map(|number| beside(path, "damaged", number))
         .take_while(|beside| folder::is_there(beside))
         .collect()
-}
-
-/// Replaces a file's contents, all or nothing.
-fn replace(folder: &Folder, path: &Path, bytes: &[u8]) -> Result<(), RecordError> {
-    let written = folder.write_with(name(path), |file| {
-        file.write_all(bytes)?;
-        file.sync_all()
-    });
-    written.map_err(io("write", path))
 }
 
 fn encode<T: Line>(line: &T) -> Result<Vec<u8>, serde_json::Error> {
@@ -340,13 +343,11 @@ pub fn read_lines<T: Line>(path: &Path) -> Result<Reading<T>, RecordError> {
     read_stored(path, OtherFormat::IsAnError)
 }
 
-/// The same, but lines in another format, and those that belong to a header in another format, are listed with the damaged
-/// ones.
-pub fn read_lines_of_this_format<T: Line>(path: &Path) -> Result<Reading<T>, RecordError> {
-    read_stored(path, OtherFormat::IsLeftOut)
-}
-
-fn read_stored<T: Line>(path: &Path, other: OtherFormat) -> Result<Reading<T>, RecordError> {
+/// The same, with lines in another format, and those that belong to a header in another format, treated like `other` says.
+pub(super) fn read_stored<T: Line>(
+    path: &Path,
+    other: OtherFormat,
+) -> Result<Reading<T>, RecordError> {
     let path = stored(path);
     let source = folder::unpacked(&path, MAX_FILE).map_err(io("read", &path))?;
     let mut records = Vec::new();
@@ -354,20 +355,11 @@ fn read_stored<T: Line>(path: &Path, other: OtherFormat) -> Result<Reading<T>, R
     Ok(Reading { records, damaged: found.damaged })
 }
 
-/// Hands over each sound line of a source as soon as it is read; otherwise as [`read_lines_of_this_format`] of the file `path`.
-pub fn each_line<T: Line>(
-    path: &Path,
-    source: impl Read,
-    mut take: impl FnMut(T),
-) -> Result<Damaged, RecordError> {
-    let found = sift(path, source, OtherFormat::IsLeftOut, |line, _| take(line))?;
-    Ok(found.damaged)
-}
-
 /// What becomes of a line that says it is in another format than this build reads.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum OtherFormat {
+pub(super) enum OtherFormat {
     IsAnError,
+    /// Like damaged ones.
     IsLeftOut,
 }
 
@@ -380,52 +372,16 @@ pub fn stored(path: &Path) -> PathBuf {
     if !folder::is_there(path) && folder::is_there(&packed) { packed } else { path.to_owned() }
 }
 
-/// A file's lines, and where the sound ones lie in it, without their ends.
-struct Sorted<T> {
-    read: Reading<T>,
-    sound: Vec<Range<usize>>,
-    /// The last line has no end.
-    unterminated: bool,
-}
-
-impl<T> Default for Sorted<T> {
-    fn default() -> Self {
-        Self { read: Reading::default(), sound: Vec::new(), unterminated: false }
-    }
-}
-
-impl<T> Sorted<T> {
-    /// The sound lines of `bytes`, each with its end.
-    fn sound_of(&self, bytes: &[u8]) -> Vec<u8> {
-        let lines = self.sound.iter().filter_map(|place| bytes.get(place.clone()));
-        lines.flat_map(|line| [line, b"\n"]).flatten().copied().collect()
-    }
-}
-
-fn sort<T: Line>(
-    path: &Path,
-    source: impl Read,
-    other: OtherFormat,
-) -> Result<Sorted<T>, RecordError> {
-    let mut sorted = Sorted::default();
-    let found = sift(path, source, other, |line, place| {
-        sorted.read.records.push(line);
-        sorted.sound.push(place);
-    })?;
-    (sorted.read.damaged, sorted.unterminated) = (found.damaged, found.unterminated);
-    Ok(sorted)
-}
-
 /// What a source held beside its sound lines.
 #[derive(Default)]
-struct Sifted {
-    damaged: Damaged,
+pub(super) struct Sifted {
+    pub(super) damaged: Damaged,
     /// The last line has no end.
     unterminated: bool,
 }
 
 /// Hands over each sound line with its place in the source. One line is in memory at a time.
-fn sift<T: Line>(
+pub(super) fn sift<T: Line>(
     path: &Path,
     source: impl Read,
     other: OtherFormat,
@@ -455,11 +411,11 @@ fn sift<T: Line>(
                 headers.lost = Some(number);
                 format!("{} format {found}, but this build reads format {}", T::NAME, T::SCHEMA)
             }
-            Ok(Ok(mut parsed)) => match headers.orphaned(&parsed) {
+            Ok(Ok(parsed)) => match headers.orphaned(&parsed) {
                 None => {
-                    parsed.compact();
                     let start = begin + zeros.len();
-                    take(parsed, start..start + line.len());
+                    // A copy has no room for more samples, which was made while they were read.
+                    take(parsed.clone(), start..start + line.len());
                     continue;
                 }
                 Some(lost) => {

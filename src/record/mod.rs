@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use strum::IntoStaticStr;
 
 use fathom_base::text;
 
@@ -44,7 +45,7 @@ pub use kinds::{
 };
 pub use lines::{
     Damage, Damaged, Line, LineWriter, MAX_LINE, Opened, Reading, RecordError, kept_aside,
-    read_lines, read_lines_of_this_format, stored,
+    read_lines, stored,
 };
 pub use lock::{FolderLock, LOCK, LockError};
 pub use machine::{MachineState, ThrottleReason, Throttling};
@@ -153,11 +154,10 @@ pub struct Adapter {
     Eq,
     PartialOrd,
     Ord,
-    Hash,
+    IntoStaticStr,
     Serialize,
     Deserialize,
     JsonSchema,
-    strum::IntoStaticStr,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -321,31 +321,6 @@ impl Measured {
         self.rejected.iter().map(|rejected| rejected.frames).sum()
     }
 
-    /// Gives back the room that was made for more samples while they were read.
-    fn compact(&mut self) {
-        let FrameRecord {
-            rounds,
-            sampled_at_s,
-            machine,
-            envelope_samples_ns,
-            gap_samples_ns,
-            untimed_samples_ns,
-            ..
-        } = &mut self.frame;
-        rounds.shrink_to_fit();
-        machine.shrink_to_fit();
-        let of_frame = [sampled_at_s, envelope_samples_ns, gap_samples_ns, untimed_samples_ns];
-        of_frame.into_iter().for_each(Vec::shrink_to_fit);
-        self.stages.shrink_to_fit();
-        for stage in &mut self.stages {
-            stage.samples_ns.shrink_to_fit();
-            if let Some(fenced) = &mut stage.fenced {
-                fenced.wall_samples_ns.shrink_to_fit();
-                fenced.submit_cost_samples_ns.shrink_to_fit();
-            }
-        }
-    }
-
     /// Its frames were timed.
     pub fn is_timed(&self) -> bool {
         !self.frame.untimed_samples_ns.is_empty()
@@ -496,7 +471,7 @@ fn is_zero<N: Default + PartialEq>(count: &N) -> bool {
 }
 
 /// How a run ended.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct End {
     /// Wall time after set-up (device, audit, pipeline and asset preparation), seconds.
     pub measuring_wall_s: f64,

@@ -7,7 +7,7 @@ use std::fmt;
 use std::ops::{Deref, Index};
 use std::sync::Arc;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator};
+use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Names, and groups of parameters, that are remembered to be shared. Beyond that it begins again: a file of records may be anyone's.
@@ -18,7 +18,8 @@ thread_local! {
 }
 
 /// A name. Copies of it share its text.
-#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash, JsonSchema)]
+#[schemars(with = "String", inline, description = "")]
 pub struct Name(Arc<str>);
 
 impl Name {
@@ -105,22 +106,9 @@ impl<'de> Deserialize<'de> for Name {
     }
 }
 
-impl JsonSchema for Name {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        String::schema_name()
-    }
-
-    fn inline_schema() -> bool {
-        String::inline_schema()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        String::json_schema(generator)
-    }
-}
-
 /// Values by name, in the order of the names. Small: a [`BTreeMap`] has room for eleven from the first on.
-#[derive(Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq, JsonSchema)]
+#[schemars(with = "BTreeMap<String, V>", inline, description = "")]
 pub struct Named<V>(Vec<(Name, V)>);
 
 impl<V> Named<V> {
@@ -194,20 +182,6 @@ impl<V: Serialize> Serialize for Named<V> {
 impl<'de, V: Deserialize<'de>> Deserialize<'de> for Named<V> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         BTreeMap::deserialize(deserializer).map(Self::from)
-    }
-}
-
-impl<V: JsonSchema> JsonSchema for Named<V> {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        BTreeMap::<String, V>::schema_name()
-    }
-
-    fn inline_schema() -> bool {
-        BTreeMap::<String, V>::inline_schema()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        BTreeMap::<String, V>::json_schema(generator)
     }
 }
 

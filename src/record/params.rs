@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator};
+use schemars::JsonSchema;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value};
@@ -13,7 +13,8 @@ use super::Name;
 use super::names::MOST_KNOWN;
 
 /// A tree of parameters. Each of its groups is held once, by whatever number of cells.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, JsonSchema)]
+#[schemars(with = "Map<String, Value>", inline, description = "")]
 pub struct Params(Box<[Group]>);
 
 #[derive(Clone, Debug, PartialEq)]
@@ -86,20 +87,6 @@ impl Serialize for Params {
 impl<'de> Deserialize<'de> for Params {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         Map::deserialize(deserializer).map(Self::from)
-    }
-}
-
-impl JsonSchema for Params {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        Map::<String, Value>::schema_name()
-    }
-
-    fn inline_schema() -> bool {
-        Map::<String, Value>::inline_schema()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        Map::<String, Value>::json_schema(generator)
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DMat4, DVec2, DVec3, DVec4};
+use glam::{DVec2, DVec3, DVec4};
 
 use super::filter::{pcg, unit};
 use super::image::{Image, behind};
@@ -31,8 +31,7 @@ pub struct HorizonSplit {
 /// What the camera sees.
 pub struct SeenDepth<'a> {
     rays: PixelRays,
-    camera: Camera,
-    view_projection: DMat4,
+    camera: &'a Camera,
     /// Device depth.
     depth: &'a Image,
     /// Unit normals in rows, as many as depths.
@@ -40,15 +39,9 @@ pub struct SeenDepth<'a> {
 }
 
 impl<'a> SeenDepth<'a> {
-    pub fn new(camera: &Camera, depth: &'a Image, normals: &'a [DVec3]) -> SeenDepth<'a> {
-        let aspect = f64::from(depth.width()) / f64::from(depth.height());
-        SeenDepth {
-            rays: PixelRays::new(camera, depth.width(), depth.height()),
-            camera: camera.clone(),
-            view_projection: camera.view_projection(aspect),
-            depth,
-            normals,
-        }
+    pub fn new(camera: &'a Camera, depth: &'a Image, normals: &'a [DVec3]) -> SeenDepth<'a> {
+        let rays = PixelRays::new(camera, depth.width(), depth.height());
+        SeenDepth { rays, camera, depth, normals }
     }
 
     fn size(&self) -> DVec2 {
@@ -146,7 +139,7 @@ impl HorizonSplit {
         let seen = point.seen;
         let across = point.to_eye.cross(aside_m);
         let off = point.normal.dot(across);
-        let clip = |p: DVec3| seen.view_projection * p.extend(1.0);
+        let clip = |p: DVec3| seen.rays.clip(p);
         // The sphere of radius r_max is seen to end where a line from the eye touches it.
         let sine = (self.r_max_m / point.eye_m).min(MOST_REACH);
         let rim = point.to_eye * sine + aside_m * (1.0 - sine * sine).sqrt();
@@ -221,7 +214,7 @@ impl HorizonSplit {
         for k in 0..self.ray_steps {
             let share = (f64::from(k) + jitter) / f64::from(self.ray_steps);
             let place = point.position + direction * (share * self.r_max_m);
-            let clip = seen.view_projection * place.extend(1.0);
+            let clip = seen.rays.clip(place);
             if clip.w <= seen.camera.z_near_m {
                 break;
             }

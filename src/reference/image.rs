@@ -59,6 +59,11 @@ impl Image {
         (0..i64::from(self.width)).contains(&x) && (0..i64::from(self.height)).contains(&y)
     }
 
+    /// Value at a pixel.
+    pub fn at(&self, (x, y): (u32, u32)) -> f64 {
+        self.clamped(x.into(), y.into())
+    }
+
     /// Value at a pixel; coordinates beyond the border are clamped to it.
     pub fn clamped(&self, x: i64, y: i64) -> f64 {
         let x = x.clamp(0, i64::from(self.width) - 1) as usize;

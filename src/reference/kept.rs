@@ -37,14 +37,10 @@ impl Content {
 /// A folder of answers; none keeps nothing.
 #[derive(Clone, Debug, Default)]
 pub struct KeptAnswers {
-    folder: Option<PathBuf>,
+    pub folder: Option<PathBuf>,
 }
 
 impl KeptAnswers {
-    pub fn in_folder(folder: Option<PathBuf>) -> Self {
-        Self { folder }
-    }
-
     /// The answer to a question of this content. A file that is absent or cannot be read is made anew; one that cannot be
     /// written costs the next run its time, and nothing else.
     pub fn answer<T: Serialize + DeserializeOwned>(
@@ -83,7 +79,7 @@ mod tests {
     #[test]
     fn an_answer_is_computed_once_for_each_content() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = KeptAnswers::in_folder(Some(folder.path().join("new")));
+        let kept = KeptAnswers { folder: Some(folder.path().join("new")) };
         let asked = |parts: &[&str], value: f64| kept.answer(content(parts), || vec![value]);
         assert_eq!(asked(&["a", "b"], 0.1), [0.1]);
         assert_eq!(asked(&["a", "b"], 2.0), [0.1], "kept, to the last bit");
@@ -97,13 +93,13 @@ mod tests {
     #[test]
     fn a_damaged_file_is_made_anew_and_a_folder_that_is_none_costs_nothing_but_time() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = KeptAnswers::in_folder(Some(folder.path().to_owned()));
+        let kept = KeptAnswers { folder: Some(folder.path().to_owned()) };
         kept.answer(content(&[]), || 1);
         let file = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
         std::fs::write(&file, b"{").unwrap();
         assert_eq!(kept.answer(content(&[]), || 2), 2);
         assert_eq!(kept.answer(content(&[]), || 3), 2);
-        let none = KeptAnswers::in_folder(Some(file.join("below a file")));
+        let none = KeptAnswers { folder: Some(file.join("below a file")) };
         assert_eq!(none.answer(content(&[]), || 4), 4);
     }
 }

@@ -60,8 +60,7 @@ pub struct PhotonErrors {
     pub max_m: f64,
     /// 99th percentile over the photons whose estimate converged, metres.
     pub converged_p99_m: f64,
-    /// |entry − exact entry|, metres.
-    pub entry_median_m: f64,
+    /// 99th percentile of |entry − exact entry|, metres.
     pub entry_p99_m: f64,
     /// Land exactly, lost on the GPU.
     pub miss_rate: f64,
@@ -101,7 +100,6 @@ pub fn photon_errors(stored: &[StoredPhoton], exact: &[Landing]) -> PhotonErrors
         p99_m: quantile(&mut hit_errors, 0.99),
         max_m: quantile(&mut hit_errors, 1.0),
         converged_p99_m: quantile(&mut converged_errors, 0.99),
-        entry_median_m: quantile(&mut entry_errors, 0.5),
         entry_p99_m: quantile(&mut entry_errors, 0.99),
         miss_rate: share(missed, exact_landed),
         false_hit_rate: share(false_hits, stored.len().min(exact.len())),

@@ -1,6 +1,6 @@
 //! Ray casting in f64 over all triangles of a scene.
 
-use glam::{DMat4, DVec3};
+use glam::{DMat4, DVec3, DVec4};
 use itertools::Itertools;
 
 use super::ReferenceError;
@@ -231,9 +231,14 @@ impl PixelRays {
         self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, depth))
     }
 
+    /// A world point in clip space.
+    pub(super) fn clip(&self, point: DVec3) -> DVec4 {
+        self.forward * point.extend(1.0)
+    }
+
     /// Where a world point appears; `None` behind the eye.
     pub fn project(&self, point: DVec3) -> Option<Projected> {
-        let clip = self.forward * point.extend(1.0);
+        let clip = self.clip(point);
         if clip.w <= 0.0 {
             return None;
         }

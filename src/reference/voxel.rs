@@ -3,7 +3,7 @@
 //! Overlap is judged by the widest gap between triangle and voxel over the axes that can separate them, in voxels: negative
 //! where they overlap. Voxels whose gap is within a borderline band are counted apart, as rounding to f32 decides there.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use itertools::iproduct;
 
 use fathom_scene::{Grid, Object};
@@ -183,12 +183,12 @@ fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found
     let slope = normal[u].hypot(normal[v]) / normal[axis].abs();
     let blur = BORDERLINE_VOXELS + slope * step;
     for cell in flat(corners, axis, grid) {
-        let center = (f64::from(cell[u]) + 0.5, f64::from(cell[v]) + 0.5);
-        let inside = inside_by(corners.map(|corner| (corner[u], corner[v])), center);
+        let center = DVec2::new(f64::from(cell[u]) + 0.5, f64::from(cell[v]) + 0.5);
+        let inside = inside_by(corners.map(|corner| DVec2::new(corner[u], corner[v])), center);
         if inside < -step {
             continue;
         }
-        let (du, dv) = (center.0 - corners[0][u], center.1 - corners[0][v]);
+        let (du, dv) = (center.x - corners[0][u], center.y - corners[0][v]);
         let depth = corners[0][axis] - (normal[u] * du + normal[v] * dv) / normal[axis];
         if !(depth.is_finite() && blur.is_finite()) {
             continue;
@@ -213,14 +213,12 @@ fn flat(corners: &Corners, axis: usize, grid: &Grid) -> impl Iterator<Item = [u3
 }
 
 /// How far inside a triangle a point lies: its distance from the nearest edge's line, negative outside; NaN without area.
-fn inside_by(corners: [(f64, f64); 3], point: (f64, f64)) -> f64 {
-    let [a, b, c] = corners;
-    let cross = |a: (f64, f64), b: (f64, f64), p: (f64, f64)| {
-        (b.0 - a.0) * (p.1 - a.1) - (b.1 - a.1) * (p.0 - a.0)
+fn inside_by([a, b, c]: [DVec2; 3], point: DVec2) -> f64 {
+    let turn = (b - a).perp_dot(c - a).signum();
+    let distance = |a: DVec2, b: DVec2| {
+        let along = b - a;
+        turn * along.perp_dot(point - a) / along.x.hypot(along.y)
     };
-    let turn = cross(a, b, c).signum();
-    let distance =
-        |a: (f64, f64), b: (f64, f64)| turn * cross(a, b, point) / (b.0 - a.0).hypot(b.1 - a.1);
     distance(a, b).min(distance(b, c)).min(distance(c, a))
 }
 

@@ -35,9 +35,8 @@ fn export(view: &ReportView<'_>, to: &mut dyn Write) -> io::Result<()> {
     let work = Work::NAMES.iter().map(ToString::to_string).collect();
     let header = [names(OF_CELL), names(OF_STAGE), work, names(OF_FRAME)].concat();
     let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(to);
-    let entries = view.sections.iter().flat_map(|section| &section.entries);
     let columns = header.len();
-    let rows = entries.flat_map(|entry| rows(entry, columns));
+    let rows = view.entries().flat_map(|entry| rows(entry, columns));
     for row in std::iter::once(header).chain(rows) {
         writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)))?;
     }
@@ -145,7 +144,7 @@ fn estimate_fields(estimate: &Estimate) -> [String; 4] {
 mod tests {
     use super::*;
     use fathom_experiments::fixtures;
-    use fathom_record::Record;
+    use fathom_record::{Cell, Record};
 
     fn exported(records: &[Record]) -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -179,10 +178,7 @@ mod tests {
     #[test]
     fn a_throttled_cell_says_how_often_and_why() {
         let mut records = fixtures::run();
-        let measured = records.iter_mut().find_map(|record| match record {
-            Record::Cell(cell) => cell.measured_mut(),
-            _ => None,
-        });
+        let measured = fixtures::cells(&mut records).find_map(Cell::measured_mut);
         let state = |throttle| MachineState { throttle, ..MachineState::default() };
         use fathom_record::ThrottleReason::{GpuIdle, SwPowerCap};
         measured.unwrap().frame.machine = vec![state(vec![GpuIdle]), state(vec![SwPowerCap])];
@@ -199,10 +195,7 @@ mod tests {
     #[test]
     fn a_time_below_the_resolution_has_no_figures_but_its_bound() {
         let mut records = fixtures::run();
-        let measured = records.iter_mut().find_map(|record| match record {
-            Record::Cell(cell) => cell.measured_mut(),
-            _ => None,
-        });
+        let measured = fixtures::cells(&mut records).find_map(Cell::measured_mut);
         let stage = &mut measured.unwrap().stages[0];
         stage.time =
             Estimate { median: 5e4, interval: Some(Interval { low: 5e4, high: 6e4 }), n: 7 };

@@ -2,7 +2,7 @@
 
 use super::timed::cell_name;
 use super::{Entry, ReportError, ReportView};
-use fathom_base::statistics::median;
+use fathom_base::statistics::nearest_to_median;
 use fathom_base::text;
 use fathom_record::{Measured, StageRecord};
 
@@ -49,7 +49,7 @@ impl<'a> ReportView<'a> {
         let (entry, measured) = self.timed_cell(choice.cell.as_deref())?;
         let frames = frames(measured);
         let index = match choice.frame {
-            None => nearest_to_median(&measured.frame.envelope_samples_ns[..frames]),
+            None => nearest_to_median(&measured.frame.envelope_samples_ns[..frames]).unwrap_or(0),
             Some(index) if index < frames => index,
             Some(frame) => {
                 let cell = cell_name(entry.cell);
@@ -60,8 +60,7 @@ impl<'a> ReportView<'a> {
     }
 
     fn timed_cell(&self, name: Option<&str>) -> Result<(Entry<'a>, &'a Measured), ReportError> {
-        let entries = self.sections.iter().flat_map(|section| &section.entries);
-        let timed = entries.filter_map(|entry| Some((*entry, entry.cell.measured()?)));
+        let timed = self.entries().filter_map(|entry| Some((*entry, entry.cell.measured()?)));
         let mut timed = timed.filter(|(_, measured)| frames(measured) > 0).peekable();
         timed.peek().ok_or(ReportError::NoFrames)?;
         let Some(name) = name else { return timed.next().ok_or(ReportError::NoFrames) };
@@ -84,16 +83,10 @@ fn frames(measured: &Measured) -> usize {
     of_frame.into_iter().chain(of_stages).map(Vec::len).min().unwrap_or(0)
 }
 
-fn nearest_to_median(envelopes_ns: &[f64]) -> usize {
-    let median = median(envelopes_ns);
-    let distance = |index: &usize| (envelopes_ns[*index] - median).abs();
-    let indices = 0..envelopes_ns.len();
-    indices.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fathom_base::statistics::median;
     use fathom_experiments::fixtures;
 
     fn choice(cell: Option<&str>, frame: Option<usize>) -> FrameChoice {

@@ -9,44 +9,20 @@ use serde_json::Value;
 
 use super::format::{self, percent};
 use super::plots::names;
-use super::{ReportView, Section, trust};
+use super::{ReportView, Section};
 use fathom_base::statistics;
 use fathom_experiments as experiments;
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
 use fathom_experiments::{Measure, Ruling, Scaling, Verdict, groups, scaling};
-use fathom_record::{Cell, Estimate, FrameRecord, Interval, Measured, Note, NoteKind, StageRecord};
+use fathom_record::{Cell, Estimate, Interval, Measured, Note, NoteKind, StageRecord};
 
 /// How many claims have each verdict.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
-    pub supported: usize,
-    pub contradicted: usize,
-    pub inconclusive: usize,
-    pub not_run: usize,
-}
-
-impl Tally {
-    pub fn of(verdicts: impl Iterator<Item = Verdict>) -> Tally {
-        let mut tally = Tally::default();
-        for verdict in verdicts {
-            *match verdict {
-                Verdict::Supported => &mut tally.supported,
-                Verdict::Contradicted => &mut tally.contradicted,
-                Verdict::Inconclusive => &mut tally.inconclusive,
-                Verdict::NotRun => &mut tally.not_run,
-            } += 1;
-        }
-        tally
-    }
-
-    pub fn all(&self) -> usize {
-        self.supported + self.contradicted + self.inconclusive + self.not_run
-    }
-}
-
-pub fn tally(view: &ReportView<'_>) -> Tally {
+pub fn tally(view: &ReportView<'_>) -> [(Verdict, usize); 4] {
     let rulings = view.sections.iter().flat_map(Section::rulings);
-    Tally::of(rulings.map(|ruling| ruling.verdict))
+    let counts = rulings.counts_by(|ruling| ruling.verdict);
+    let verdicts =
+        [Verdict::Supported, Verdict::Contradicted, Verdict::Inconclusive, Verdict::NotRun];
+    verdicts.map(|verdict| (verdict, counts.get(&verdict).copied().unwrap_or(0)))
 }
 
 /// A claim's ruling and the experiment that it belongs to.
@@ -209,66 +185,10 @@ pub fn slowest_stages<'a>(view: &ReportView<'a>, count: usize) -> Vec<SlowStage<
     sorted.unique_by(|slow| slow.stage.stage.stage.as_str()).take(count).collect()
 }
 
-/// Timed cells with fewer samples than a verdict needs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FewSamples {
-    pub cells: usize,
-    pub timed: usize,
-    /// Samples that a verdict needs.
-    pub needed: usize,
-    /// The fewest samples of a timed cell.
-    pub fewest: usize,
-}
-
-/// None where no cell was timed.
-pub fn few_samples(view: &ReportView<'_>) -> Option<FewSamples> {
-    let needed = experiments::least_samples();
-    let counts: Vec<usize> = view.timed().map(|(_, cell)| cell.frame.untimed.n).collect();
-    let fewest = *counts.iter().min()?;
-    let cells = counts.iter().filter(|n| **n < needed).count();
-    Some(FewSamples { cells, timed: counts.len(), needed, fewest })
-}
-
-/// Half widths of the frame times' 95 % intervals, relative to the median.
-#[derive(Clone, Copy)]
-pub struct Precision<'a> {
-    /// Of the median cell.
-    pub median: f64,
-    pub worst: f64,
-    /// Where it is worst.
-    pub cell: &'a Cell,
-}
-
 /// Which cells the records of a merged run lack.
 pub fn incomplete<'a>(view: &ReportView<'a>) -> impl Iterator<Item = &'a Note> {
     let notes = view.runs.iter().flat_map(|run| &run.notes);
     notes.filter(|note| note.kind == NoteKind::Incomplete)
-}
-
-/// None where no cell was timed.
-pub fn precision<'a>(view: &ReportView<'a>) -> Option<Precision<'a>> {
-    let widths = trust::half_widths(view);
-    let (worst, cell) = *widths.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let all: Vec<f64> = widths.iter().map(|(width, _)| *width).collect();
-    Some(Precision { median: statistics::median(&all), worst, cell })
-}
-
-/// The cell whose frame timing makes most longer, by the median of timed over untimed frames.
-pub fn worst_timing_cost<'a>(view: &ReportView<'a>) -> Option<(&'a Cell, &'a Estimate)> {
-    let costs = view.timed().map(|(cell, measured)| (cell, &measured.frame.timing_cost));
-    let costs = costs.filter(|(_, cost)| cost.median.is_finite() && cost.n > 0);
-    costs.max_by(|a, b| a.1.median.total_cmp(&b.1.median))
-}
-
-/// Timed over untimed frame, over the pairs of all cells: one cell's few pairs tell the machine's noise rather.
-pub fn timing_cost(view: &ReportView<'_>) -> Estimate {
-    let pairs_of = |frame: &FrameRecord| {
-        let timed = frame.envelope_samples_ns.iter().copied();
-        timed.zip(frame.untimed_samples_ns.iter().copied()).collect::<Vec<_>>()
-    };
-    let pairs: Vec<(f64, f64)> =
-        view.timed().flat_map(|(_, measured)| pairs_of(&measured.frame)).collect();
-    statistics::ratio_estimate(&pairs)
 }
 
 /// A fitted exponent b of `y ∝ x^b`.
@@ -362,15 +282,14 @@ fn slowest_finding(view: &ReportView<'_>) -> Option<String> {
 }
 
 fn claims_finding(view: &ReportView<'_>) -> Option<String> {
-    let tally = tally(view);
+    let [(_, supported), (_, contradicted), ..] = tally(view);
     let claims = claims(view);
     let first = claims.first()?;
-    let mut sentence = format!("{} of {} claims are supported", tally.supported, tally.all());
-    let furthest = first.ruling.deciding.first().filter(|_| tally.contradicted > 0);
+    let mut sentence = format!("{supported} of {} claims are supported", claims.len());
+    let furthest = first.ruling.deciding.first().filter(|_| contradicted > 0);
     if let Some(figure) = furthest {
         sentence += &format!(
-            " and {} contradicted, the furthest of them “{}” ({}): {} where {} is asked",
-            tally.contradicted,
+            " and {contradicted} contradicted, the furthest of them “{}” ({}): {} where {} is asked",
             first.ruling.text,
             first.section.id,
             figure.text(),
@@ -414,15 +333,14 @@ pub fn share(share: &Estimate) -> String {
 mod tests {
     use super::*;
     use fathom_experiments::fixtures;
-    use fathom_record::Record;
 
     #[test]
     fn the_tally_counts_every_claim_once() {
         let records = fixtures::run();
         let view = ReportView::new(&records, None);
-        let tally = tally(&view);
-        assert_eq!(tally.all(), claims(&view).len());
-        assert!(tally.supported > 0 && tally.contradicted > 0 && tally.not_run > 0, "{tally:?}");
+        let counts = tally(&view).map(|(_, count)| count);
+        assert_eq!(counts.iter().sum::<usize>(), claims(&view).len());
+        assert!([0, 1, 3].iter().all(|verdict| counts[*verdict] > 0), "{counts:?}");
     }
 
     #[test]
@@ -467,20 +385,6 @@ mod tests {
         let slow = slowest_stages(&view, 5);
         let times: Vec<f64> = slow.iter().map(|slow| slow.stage.stage.time.median).collect();
         assert!(times.len() == 5 && times.is_sorted_by(|a, b| a >= b), "{times:?}");
-    }
-
-    #[test]
-    fn few_samples_are_counted() {
-        let mut records = fixtures::run();
-        let all = few_samples(&ReportView::new(&records, None)).unwrap();
-        assert_eq!((all.cells, all.fewest), (0, 15));
-        let cells = records.iter_mut().filter_map(|record| match record {
-            Record::Cell(cell) => cell.measured_mut(),
-            _ => None,
-        });
-        cells.take(2).for_each(|measured| measured.frame.untimed.n = all.needed - 1);
-        let some = few_samples(&ReportView::new(&records, None)).unwrap();
-        assert_eq!((some.cells, some.timed, some.fewest), (2, all.timed, all.needed - 1));
     }
 
     #[test]

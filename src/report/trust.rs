@@ -5,11 +5,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
 
-use super::ReportView;
+use super::facts::share;
+use super::format::percent;
+use super::{ReportView, Section};
 use fathom_base::statistics;
+use fathom_experiments::{CHANCE, Verdict, least_samples};
 use fathom_record::{
-    Cell, Clock, Conditions, Estimate, FrameRecord, PassKind, Run, SetUp, ThrottleReason,
-    Throttling, machine,
+    Cell, Clock, Conditions, Estimate, FrameRecord, Interval, PassKind, Run, SetUp, Throttling,
+    machine,
 };
 
 /// Samples of a cell that the drift is computed from, evenly taken: pairs grow with the square of them.
@@ -100,39 +103,116 @@ pub fn conditions(run: &Run) -> String {
     if conditions.is_empty() { clocks } else { format!("{clocks}; {}", conditions.join(", ")) }
 }
 
-/// Cells that were measured while heat or power held clocks down.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ThrottledCells<'a> {
-    /// Cells whose samples know the state of the machine.
-    pub of: usize,
-    /// In the order of the records; at least one.
-    pub cells: Vec<(&'a Cell, Throttling)>,
-    /// All cells' reasons.
-    pub reasons: BTreeSet<ThrottleReason>,
+/// Something that tells how far a run can be trusted.
+pub struct Fact {
+    pub about: &'static str,
+    pub words: String,
 }
 
-/// The throttled cells of a view, if there are any.
-pub fn throttled<'a>(view: &ReportView<'a>) -> Option<ThrottledCells<'a>> {
-    let known = view.timed().filter(|(_, measured)| !measured.frame.machine.is_empty());
-    let known: Vec<_> = known.map(|(cell, measured)| (cell, &measured.frame.machine)).collect();
-    let held = known.iter().filter_map(|(cell, states)| Some((*cell, Throttling::of(states)?)));
-    let cells: Vec<(&Cell, Throttling)> = held.collect();
-    let reasons = cells.iter().flat_map(|(_, held)| held.reasons.iter().cloned()).collect();
-    (!cells.is_empty()).then_some(ThrottledCells { of: known.len(), cells, reasons })
+/// Of what was timed, then of the verdicts; of the clocks [`verdict`] tells. What cannot be said of a run is left out.
+pub fn facts(view: &ReportView<'_>) -> Vec<Fact> {
+    let all = [
+        ("cells with few samples", few_samples(view)),
+        ("half width of the frame times' 95 % intervals", precision(view)),
+        ("cost of timing", timing_cost(view)),
+        ("clocks held down by heat or power", throttled(view)),
+        ("verdicts by chance", by_chance(view)),
+    ];
+    let facts = all.into_iter();
+    facts.filter_map(|(about, words)| Some(Fact { about, words: words? })).collect()
 }
 
-/// `2 of 9 cells: power cap; at worst 12 of 40 samples (uw-photons 400x400)`.
-pub fn throttled_words(throttled: &ThrottledCells<'_>) -> String {
-    let ThrottledCells { of, cells, reasons } = throttled;
-    let share = |held: &Throttling| held.throttled as f64 / held.samples as f64;
-    let worst = cells.iter().max_by(|a, b| share(&a.1).total_cmp(&share(&b.1)));
-    let worst = worst.map_or_else(String::new, |(cell, held)| {
-        format!(
-            "; at worst {} of {} samples ({} {})",
-            held.throttled, held.samples, cell.experiment, cell.cell
-        )
+/// Timed cells with fewer samples than a verdict needs.
+fn few_samples(view: &ReportView<'_>) -> Option<String> {
+    let needed = least_samples();
+    let counts: Vec<usize> = view.timed().map(|(_, cell)| cell.frame.untimed.n).collect();
+    let fewest = counts.iter().min()?;
+    let few = counts.iter().filter(|n| **n < needed).count();
+    Some(format!(
+        "{few} of {} timed cells have fewer than {needed}, which a verdict needs; the fewest are {fewest}",
+        counts.len()
+    ))
+}
+
+fn precision(view: &ReportView<'_>) -> Option<String> {
+    let widths = half_widths(view);
+    let (worst, cell) = widths.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let all = widths.iter().map(|(width, _)| *width).collect_vec();
+    Some(format!(
+        "{} in the median cell, at worst {} ({})",
+        percent(statistics::median(&all)),
+        percent(*worst),
+        place(cell)
+    ))
+}
+
+/// Timed over untimed frames: over the pairs of all cells, as one cell's few pairs tell the machine's noise rather; and of the cell
+/// whose frame timing makes most longer.
+fn timing_cost(view: &ReportView<'_>) -> Option<String> {
+    let frames = || view.timed().map(|(cell, measured)| (cell, &measured.frame));
+    let costs = frames().map(|(cell, frame)| (cell, &frame.timing_cost));
+    let costs = costs.filter(|(_, cost)| cost.median.is_finite() && cost.n > 0);
+    let (cell, worst) = costs.max_by(|a, b| a.1.median.total_cmp(&b.1.median))?;
+    let pairs = frames().flat_map(|(_, frame)| {
+        let timed = frame.envelope_samples_ns.iter().copied();
+        timed.zip(frame.untimed_samples_ns.iter().copied())
     });
-    format!("{} of {of} cells: {}{worst}", cells.len(), machine::words(reasons))
+    let all = statistics::ratio_estimate(&pairs.collect_vec());
+    Some(format!(
+        "{} over all {} pairs of frames; at worst {} ({}, n = {})",
+        extra(&all),
+        all.n,
+        extra(worst),
+        place(cell),
+        worst.n
+    ))
+}
+
+/// What a ratio is above 1: `1.2 % (1.1 – 1.3)`.
+fn extra(ratio: &Estimate) -> String {
+    let above = |ratio: f64| ratio - 1.0;
+    let interval = ratio.interval.map(|i| Interval { low: above(i.low), high: above(i.high) });
+    share(&Estimate { median: above(ratio.median), interval, n: ratio.n })
+}
+
+fn place(cell: &Cell) -> String {
+    format!("{} {}", cell.experiment, cell.cell)
+}
+
+/// Cells that were measured while heat or power held clocks down, of those whose samples know the state of the machine: `2 of 9 cells:
+/// power cap; at worst 12 of 40 samples (uw-photons 400x400)`.
+fn throttled(view: &ReportView<'_>) -> Option<String> {
+    let known = view.timed().filter(|(_, measured)| !measured.frame.machine.is_empty());
+    let known = known.map(|(cell, measured)| (cell, Throttling::of(&measured.frame.machine)));
+    let known = known.collect_vec();
+    let held = known.iter().filter_map(|(cell, held)| Some((cell, held.as_ref()?))).collect_vec();
+    let share = |held: &Throttling| held.throttled as f64 / held.samples as f64;
+    let (cell, worst) = held.iter().max_by(|a, b| share(a.1).total_cmp(&share(b.1)))?;
+    let reasons: BTreeSet<_> =
+        held.iter().flat_map(|(_, held)| held.reasons.iter().cloned()).collect();
+    Some(format!(
+        "{} of {} cells: {}; at worst {} of {} samples ({})",
+        held.len(),
+        known.len(),
+        machine::words(&reasons),
+        worst.throttled,
+        worst.samples,
+        place(cell)
+    ))
+}
+
+/// How many verdicts chance alone would bring about.
+fn by_chance(view: &ReportView<'_>) -> Option<String> {
+    let rulings = view.sections.iter().flat_map(Section::rulings);
+    let tested = rulings.filter(|ruling| ruling.verdict != Verdict::NotRun);
+    let sampled = tested.filter(|ruling| ruling.n.is_some()).count();
+    let expected = CHANCE * sampled as f64;
+    (sampled > 0).then(|| {
+        format!(
+            "{sampled} claims rest on samples: at most {expected:.1} of them would be supported by chance, \
+             and as many contradicted, if the figures of all lay exactly at their bounds"
+        )
+    })
 }
 
 /// Half widths of the frame times' 95 % intervals relative to the median, and their cells. Infinite where there is no interval.
@@ -193,14 +273,12 @@ pub fn drift(view: &ReportView<'_>) -> Option<Estimate> {
 mod tests {
     use super::*;
     use fathom_experiments::fixtures;
-    use fathom_record::{MachineState, Record};
+    use fathom_record::{MachineState, Record, ThrottleReason};
 
     /// The fixture's run with frame times that grow by a share of their median in a minute.
     fn drifting(per_minute: f64) -> Vec<Record> {
         let mut records = fixtures::run();
-        for record in &mut records {
-            let Record::Cell(cell) = record else { continue };
-            let Some(measured) = cell.measured_mut() else { continue };
+        for measured in fixtures::cells(&mut records).filter_map(Cell::measured_mut) {
             let frame = &mut measured.frame;
             let start_s = frame.sampled_at_s[0];
             for (at_s, ns) in frame.sampled_at_s.iter().zip(&mut frame.untimed_samples_ns) {
@@ -219,21 +297,27 @@ mod tests {
             ..MachineState::default()
         };
         let idle = state(&[ThrottleReason::GpuIdle]);
-        let cells = records.iter_mut().filter_map(|record| match record {
-            Record::Cell(cell) => cell.measured_mut(),
-            _ => None,
-        });
+        let cells = fixtures::cells(&mut records).filter_map(Cell::measured_mut);
         let held = state(&[ThrottleReason::SwPowerCap, ThrottleReason::GpuIdle]);
         for (number, measured) in cells.take(3).enumerate() {
             let second = if number < 2 { held.clone() } else { idle.clone() };
             measured.frame.machine = vec![idle.clone(), second];
         }
-        let view = ReportView::new(&records, None);
-        let found = throttled(&view).unwrap();
-        assert_eq!((found.of, found.cells.len()), (3, 2));
-        assert_eq!(found.reasons, [ThrottleReason::SwPowerCap].into());
-        let words = throttled_words(&found);
+        let words = throttled(&ReportView::new(&records, None)).unwrap();
         assert!(words.starts_with("2 of 3 cells: power cap; at worst 1 of 2 samples ("), "{words}");
+    }
+
+    #[test]
+    fn few_samples_are_counted() {
+        let mut records = fixtures::run();
+        let told = few_samples(&ReportView::new(&records, None)).unwrap();
+        assert!(told.starts_with("0 of ") && told.ends_with("the fewest are 15"), "{told}");
+        let fewest = least_samples() - 1;
+        let cells = fixtures::cells(&mut records).filter_map(Cell::measured_mut);
+        cells.take(2).for_each(|measured| measured.frame.untimed.n = fewest);
+        let told = few_samples(&ReportView::new(&records, None)).unwrap();
+        let end = format!("the fewest are {fewest}");
+        assert!(told.starts_with("2 of ") && told.ends_with(&end), "{told}");
     }
 
     #[test]

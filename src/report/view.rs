@@ -129,6 +129,10 @@ impl<'a> ReportView<'a> {
         self.runs.last().copied()
     }
 
+    pub fn entries(&self) -> impl Iterator<Item = &Entry<'a>> {
+        self.sections.iter().flat_map(|section| &section.entries)
+    }
+
     pub fn measured(&self) -> impl Iterator<Item = (&'a Cell, &'a Measured)> {
         self.sections.iter().flat_map(Section::measured)
     }

@@ -2,14 +2,7 @@
 
 use std::iter::successors;
 
-use glam::DVec3;
-
-use super::{Case, Check, Checks, Result, Rig, rig};
-use fathom_gpu::StageInfo;
-use fathom_reference::image::{Image, pixels};
-use fathom_reference::quantities::quantile;
-use fathom_reference::rays::{Hit, PixelRays, Tracer};
-use fathom_scene::{Camera, Scene};
+use crate::prelude::*;
 use fathom_stages::lit_scene::LitScene;
 use fathom_stages::water;
 
@@ -45,171 +38,121 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     for (object, i) in scene.objects.iter_mut().zip(1u8..) {
         object.material.specular = f32::from(i) / count;
     }
-    let textures = rig.gbuffer(&rig.stand(&scene, SIZE))?;
+    let stand = rig.stand(scene, SIZE)?;
+    let textures = rig.gbuffer(&stand)?;
     let depth = rig.channel(&textures.depth, 0)?;
     let normals = rig.vectors(&textures.normal)?;
     let speculars = rig.channel(&textures.normal, 3)?;
     let colors = rig.vectors(&textures.albedo)?;
 
-    let tracer = Tracer::new(&scene.objects)?;
-    let seen = ExactHits::cast(&scene.camera, &tracer);
-    let aside = Camera { fov_y_deg: scene.camera.fov_y_deg * 1.01, ..scene.camera.clone() };
-    let aside = ExactHits::cast(&aside, &tracer);
+    let exact_hits = |rays: &PixelRays| -> Vec<Option<Hit>> {
+        pixels(SIZE).map(|(x, y)| Some(rays.cast(&stand.tracer, x, y)?.0)).collect()
+    };
+    let wider =
+        Camera { fov_y_deg: 1.01 * stand.view.camera.fov_y_deg, ..stand.view.camera.clone() };
+    let aside = PixelRays::new(&wider, SIZE[0], SIZE[1]);
+    let (hits, hits_aside) = (exact_hits(&stand.rays), exact_hits(&aside));
+    let depth_error = |rays: &PixelRays, hits: &[Option<Hit>]| {
+        p99(pixels(SIZE).zip(hits).filter_map(|((x, y), hit)| {
+            let seen = Some(depth.at((x, y))).filter(|depth| *depth < 1.0)?;
+            let position = rays.unproject(f64::from(x) + 0.5, f64::from(y) + 0.5, seen);
+            hit.map(|hit| position.distance(hit.position) / hit.distance_m)
+        }))
+    };
+    let coverage = hits.iter().zip(depth.data()).map(|(hit, z)| hit.is_some() != (*z < 1.0));
+    // Index in rows and hit of every covered pixel.
+    let covered = || hits.iter().enumerate().filter_map(|(i, hit)| Some((i, (*hit)?)));
+    let material = |hit: &Hit| &stand.scene.objects[hit.object].material;
+    // The exact normals turned about the view's x axis.
+    let normal_error = |turned_deg: f64| {
+        let turn = DQuat::from_rotation_x(turned_deg.to_radians());
+        p90(covered()
+            .filter(|(i, hit)| normals[*i].length() > 0.5 && hit.shading_normal.length() > 0.5)
+            .map(|(i, hit)| normals[i].angle_between(turn * hit.shading_normal).to_degrees()))
+    };
+    let specular_error = |factor: f64| {
+        let expected = |hit: &Hit| factor * f64::from(material(hit).specular);
+        p97(covered().map(|(i, hit)| (speculars.data()[i] - expected(&hit)).abs()))
+    };
+    let albedo_error = |factor: f64| {
+        let albedo = |hit: &Hit| factor * DVec3::from(material(hit).albedo.map(f64::from));
+        p99(covered()
+            .filter(|(_, hit)| material(hit).tile_m <= 0.0)
+            .map(|(i, hit)| (colors[i] - albedo(&hit)).abs().max_element()))
+    };
     Ok(vec![
-        Check::of("scene/gbuffer", "99th percentile of |depth − ray|, of the distance")
-            .within((DEPTH_P99, "1"), seen.depth_p99(&depth))
-            .control("field of view 1 % wider", aside.depth_p99(&depth))
-            .with("coverage_disagreement", seen.coverage_disagreement(&depth)),
-        Check::of("scene/gbuffer", "90th percentile of the normal's angle")
-            .within((NORMAL_P90_DEG, "deg"), seen.normal_p90_deg(&normals, 0.0))
-            .control("normals turned by 1 degree", seen.normal_p90_deg(&normals, 1.0)),
-        Check::of("scene/gbuffer", "99th percentile of the albedo's error, plain materials")
-            .within((2.0 / 255.0, "1"), seen.albedo_p99(&scene, &colors, 1.0))
-            .control("albedo 5 % higher", seen.albedo_p99(&scene, &colors, 1.05)),
-        Check::of("scene/gbuffer", "97th percentile of the specular coefficient's error")
-            .within((SPECULAR_P97, "1"), seen.specular_p97(&scene, &speculars, 1.0))
-            .control("coefficients 1 % higher", seen.specular_p97(&scene, &speculars, 1.01)),
+        Check::of(rig, "99th percentile of |depth − ray|, of the distance")
+            .within((DEPTH_P99, "1"), depth_error(&stand.rays, &hits))
+            .control("field of view 1 % wider", depth_error(&aside, &hits_aside))
+            .with("coverage_disagreement", share(coverage)),
+        Check::of(rig, "90th percentile of the normal's angle")
+            .within((NORMAL_P90_DEG, "deg"), normal_error(0.0))
+            .control("normals turned by 1 degree", normal_error(1.0)),
+        Check::of(rig, "99th percentile of the albedo's error, plain materials")
+            .within((2.0 / 255.0, "1"), albedo_error(1.0))
+            .control("albedo 5 % higher", albedo_error(1.05)),
+        Check::of(rig, "97th percentile of the specular coefficient's error")
+            .within((SPECULAR_P97, "1"), specular_error(1.0))
+            .control("coefficients 1 % higher", specular_error(1.01)),
     ])
 }
 
-/// Exact hits of a camera's pixels.
-struct ExactHits {
-    rays: PixelRays,
-    hits: Vec<Option<Hit>>,
-}
-
-impl ExactHits {
-    fn cast(camera: &Camera, tracer: &Tracer) -> ExactHits {
-        let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
-        let pixels = pixels(SIZE);
-        let hits = pixels.map(|(x, y)| rays.cast(tracer, x, y).map(|(hit, _)| hit));
-        ExactHits { hits: hits.collect(), rays }
-    }
-
-    /// Index in rows and hit of every covered pixel.
-    fn covered(&self) -> impl Iterator<Item = (usize, &Hit)> {
-        let numbered = self.hits.iter().enumerate();
-        numbered.filter_map(|(i, hit)| hit.as_ref().map(|hit| (i, hit)))
-    }
-
-    fn depth_p99(&self, depth: &Image) -> f64 {
-        let mut errors: Vec<f64> = self
-            .covered()
-            .filter(|(i, _)| depth.data()[*i] < 1.0)
-            .map(|(i, hit)| {
-                let (x, y) = (i as u32 % SIZE[0], i as u32 / SIZE[0]);
-                let (x_px, y_px) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
-                let position = self.rays.unproject(x_px, y_px, depth.data()[i]);
-                (position - hit.position).length() / hit.distance_m
-            })
-            .collect();
-        quantile(&mut errors, 0.99)
-    }
-
-    fn coverage_disagreement(&self, depth: &Image) -> f64 {
-        let pairs = self.hits.iter().zip(depth.data());
-        let unlike = pairs.filter(|(hit, depth)| hit.is_some() != (**depth < 1.0));
-        unlike.count() as f64 / self.hits.len() as f64
-    }
-
-    /// `turned_deg` turns the exact normals about the view's x axis.
-    fn normal_p90_deg(&self, normals: &[DVec3], turned_deg: f64) -> f64 {
-        let turn = glam::DQuat::from_rotation_x(turned_deg.to_radians());
-        let mut angles: Vec<f64> = self
-            .covered()
-            .filter(|(i, hit)| normals[*i].length() > 0.5 && hit.shading_normal.length() > 0.5)
-            .map(|(i, hit)| normals[i].angle_between(turn * hit.shading_normal).to_degrees())
-            .collect();
-        quantile(&mut angles, 0.90)
-    }
-
-    fn specular_p97(&self, scene: &Scene, speculars: &Image, factor: f64) -> f64 {
-        let expected = |hit: &Hit| factor * f64::from(scene.objects[hit.object].material.specular);
-        let pairs = self.covered();
-        let mut errors: Vec<f64> =
-            pairs.map(|(i, hit)| (speculars.data()[i] - expected(hit)).abs()).collect();
-        quantile(&mut errors, 0.97)
-    }
-
-    fn albedo_p99(&self, scene: &Scene, colors: &[DVec3], factor: f64) -> f64 {
-        let mut errors: Vec<f64> = self
-            .covered()
-            .filter(|(_, hit)| scene.objects[hit.object].material.tile_m <= 0.0)
-            .map(|(i, hit)| {
-                let albedo = scene.objects[hit.object].material.albedo.map(f64::from);
-                (colors[i] - DVec3::from(albedo) * factor).abs().max_element()
-            })
-            .collect();
-        quantile(&mut errors, 0.99)
-    }
-}
-
 fn reflection(rig: &Rig<'_>) -> Result<Check> {
-    let scene = above_water()?;
-    let covered = covered(rig, &scene, &water::reflection::INFO)?;
-    let tracer = Tracer::new(&scene.objects)?;
-    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
+    let shore = Shore::new(rig, &water::reflection::INFO)?;
     // The picture of the world mirrored about `level`, kept on the camera's own side.
     let unlike = |level: f64| {
-        let ray = |x, y| {
-            let (origin, direction, length) = rays.ray(x, y);
-            let mirror = |v: DVec3, level: f64| DVec3::new(v.x, 2.0 * level - v.y, v.z);
-            (mirror(origin, level), mirror(direction, 0.0), length)
-        };
-        coverage_disagreement(&covered, &tracer, ray, |y| y >= -OVERLAP_M)
+        let mirror = |v: DVec3, level: f64| DVec3::new(v.x, 2.0 * level - v.y, v.z);
+        shore.unlike(
+            |(origin, direction)| (mirror(origin, level), mirror(direction, 0.0)),
+            |y| y >= -OVERLAP_M,
+        )
     };
-    Ok(Check::of("water/reflection", "share of pixels unlike exact rays")
+    Ok(Check::of(rig, "share of pixels unlike exact rays")
         .within((0.01, "1"), unlike(0.0))
         .control("mirror raised by 0.3 m", unlike(0.3))
-        .with("covered_share", covered.mean()))
+        .with("covered_share", shore.covered.mean()))
 }
 
 fn refraction(rig: &Rig<'_>) -> Result<Check> {
-    let scene = above_water()?;
-    let covered = covered(rig, &scene, &water::refraction::INFO)?;
-    let tracer = Tracer::new(&scene.objects)?;
-    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
-    let unlike = |level: f64| {
-        coverage_disagreement(&covered, &tracer, |x, y| rays.ray(x, y), |y| y <= level + OVERLAP_M)
-    };
-    Ok(Check::of("water/refraction", "share of pixels unlike exact rays")
+    let shore = Shore::new(rig, &water::refraction::INFO)?;
+    let unlike = |level: f64| shore.unlike(|ray| ray, |y| y <= level + OVERLAP_M);
+    Ok(Check::of(rig, "share of pixels unlike exact rays")
         .within((0.01, "1"), unlike(0.0))
         .control("water lowered by 1 m", unlike(-1.0))
-        .with("covered_share", covered.mean()))
+        .with("covered_share", shore.covered.mean()))
 }
 
 /// The shore seen from above the water.
-fn above_water() -> Result<Scene> {
-    let mut scene = Scene::load(SHORE)?;
-    let height = scene.camera.position_m[1].abs().max(1.5);
-    scene.camera.position_m[1] = height;
-    scene.camera.target_m[1] = 0.0;
-    Ok(scene)
+struct Shore {
+    stand: Stand,
+    /// 1 where the stage draws the scene.
+    covered: Image,
 }
 
-/// 1 where a stage draws the scene.
-fn covered(rig: &Rig<'_>, scene: &Scene, info: &'static StageInfo) -> Result<Image> {
-    let rig::Stand { shared, geometry, .. } = rig.stand(scene, SIZE);
-    let stage = LitScene::new(&rig.resources, info, &shared, &geometry, SIZE)?;
-    rig.run(&[&stage])?;
-    rig.channel(stage.texture(), 3)
-}
-
-/// Share of pixels whose coverage differs from that of exact rays which pass through geometry at
-/// heights that are not `kept`.
-fn coverage_disagreement(
-    covered: &Image,
-    tracer: &Tracer,
-    ray: impl Fn(u32, u32) -> (DVec3, DVec3, f64),
-    kept: impl Fn(f64) -> bool,
-) -> f64 {
-    let mut unlike = 0u32;
-    for (x, y) in pixels(covered.size()) {
-        let (origin, direction, length) = ray(x, y);
-        let next = |from: f64| tracer.cast(origin, direction, from, length);
-        let mut hits = successors(next(0.0), |hit| next(hit.distance_m * (1.0 + 1e-12)));
-        let seen = hits.any(|hit| kept(hit.position.y));
-        unlike += u32::from(seen != (covered.clamped(x.into(), y.into()) > 0.5));
+impl Shore {
+    fn new(rig: &Rig<'_>, info: &'static StageInfo) -> Result<Self> {
+        let mut scene = Scene::load(SHORE)?;
+        scene.camera.position_m[1] = scene.camera.position_m[1].abs().max(1.5);
+        scene.camera.target_m[1] = 0.0;
+        let stand = rig.stand(scene, SIZE)?;
+        let stage = LitScene::new(rig, info, &stand.shared, &stand.geometry, SIZE)?;
+        let covered = rig.drawn(&[&stage], stage.texture(), 3)?;
+        Ok(Self { stand, covered })
     }
-    f64::from(unlike) / covered.data().len() as f64
+
+    /// Share of pixels whose coverage differs from that of exact rays, changed by a rule, which pass through geometry at heights that
+    /// are not `kept`.
+    fn unlike(
+        &self,
+        change: impl Fn((DVec3, DVec3)) -> (DVec3, DVec3),
+        kept: impl Fn(f64) -> bool,
+    ) -> f64 {
+        share(pixels(SIZE).map(|(x, y)| {
+            let (origin, direction, length) = self.stand.rays.ray(x, y);
+            let (origin, direction) = change((origin, direction));
+            let next = |from: f64| self.stand.tracer.cast(origin, direction, from, length);
+            let mut hits = successors(next(0.0), |hit| next(hit.distance_m * (1.0 + 1e-12)));
+            hits.any(|hit| kept(hit.position.y)) != (self.covered.at((x, y)) > 0.5)
+        }))
+    }
 }

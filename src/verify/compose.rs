@@ -1,23 +1,11 @@
 //! `compose`: known inputs in, and the laws of adding light, of attenuation and of reflection out.
 
-use glam::{DVec3, Vec2};
-
-use super::{Case, Check, Checks, Result, Rig, rig};
-use fathom_reference::image::{Image, pixels};
+use crate::prelude::*;
 use fathom_reference::openness::Openness;
-use fathom_reference::optics::{fresnel_reflectance, transmittance};
-use fathom_reference::plane::CameraDepth;
-use fathom_reference::quantities::quantile;
-use fathom_reference::rays::{PixelRays, Tracer};
-use fathom_scene::{Camera, LightKind, Scene};
 use fathom_stages::compose::{Compose, ComposeUniforms, Composed};
-use fathom_stages::frame::{Shared, View};
-use fathom_stages::gbuffer::GbufferTextures;
 
 const STAGE: &str = "compose";
 const SIZE: [u32; 2] = [96, 64];
-/// Radiance L is shown as `(1 − exp(−exposure · L))^(1 / 2.2)` in 8 bits.
-const DISPLAY_GAMMA: f64 = 2.2;
 /// Distance of the wall that fills the view, metres.
 const WALL_M: f64 = 4.0;
 const GAMMA_PER_M: f64 = 0.13;
@@ -33,8 +21,6 @@ const BORDER_PX: u32 = 4;
 
 /// Default of `caustics.filter_depth_share`.
 const DEPTH_SHARE: f64 = 0.05;
-const FACING: [f32; 3] = [0.0, 0.0, 1.0];
-const NO_OCCLUSION: Openness = Openness { taps: 0, radius_m: 0.5 };
 
 pub fn cases() -> Vec<Case> {
     vec![
@@ -55,70 +41,90 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     let [low, middle, high] = water[0];
     let (rays, both) = (water[1][0] - low, water[1][2] - low);
     let through = (high - low) / (clear[0][2] - clear[0][0]);
-    let off = |measured: f64, expected: f64| (measured / expected - 1.0).abs();
-    let murky = transmittance(GAMMA_PER_M * 1.05, WALL_M);
+    let left = |factor: f64| transmittance(GAMMA_PER_M * factor, WALL_M);
     let twice = (high - low) / (middle - low);
     Ok(vec![
-        Check::of(STAGE, "twice the caustics, twice the light: relative error")
-            .within((5e-3, "1"), off(twice, 2.0))
-            .control("2.1 times expected", off(twice, 2.1)),
-        Check::of(STAGE, "caustics and godrays add up: relative error")
-            .within((5e-3, "1"), off(both, high - low + rays))
-            .control("godrays counted 1.1 times", off(both, high - low + 1.1 * rays)),
-        Check::of(STAGE, "caustics seen through 4 m of water: relative error")
-            .within((5e-3, "1"), off(through, transmittance(GAMMA_PER_M, WALL_M)))
-            .control("attenuation 5 % higher", off(through, murky)),
+        Check::of(rig, "twice the caustics, twice the light: relative error")
+            .within((5e-3, "1"), relative_error(twice, 2.0))
+            .control("2.1 times expected", relative_error(twice, 2.1)),
+        Check::of(rig, "caustics and godrays add up: relative error")
+            .within((5e-3, "1"), relative_error(both, high - low + rays))
+            .control("godrays counted 1.1 times", relative_error(both, high - low + 1.1 * rays)),
+        Check::of(rig, "caustics seen through 4 m of water: relative error")
+            .within((5e-3, "1"), relative_error(through, left(1.0)))
+            .control("attenuation 5 % higher", relative_error(through, left(1.05))),
     ])
 }
 
 /// What is composed, one value for the whole view unless an image.
-#[derive(Clone, Copy)]
-struct Known<'a> {
+#[derive(Clone)]
+struct Known {
     albedo: f32,
     /// What is seen: one normal for all of it.
-    depth: &'a wgpu::Texture,
-    normal: [f32; 3],
+    depth: wgpu::Texture,
+    normal: Vec3,
     occlusion: Openness,
-    caustics: &'a Image,
+    caustics: Image,
     /// A pixel's extent at 1 m, where caustics are flux and not irradiance.
     pixel_tangent: Option<f64>,
-    godrays: &'a Image,
+    godrays: Image,
     reflection: f32,
     exposure: f64,
 }
 
-/// Composes known inputs and returns the radiance of each pixel.
-fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
-    let shared = Shared::new(&rig.resources, view);
-    let grey = |value: f32, alpha: f32| rig.constant(SIZE, [value, value, value, alpha]);
-    let [x, y, z] = known.normal;
-    let gbuffer = GbufferTextures {
-        albedo: grey(known.albedo, 1.0)?,
-        normal: rig.constant(SIZE, [x, y, z, 1.0])?,
-        depth: known.depth.clone(),
-    };
-    let inputs = Composed {
-        gbuffer: &gbuffer,
-        caustics: &rig.grey(known.caustics),
-        godrays: &rig.grey(known.godrays),
-        reflection: &grey(known.reflection, 1.0)?,
-        refraction: &grey(0.0, 1.0)?,
-    };
-    let settings = ComposeUniforms {
-        size_px: Vec2::new(SIZE[0] as f32, SIZE[1] as f32),
-        caustics_scale: known.pixel_tangent.unwrap_or(1.0) as f32,
-        godrays_scale: 1.0,
-        exposure: known.exposure as f32,
-        occlusion_taps: known.occlusion.taps,
-        occlusion_radius_m: known.occlusion.radius_m as f32,
-        water_cells: 8,
-        depth_share: DEPTH_SHARE as f32,
-    };
-    let flux = known.pixel_tangent.is_some();
-    let stage = Compose::new(&rig.resources, &shared, &inputs, settings, flux)?;
-    rig.run(&[&stage])?;
-    let shown = rig.channel(stage.texture(), BLUE)?;
-    Ok(shown.map(|value| -(1.0 - value.powf(DISPLAY_GAMMA)).ln() / known.exposure))
+impl Known {
+    /// A white surface that faces the camera, with no light but the sky's.
+    fn unlit(depth: wgpu::Texture, exposure: f64) -> Self {
+        let nothing = Image::constant(SIZE[0], SIZE[1], 0.0);
+        Self {
+            albedo: 1.0,
+            depth,
+            normal: Vec3::Z,
+            occlusion: Openness { taps: 0, radius_m: 0.5 },
+            caustics: nothing.clone(),
+            pixel_tangent: None,
+            godrays: nothing,
+            reflection: 0.0,
+            exposure,
+        }
+    }
+
+    /// Composes the inputs and returns the radiance of each pixel.
+    fn radiance(&self, rig: &Rig<'_>, view: &View) -> Result<Image> {
+        let grey = |value: f32| rig.constant(SIZE, [value, value, value, 1.0]);
+        let inputs = Composed {
+            gbuffer: &GbufferTextures {
+                albedo: grey(self.albedo)?,
+                normal: rig.constant(SIZE, self.normal.extend(1.0).to_array())?,
+                depth: self.depth.clone(),
+            },
+            caustics: &rig.grey(&self.caustics),
+            godrays: &rig.grey(&self.godrays),
+            reflection: &grey(self.reflection)?,
+            refraction: &grey(0.0)?,
+        };
+        let settings = ComposeUniforms {
+            size_px: UVec2::from(SIZE).as_vec2(),
+            caustics_scale: self.pixel_tangent.unwrap_or(1.0) as f32,
+            godrays_scale: 1.0,
+            exposure: self.exposure as f32,
+            occlusion_taps: self.occlusion.taps,
+            occlusion_radius_m: self.occlusion.radius_m as f32,
+            water_cells: 8,
+            depth_share: DEPTH_SHARE as f32,
+        };
+        let flux = self.pixel_tangent.is_some();
+        let stage = Compose::new(rig, &Shared::new(rig, view), &inputs, settings, flux)?;
+        let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
+        Ok(shown.map(|value| radiance_of(value, self.exposure)))
+    }
+
+    /// What caustics add to the radiance of each pixel.
+    fn added(self, rig: &Rig<'_>, view: &View, caustics: Image) -> Result<Image> {
+        let without = self.radiance(rig, view)?;
+        let with = Known { caustics, ..self }.radiance(rig, view)?;
+        Ok(Image::of(SIZE, |x, y| with.at((x, y)) - without.at((x, y))))
+    }
 }
 
 /// A white wall across a narrow view under water, with the bands upon it.
@@ -129,81 +135,48 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands> {
     // Deep enough that the surface is not in view.
     view.camera.position_m[1] = -2.0;
     view.camera.target_m[1] = -2.0;
-    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
-    let eye = DVec3::from(view.camera.position_m);
-    let wall = rays.project(eye + view.camera.direction() * WALL_M);
     let (columns, rows) = (SIZE[0] / 3, SIZE[1] / 2);
     let caustics = |x: u32, _| {
         let within = f64::from(x % columns) + 0.5;
         CAUSTICS[(x / columns) as usize] + RAMP * (within / f64::from(columns) - 0.5)
     };
     let known = Known {
-        albedo: 1.0,
-        depth: &rig.depth(SIZE, wall.map_or(1.0, |wall| wall.depth))?,
-        normal: FACING,
-        occlusion: NO_OCCLUSION,
-        caustics: &Image::of(SIZE, caustics),
-        pixel_tangent: None,
-        godrays: &Image::of(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
-        reflection: 0.0,
-        exposure: 0.4,
+        caustics: Image::of(SIZE, caustics),
+        godrays: Image::of(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
+        ..Known::unlit(rig.depth(SIZE, rig::depth_ahead(&view, WALL_M))?, 0.4)
     };
-    let image = radiance(rig, &view, &known)?;
-    let mean = |column: u32, row: u32| {
+    let image = known.radiance(rig, &view)?;
+    let band = |column: u32, row: u32| {
         let inside = |band: u32, side: u32| band * side + BORDER_PX..(band + 1) * side - BORDER_PX;
         let pixels = inside(row, rows).flat_map(|y| inside(column, columns).map(move |x| (x, y)));
-        rig::mean(pixels.map(|(x, y)| image.clamped(x.into(), y.into())))
+        mean(pixels.map(|at| image.at(at)))
     };
-    Ok([0, 1].map(|row| [0, 1, 2].map(|column| mean(column, row))))
+    Ok([0, 1].map(|row| [0, 1, 2].map(|column| band(column, row))))
 }
 
-/// The scene with many edges, in clear and dry water, and what is seen of it.
-fn edged(rig: &Rig<'_>) -> Result<(View, wgpu::Texture)> {
-    let mut scene = Scene::load("tank")?;
+/// A scene in clear and dry water, of whose surface nothing is drawn.
+fn dry(rig: &Rig<'_>, mut scene: Scene) -> Result<(Stand, wgpu::Texture)> {
     scene.water.attenuation_per_m = 0.0;
-    // Nothing of the surface is drawn.
     scene.water.half_size_m = [1e-3; 2];
-    let stand = rig.stand(&scene, SIZE);
-    let drawn = rig.gbuffer(&stand)?;
-    Ok((stand.view, drawn.depth))
-}
-
-/// What a change of the inputs adds to the radiance of each pixel.
-fn added(rig: &Rig<'_>, view: &View, with: &Known<'_>, without: &Known<'_>) -> Result<Image> {
-    let (with, without) = (radiance(rig, view, with)?, radiance(rig, view, without)?);
-    let at = |x: u32, y: u32| {
-        let [with, without] = [&with, &without].map(|image| image.clamped(x.into(), y.into()));
-        with - without
-    };
-    Ok(Image::of(SIZE, at))
+    let stand = rig.stand(scene, SIZE)?;
+    let depth = rig.gbuffer(&stand)?.depth;
+    Ok((stand, depth))
 }
 
 /// Caustics in a smaller buffer, each half of them of its own brightness: a texel counts for the pixels whose surface it is on.
 fn upscaled(rig: &Rig<'_>) -> Result<Check> {
     const BUFFER: [u32; 2] = [61, 41];
     const LEAST_WEIGHT: f64 = 1e-3;
-    let (view, drawn) = edged(rig)?;
+    let (stand, drawn) = dry(rig, Scene::load("tank")?)?;
     let depth = rig.channel(&drawn, 0)?;
-    let seen = CameraDepth { depth: &depth, camera: &view.camera };
-    let caustics = rig::noise(BUFFER, 5).map(|value| 1.0 + 3.0 * value);
-    let nothing = &Image::constant(SIZE[0], SIZE[1], 0.0);
-    let lit = Known {
-        albedo: 1.0,
-        depth: &drawn,
-        normal: FACING,
-        occlusion: NO_OCCLUSION,
-        caustics: &caustics,
-        pixel_tangent: None,
-        godrays: nothing,
-        reflection: 0.0,
-        exposure: 0.8,
-    };
-    let light = added(rig, &view, &lit, &Known { caustics: nothing, ..lit })?;
+    let seen = CameraDepth { depth: &depth, camera: &stand.view.camera };
+    let caustics = noise(BUFFER, 5).map(|value| 1.0 + 3.0 * value);
+    let light = Known::unlit(drawn, 0.8).added(rig, &stand.view, caustics.clone())?;
     let twin = |x: u32, y: u32, share: f64| {
         let place = [0, 1].map(|k| {
             (f64::from([x, y][k]) + 0.5) * f64::from(BUFFER[k]) / f64::from(SIZE[k]) - 0.5
         });
-        let view_m = seen.view_m(depth.clamped(x.into(), y.into()));
+        let view_m = seen.view_m(depth.at((x, y)));
         let (mut sum, mut weights, mut all) = (0.0, 0.0, 0.0);
         for corner in 0..4 {
             let base = [0, 1].map(|k| place[k].floor() + f64::from(corner >> k & 1));
@@ -220,17 +193,14 @@ fn upscaled(rig: &Rig<'_>) -> Result<Check> {
         }
         if weights < LEAST_WEIGHT { all } else { sum / weights }
     };
-    let seen_pixels = pixels(SIZE).filter(|(x, y)| depth.clamped((*x).into(), (*y).into()) < 1.0);
     let errors = |share: f64| {
-        let error = |(x, y): (u32, u32)| {
-            let expected = twin(x, y, share) / std::f64::consts::PI;
-            (light.clamped(x.into(), y.into()) - expected).abs()
-        };
-        quantile(&mut seen_pixels.clone().map(error).collect::<Vec<_>>(), 0.95) / light.mean()
+        let seen_pixels = pixels(SIZE).filter(|at| depth.at(*at) < 1.0);
+        let error = |(x, y)| (light.at((x, y)) - twin(x, y, share) / PI).abs();
+        p95(seen_pixels.map(error)) / light.mean()
     };
     // Steps of an 8-bit display; a few pixels may decide otherwise in f32.
     Ok(Check::of(
-        STAGE,
+        rig,
         "caustics within surfaces: 95th percentile of |difference from the twin|, of the mean",
     )
     .within((0.03, "1"), errors(DEPTH_SHARE))
@@ -243,45 +213,26 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
     /// Less is lost in the steps of an 8-bit display.
     const LEAST_W_M2: f64 = 0.2;
     let mut scene = rig::flat_plane(LightKind::Directional)?;
-    scene.water.attenuation_per_m = 0.0;
-    // Nothing of the surface is drawn.
-    scene.water.half_size_m = [1e-3; 2];
     scene.camera = Camera::new([0.0, -0.5, 1.0], [0.3, -3.0, -0.5], 90.0, [0.1, 20.0]);
-    let stand = rig.stand(&scene, SIZE);
-    let drawn = rig.gbuffer(&stand)?;
-    let nothing = &Image::constant(SIZE[0], SIZE[1], 0.0);
-    let lit = Known {
-        albedo: 1.0,
-        depth: &drawn.depth,
-        normal: [0.0, 1.0, 0.0],
-        occlusion: NO_OCCLUSION,
-        caustics: &Image::constant(SIZE[0], SIZE[1], FLUX_W),
+    let (stand, depth) = dry(rig, scene)?;
+    let dark = Known {
+        normal: Vec3::Y,
         pixel_tangent: Some(stand.view.pixel_tangent(SIZE[1])),
-        godrays: nothing,
-        reflection: 0.0,
-        exposure: 0.8,
+        ..Known::unlit(depth, 0.8)
     };
-    let light = added(rig, &stand.view, &lit, &Known { caustics: nothing, ..lit })?;
-    let tracer = Tracer::new(&scene.objects)?;
-    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
-    let floor_y = -scene.floor_depth_m;
-    let on_floor = |x: u32, y: u32| {
-        let (origin, direction, _) = rays.ray_at(x.into(), y.into());
-        origin + direction * ((floor_y - origin.y) / direction.y)
-    };
+    let flux = Image::constant(SIZE[0], SIZE[1], FLUX_W);
+    let light = dark.added(rig, &stand.view, flux)?;
+    let (camera, floor_m) = (&stand.scene.camera, -stand.scene.floor_depth_m);
     let errors = |power: i32| {
-        let error = |(x, y): (u32, u32)| {
-            let (hit, _) = rays.cast(&tracer, x, y)?;
-            let diagonal = on_floor(x + 1, y + 1) - on_floor(x, y);
-            let area = 0.5 * diagonal.cross(on_floor(x, y + 1) - on_floor(x + 1, y)).length();
-            let sight = (hit.position - scene.camera.position()).normalize();
-            let exact = FLUX_W / area * sight.dot(scene.camera.direction()).powi(power);
-            let found = light.clamped(x.into(), y.into()) * std::f64::consts::PI;
-            (exact > LEAST_W_M2).then(|| (found / exact - 1.0).abs())
-        };
-        quantile(&mut pixels(SIZE).filter_map(error).collect::<Vec<_>>(), 0.9)
+        p90(pixels(SIZE).filter_map(|at| {
+            let hit = stand.hit(at)?;
+            let area = rig::area_shown(&stand.rays, at, (DVec3::Y * floor_m, DVec3::Y));
+            let sight = (hit.position - camera.position()).normalize();
+            let exact = FLUX_W / area * sight.dot(camera.direction()).powi(power);
+            (exact > LEAST_W_M2).then(|| relative_error(light.at(at) * PI, exact))
+        }))
     };
-    Ok(Check::of(STAGE, "flux over area: 90th percentile of the irradiance's relative error")
+    Ok(Check::of(rig, "flux over area: 90th percentile of the irradiance's relative error")
         .within((0.03, "1"), errors(0))
         .control("pixels as large at the rim as in the middle", errors(3)))
 }
@@ -289,78 +240,46 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
 /// Ambient light with occlusion over that without, against the twin over the same depth.
 fn occlusion(rig: &Rig<'_>) -> Result<Check> {
     const METHOD: Openness = Openness { taps: 16, radius_m: 0.5 };
-    let (view, drawn) = edged(rig)?;
+    let (stand, drawn) = dry(rig, Scene::load("tank")?)?;
     let depth = rig.channel(&drawn, 0)?;
-    let nothing = &Image::constant(SIZE[0], SIZE[1], 0.0);
-    let open = Known {
-        albedo: 1.0,
-        depth: &drawn,
-        normal: [0.0, 1.0, 0.0],
-        occlusion: NO_OCCLUSION,
-        caustics: nothing,
-        pixel_tangent: None,
-        godrays: nothing,
-        reflection: 0.0,
-        exposure: 2.0,
-    };
-    let (open, occluded) =
-        (radiance(rig, &view, &open)?, radiance(rig, &view, &Known { occlusion: METHOD, ..open })?);
-    // The lower half of the picture is all under water, where no direct light saturates the display.
-    let seen_pixels = pixels(SIZE).filter(|(_, y)| *y >= SIZE[1] / 2);
+    let known = Known { normal: Vec3::Y, ..Known::unlit(drawn, 2.0) };
+    let open = known.radiance(rig, &stand.view)?;
+    let occluded = Known { occlusion: METHOD, ..known }.radiance(rig, &stand.view)?;
     let error = |method: Openness| {
-        let off = seen_pixels.clone().map(|(x, y)| {
-            let at = |image: &Image| image.clamped(x.into(), y.into());
-            let exact = method.at(&view.camera, &depth, DVec3::Y, x, y);
-            (at(&occluded) / at(&open) - exact).abs()
-        });
-        rig::mean(off)
+        // The lower half of the picture is all under water, where no direct light saturates the display.
+        let seen_pixels = pixels(SIZE).filter(|(_, y)| *y >= SIZE[1] / 2);
+        mean(seen_pixels.map(|(x, y)| {
+            let exact = method.at(&stand.view.camera, &depth, DVec3::Y, x, y);
+            (occluded.at((x, y)) / open.at((x, y)) - exact).abs()
+        }))
     };
-    Ok(Check::of(STAGE, "screen-space ambient occlusion: mean |openness − twin|")
+    Ok(Check::of(rig, "screen-space ambient occlusion: mean |openness − twin|")
         .within((0.006, "1"), error(METHOD))
         .control("radius of 1 m instead of 0.5 m", error(Openness { radius_m: 1.0, ..METHOD })))
 }
 
 /// Flat water between a white reflection and a black refraction shows its reflectance.
 fn fresnel(rig: &Rig<'_>) -> Checks {
-    let nothing = &Image::constant(SIZE[0], SIZE[1], 0.0);
-    let known = Known {
-        albedo: 0.0,
-        depth: &rig.depth(SIZE, 1.0)?,
-        normal: FACING,
-        occlusion: NO_OCCLUSION,
-        caustics: nothing,
-        pixel_tangent: None,
-        godrays: nothing,
-        reflection: 1.0,
-        exposure: 1.5,
-    };
-    let check = |(side, name, target_z)| {
+    let unlit = Known::unlit(rig.depth(SIZE, 1.0)?, 1.5);
+    let known = Known { albedo: 0.0, reflection: 1.0, ..unlit };
+    let check = |(side, name, target_z): (f64, &str, f64)| {
         let mut view = rig::synthetic_view(SIZE, 0.0)?;
         view.camera.position_m = [0.0, 1.5 * side, 2.0];
         view.camera.target_m = [0.0, 0.0, target_z];
         view.camera.fov_y_deg = 30.0;
-        let image = radiance(rig, &view, &known)?;
-        let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
-        let error = |index: f64| reflectance_error(&image, &rays, side, index);
-        let what = format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean");
-        Ok(Check::of(STAGE, what)
-            .within((0.02, "1"), error(view.water.refractive_index))
-            .control("refractive index 1.40", error(1.40)))
+        let (image, rays) = (known.radiance(rig, &view)?, rig::rays(&view));
+        let error = |index: f64| {
+            let (outer, inner) = if side > 0.0 { (1.0, index) } else { (index, 1.0) };
+            let exact = |x, y| fresnel_reflectance(-side * rays.ray(x, y).1.y, outer, inner);
+            difference(&image, &Image::of(SIZE, exact))
+        };
+        Ok(Check::of(
+            rig,
+            format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean"),
+        )
+        .within((0.02, "1"), error(view.water.refractive_index))
+        .control("refractive index 1.40", error(1.40)))
     };
     // From below the view crosses the critical angle, 48.8° from the vertical.
     [(1.0, "above", -1.5), (-1.0, "below", 0.8)].into_iter().map(check).collect()
-}
-
-/// Mean absolute difference from the exact reflectance over the pixels that see the water, relative
-/// to its mean. `side` is 1 for a camera in the air and −1 for one in the water.
-fn reflectance_error(image: &Image, rays: &PixelRays, side: f64, index: f64) -> f64 {
-    let (outer, inner) = if side > 0.0 { (1.0, index) } else { (index, 1.0) };
-    let (mut difference, mut sum) = (0.0, 0.0);
-    for (x, y) in pixels(SIZE) {
-        let (_, direction, _) = rays.ray(x, y);
-        let exact = fresnel_reflectance(-side * direction.y, outer, inner);
-        difference += (image.clamped(x.into(), y.into()) - exact).abs();
-        sum += exact;
-    }
-    difference / sum
 }

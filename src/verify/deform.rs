@@ -1,11 +1,7 @@
 //! `scene/deform` against f64, vertex by vertex.
 
-use glam::DVec3;
-
-use super::{Case, Check, Checks, Rig, largest};
+use crate::prelude::*;
 use fathom_reference::deform::{Moment, Motion};
-use fathom_scene::{Object, Scene};
-use fathom_stages::geometry::Geometry;
 use fathom_stages::scene::deform;
 
 const STAGE: &str = "scene/deform";
@@ -19,16 +15,13 @@ const POSITION_M: f64 = 2.5e-3;
 const NORMAL: f64 = 5e-3;
 
 pub fn cases() -> Vec<Case> {
-    let motions = [
+    [
         (Motion::Spin, deform::Motion::Spin, "spin"),
         (Motion::Twist, deform::Motion::Twist, "twist"),
         (Motion::Wave, deform::Motion::Wave, "wave"),
-    ];
-    motions
-        .map(|(motion, stage, name)| {
-            Case::new(STAGE, name, move |rig| check(rig, motion, stage, name))
-        })
-        .into()
+    ]
+    .map(|(motion, stage, name)| Case::new(STAGE, name, move |rig| check(rig, motion, stage, name)))
+    .into()
 }
 
 /// A vertex's position and normal.
@@ -36,45 +29,41 @@ type Vertex = [DVec3; 2];
 
 fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) -> Checks {
     let scene = Scene::load(SCENE)?;
-    let geometry = Geometry::new(&rig.resources, &scene);
+    let geometry = Geometry::new(rig, &scene);
     let amount = (CYCLES, AMPLITUDE);
-    let stage = deform::Deform::new(&rig.resources, &geometry, &scene, of_stage, amount)?;
-    rig.run(&[&stage])?;
+    rig.run(&[&deform::Deform::new(rig, &geometry, &scene, of_stage, amount)?])?;
     let words: Vec<f32> = rig.read(&geometry.vertices)?;
-    let vector = |v: &[f32]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
+    let vector = |v: &[f32]| Vec3::from_slice(v).as_dvec3();
     let found: Vec<Vertex> =
         words.chunks_exact(7).map(|v| [vector(&v[..3]), vector(&v[3..6])]).collect();
 
+    // Largest distance of positions, and of normals.
     let off = |cycles: f64| {
-        let twin = scene.objects.iter().flat_map(|object| moved(object, motion, cycles));
-        largest_of(&found, &twin.collect::<Vec<_>>())
+        let moved = |object| moved(object, motion, cycles);
+        let twin: Vec<Vertex> = scene.objects.iter().flat_map(moved).collect();
+        [0, 1].map(|k| largest(found.iter().zip(&twin).map(|(a, b)| a[k].distance(b[k]))))
     };
     let (measured, control) = (off(CYCLES), off(CYCLES + 0.02));
     let perturbed = "time moved by 0.02 cycles";
     Ok(vec![
-        Check::of(STAGE, format!("{name}: largest distance from the f64 twin"))
+        Check::of(rig, format!("{name}: largest distance from the f64 twin"))
             .within((POSITION_M, "m"), measured[0])
             .control(perturbed, control[0]),
-        Check::of(STAGE, format!("{name}: largest difference of the normal from the f64 twin"))
+        Check::of(rig, format!("{name}: largest difference of the normal from the f64 twin"))
             .within((NORMAL, "1"), measured[1])
             .control(perturbed, control[1]),
     ])
 }
 
 fn moved(object: &Object, motion: Motion, cycles: f64) -> Vec<Vertex> {
-    let bounds = object.mesh.bounds();
+    let mesh = &object.mesh;
+    let bounds = mesh.bounds();
     let (foot_m, height_m) = (bounds.center().with_y(bounds.min.y), bounds.size().y);
     let moment = Moment { motion, foot_m, height_m, cycles, amplitude: AMPLITUDE };
-    let wide = |v: &[f32; 3]| glam::Vec3::from(*v).as_dvec3();
-    let mesh = &object.mesh;
-    let vertex = |(position, normal)| {
-        let (position, normal) = (wide(position), wide(normal).normalize());
+    let vertex = |(position, normal): (&[f32; 3], &[f32; 3])| {
+        let [position, normal] = [position, normal].map(|v| Vec3::from(*v).as_dvec3());
+        let normal = normal.normalize();
         [moment.position(position, normal), moment.normal(position, normal)]
     };
     mesh.positions.iter().zip(&mesh.normals).map(vertex).collect()
-}
-
-/// Largest distance of positions, and of normals.
-fn largest_of(found: &[Vertex], twin: &[Vertex]) -> [f64; 2] {
-    [0, 1].map(|k| largest(found.iter().zip(twin).map(|(a, b)| a[k].distance(b[k]))))
 }

@@ -1,12 +1,8 @@
 //! `caustics/filter` and `godrays/filter` against the f64 twin.
 
-use super::{Case, Check, Result, Rig, largest, noise, rig};
-use fathom_gpu::{Column, StageInfo};
+use crate::prelude::*;
+use fathom_gpu::Column;
 use fathom_reference::filter::Disc;
-use fathom_reference::image::{Image, pixels};
-use fathom_reference::plane::CameraDepth;
-use fathom_scene::Scene;
-use fathom_stages::frame::{Shared, View};
 use fathom_stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
 use fathom_stages::{caustics, godrays};
 
@@ -30,95 +26,88 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(caustics::filter::INFO.name, "noise through the low-pass", |rig| {
             // One surface only: all taps count.
-            let depth = rig.depth(SIZE, 0.9)?;
             let view = rig::synthetic_view(SIZE, 0.0)?;
-            plain(&caustics::filter::INFO, rig, &caustics_filter(rig, &view, &depth)?)
+            plain(rig, &caustics_filter(rig, &view, &rig.depth(SIZE, 0.9)?)?)
         }),
         Case::new(caustics::filter::INFO.name, "edges of surfaces", edges),
         Case::new(godrays::filter::INFO.name, "noise through the low-pass", |rig| {
             let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
-            let info = &godrays::filter::INFO;
-            let image = rig.grey(&noise(SIZE, SEED));
-            let source = (&image, Column::new("noise", "1", "noise"));
-            let filter = LowPass::new(&rig.resources, info, source, &settings)?;
-            plain(info, rig, &filter)
+            let source = (&rig.grey(&noise(SIZE, SEED)), Column::new("noise", "1", "noise"));
+            plain(rig, &LowPass::new(rig, &godrays::filter::INFO, source, &settings)?)
         }),
     ]
 }
 
 /// `caustics/filter` over noise, guided by a depth.
 fn caustics_filter(rig: &Rig<'_>, view: &View, depth: &wgpu::Texture) -> Result<LowPass> {
-    let shared = Shared::new(&rig.resources, view);
+    let shared = Shared::new(rig, view);
     let settings =
         GuidedUniforms { taps: TAPS, radius_px: RADIUS_PX as f32, depth_share: DEPTH_SHARE as f32 };
-    let image = rig.grey(&noise(SIZE, SEED));
-    let source = (&image, Column::new("noise", "1", "noise"));
+    let source = (&rig.grey(&noise(SIZE, SEED)), Column::new("noise", "1", "noise"));
     let info = &caustics::filter::INFO;
-    Ok(LowPass::guided(&rig.resources, info, source, (&shared, depth), &settings)?)
+    Ok(LowPass::guided(rig, info, source, (&shared, depth), &settings)?)
+}
+
+/// What a filter makes of noise over the pixels that are judged, and the noise.
+struct Filtered {
+    source: Image,
+    result: Image,
+    judged: Vec<(u32, u32)>,
+}
+
+impl Filtered {
+    fn new(
+        rig: &Rig<'_>,
+        filter: &LowPass,
+        clear: impl Fn(&Image, u32, u32) -> bool,
+    ) -> Result<Self> {
+        let source = noise(SIZE, SEED);
+        let result = rig.drawn(&[filter], filter.texture(), 0)?;
+        let judged = pixels(SIZE).filter(|(x, y)| clear(&source, *x, *y)).collect();
+        Ok(Self { source, result, judged })
+    }
+
+    /// Largest difference from a twin, relative to the mean.
+    fn error(&self, twin: impl Fn(&Image, u32, u32) -> f64) -> f64 {
+        let off = |&at: &(u32, u32)| (self.result.at(at) - twin(&self.source, at.0, at.1)).abs();
+        largest(self.judged.iter().map(off)) / self.source.mean()
+    }
+
+    fn left_out(&self) -> f64 {
+        1.0 - self.judged.len() as f64 / self.source.data().len() as f64
+    }
 }
 
 /// Noise over a scene with many edges: taps beyond them do not count.
 fn edges(rig: &Rig<'_>) -> Result<Check> {
-    let stage = caustics::filter::INFO.name;
-    let scene = Scene::load("tank")?;
-    let stand = rig.stand(&scene, VIEW);
-    let drawn = rig.gbuffer(&stand)?;
-    let filter = caustics_filter(rig, &stand.view, &drawn.depth)?;
-    rig.run(&[&filter])?;
-    let (filtered, image) = (rig.channel(filter.texture(), 0)?, noise(SIZE, SEED));
-    let depth = rig.channel(&drawn.depth, 0)?;
+    let stand = rig.stand(Scene::load("tank")?, VIEW)?;
+    let drawn = rig.gbuffer(&stand)?.depth;
+    let depth = rig.channel(&drawn, 0)?;
     let seen = CameraDepth { depth: &depth, camera: &stand.view.camera };
-
     let disc = Disc::vogel(TAPS, RADIUS_PX);
-    let guide = (&seen, DEPTH_SHARE);
-    let plain = |x, y| {
+    let filter = caustics_filter(rig, &stand.view, &drawn)?;
+    let filtered = Filtered::new(rig, &filter, |source, x, y| {
         disc.edge_distance(x, y) >= AMBIGUOUS_PX
-            && disc.decision_distance(&image, guide, x, y) >= AMBIGUOUS_SHARE
-    };
-    let judged: Vec<(u32, u32)> = pixels(SIZE).filter(|(x, y)| plain(*x, *y)).collect();
+            && disc.decision_distance(source, (&seen, DEPTH_SHARE), x, y) >= AMBIGUOUS_SHARE
+    })?;
     let error = |share: f64| {
-        let off = |(x, y): &(u32, u32)| {
-            let twin = disc.within_surface(&image, (&seen, share), *x, *y);
-            (filtered.clamped((*x).into(), (*y).into()) - twin).abs() / image.mean()
-        };
-        largest(judged.iter().map(off))
+        filtered.error(|source, x, y| disc.within_surface(source, (&seen, share), x, y))
     };
-    let left_out = 1.0 - judged.len() as f64 / image.data().len() as f64;
-    Ok(Check::of(stage, "edges of scene tank: largest difference from the f64 twin, of the mean")
+    Ok(Check::of(rig, "edges of scene tank: largest difference from the f64 twin, of the mean")
         .within((TOLERANCE, "1"), error(DEPTH_SHARE))
         .control("taps beyond edges count", error(f64::INFINITY))
-        .with("pixels_left_out_share", left_out))
+        .with("pixels_left_out_share", filtered.left_out()))
 }
 
-fn plain(info: &'static StageInfo, rig: &Rig<'_>, filter: &LowPass) -> Result<Check> {
-    let image = noise(SIZE, SEED);
-    rig.run(&[filter])?;
-    let filtered = rig.channel(filter.texture(), 0)?;
-
+fn plain(rig: &Rig<'_>, filter: &LowPass) -> Result<Check> {
     let disc = Disc::vogel(TAPS, RADIUS_PX);
     let mut moved = disc.clone();
     moved.taps[0][0] += 1.0;
-    let (measured, left_out) = largest_difference(&filtered, &image, &disc, &disc);
-    let (control, _) = largest_difference(&filtered, &image, &moved, &disc);
-    let sums = (filtered.sum() / image.sum() - 1.0).abs();
-    let check = Check::of(info.name, "largest difference from the f64 twin, of the mean")
-        .within((TOLERANCE, "1"), measured)
-        .control("one tap moved by a pixel", control);
-    Ok(check.with("pixels_left_out_share", left_out).with("energy_change", sums))
-}
-
-/// Largest difference between the GPU's result and `twin` over the pixels where `judge` has no
-/// ambiguous tap, relative to the mean, and the share of the pixels left out.
-fn largest_difference(gpu: &Image, source: &Image, twin: &Disc, judge: &Disc) -> (f64, f64) {
-    let mean = source.mean();
-    let (mut largest, mut left_out) = (0.0f64, 0);
-    for (x, y) in pixels(gpu.size()) {
-        if judge.edge_distance(x, y) < AMBIGUOUS_PX {
-            left_out += 1;
-            continue;
-        }
-        let difference = gpu.clamped(x.into(), y.into()) - twin.at(source, x, y);
-        largest = largest.max(difference.abs() / mean);
-    }
-    (largest, f64::from(left_out) / source.data().len() as f64)
+    let filtered = Filtered::new(rig, filter, |_, x, y| disc.edge_distance(x, y) >= AMBIGUOUS_PX)?;
+    let error = |disc: &Disc| filtered.error(|source, x, y| disc.at(source, x, y));
+    Ok(Check::of(rig, "largest difference from the f64 twin, of the mean")
+        .within((TOLERANCE, "1"), error(&disc))
+        .control("one tap moved by a pixel", error(&moved))
+        .with("pixels_left_out_share", filtered.left_out())
+        .with("energy_change", relative_error(filtered.result.sum(), filtered.source.sum())))
 }

@@ -1,22 +1,10 @@
 //! Fresnel transmission at entry: what `caustics/splat` and `godrays/lines` draw with it and without it.
 
-use std::f64::consts::TAU;
-
-use glam::DVec3;
-
-use super::photons::run_until;
-use super::splats::{RULES, draw_free, energy_params, photon_at, splat_image};
-use super::{Case, Check, Random, Result, Rig, largest, lines, rig};
-use fathom_pipelines::Built;
-use fathom_pipelines::underwater::Underwater;
-use fathom_reference::image::Image;
-use fathom_reference::optics::{fresnel_transmittance, refract};
-use fathom_reference::rays::PixelRays;
-use fathom_scene::{Scene, SceneFile};
+use super::lines;
+use super::splats::{RULES, draw_free, energy_params, photon_at, pipeline};
+use crate::prelude::*;
 use fathom_stages::caustics::splat;
-use fathom_stages::frame::View;
 use fathom_stages::godrays::lines as line;
-use fathom_stages::photon::Photon;
 
 /// Relative: directions come from places in f32, over paths of 0.6 m.
 const TOLERANCE: f64 = 1e-4;
@@ -33,10 +21,10 @@ const STEEPEST: f64 = 1.48;
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new(splat::INFO.name, "Fresnel transmission of splats", |rig| {
-            transmitted(rig, splat::INFO.name)
+            transmitted(rig, 512, |rig, view, photons| draw_free(rig, view, photons, &RULES))
         }),
         Case::new(line::INFO.name, "Fresnel transmission of lines", |rig| {
-            transmitted(rig, line::INFO.name)
+            transmitted(rig, 384, lines::draw)
         }),
         Case::new(splat::INFO.name, "Fresnel transmission at normal incidence", straight),
     ]
@@ -44,8 +32,6 @@ pub fn cases() -> Vec<Case> {
 
 /// A photon for each cell that was refracted by a surface of another slope, and its angle of incidence's cosine.
 fn photons(view: &View, side_px: u32) -> Vec<(Photon, f64)> {
-    let eye = DVec3::from(view.camera.position_m);
-    let rays = PixelRays::new(&view.camera, side_px, side_px);
     let incident = view.light_frame().forward;
     let across = incident.any_orthonormal_vector();
     let mut random = Random::new(7);
@@ -57,7 +43,7 @@ fn photons(view: &View, side_px: u32) -> Vec<(Photon, f64)> {
         let refracted = refract(incident, normal, 1.0, INDEX).unwrap_or(incident);
         let cell_px = f64::from(side_px / CELLS);
         let at = [i % CELLS, i / CELLS].map(|cell| (f64::from(cell) + 0.5) * cell_px);
-        let (_, (hit, _)) = photon_at(&rays, eye, at, 6.0, 1.0);
+        let (_, (hit, _)) = photon_at(view, at, 6.0, 1.0);
         let entry = hit - refracted * PATH_M;
         (rig::photon(entry, hit, PATH_M), angle.cos())
     };
@@ -75,27 +61,25 @@ fn cell_sums(image: &Image) -> Vec<f64> {
 }
 
 /// What each photon adds to the picture with transmission over what it adds without, against the exact transmittance.
-fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Result<Check> {
-    let size = if stage == splat::INFO.name { 512 } else { 384 };
-    let mut view = rig::synthetic_view([size; 2], 0.0)?;
-    let (drawn, cosines): (Vec<Photon>, Vec<f64>) = photons(&view, size).into_iter().unzip();
+fn transmitted(
+    rig: &Rig<'_>,
+    side_px: u32,
+    drawn: fn(&Rig<'_>, &View, &[Photon]) -> Result<Image>,
+) -> Result<Check> {
+    let mut view = rig::synthetic_view([side_px; 2], 0.0)?;
+    let (photons, cosines): (Vec<Photon>, Vec<f64>) = photons(&view, side_px).into_iter().unzip();
     let mut draw = |fresnel: bool| -> Result<Vec<f64>> {
         view.water.fresnel = fresnel;
-        let image = if stage == splat::INFO.name {
-            draw_free(rig, &view, &drawn, &RULES)?
-        } else {
-            lines::draw(rig, &view, &drawn)?
-        };
-        Ok(cell_sums(&image))
+        Ok(cell_sums(&drawn(rig, &view, &photons)?))
     };
     let (whole, passed) = (draw(false)?, draw(true)?);
-    let shares: Vec<f64> = passed.iter().zip(&whole).map(|(a, b)| a / b).collect();
     let error = |index: f64| {
-        largest(shares.iter().zip(&cosines).map(|(share, cosine)| {
-            (share / fresnel_transmittance(*cosine, 1.0, index) - 1.0).abs()
+        let shares = passed.iter().zip(&whole).map(|(a, b)| a / b);
+        largest(shares.zip(&cosines).map(|(share, cosine)| {
+            relative_error(share, fresnel_transmittance(*cosine, 1.0, index))
         }))
     };
-    Ok(Check::of(stage, "Fresnel transmittance up to 85°: largest relative error")
+    Ok(Check::of(rig, "Fresnel transmittance up to 85°: largest relative error")
         .within((TOLERANCE, "1"), error(INDEX))
         .control("refractive index 1.34", error(OTHER_INDEX)))
 }
@@ -108,13 +92,11 @@ fn straight(rig: &Rig<'_>) -> Result<Check> {
     let energy = |fresnel: bool| -> Result<f64> {
         let mut params = energy_params(&file);
         params.water.fresnel = fresnel;
-        let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &params)?;
-        run_until(rig, &pipeline, splat::INFO.name)?;
-        Ok(splat_image(rig, &pipeline)?.sum())
+        Ok(pipeline(rig, &scene, &params)?.1.sum())
     };
     let share = energy(true)? / energy(false)?;
-    let error = |n: f64| (share / (1.0 - ((n - 1.0) / (n + 1.0)).powi(2)) - 1.0).abs();
-    Ok(Check::of(splat::INFO.name, "energy through flat water lit from above, relative error")
+    let error = |n: f64| relative_error(share, 1.0 - ((n - 1.0) / (n + 1.0)).powi(2));
+    Ok(Check::of(rig, "energy through flat water lit from above, relative error")
         .within((TOLERANCE, "1"), error(INDEX))
         .control("refractive index 1.34", error(OTHER_INDEX)))
 }

@@ -1,15 +1,9 @@
 //! `hsao/march` against its f64 twin over the same depth buffer, against closed forms, and against ray casting where the
 //! camera sees a height field.
 
-use glam::{DVec3, Vec2};
-
-use super::{Case, Check, Checks, Result, Rig, largest, mean};
+use crate::prelude::*;
 use fathom_reference::horizon::{HorizonSplit, SeenDepth, beside_wall};
-use fathom_reference::image::{Image, pixels};
 use fathom_reference::occlusion::{Attenuation, occlusion};
-use fathom_reference::quantities::quantile;
-use fathom_reference::rays::{Hit, PixelRays, Tracer};
-use fathom_scene::{Camera, Mesh, Object, Scene};
 use fathom_stages::hsao::march::{HorizonUniforms, March};
 
 const STAGE: &str = "hsao/march";
@@ -34,23 +28,16 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-/// What the stage saw and what it made of it.
-struct Shaded {
-    depth: Image,
-    normals: Vec<DVec3>,
-    occlusion: Image,
-}
-
+/// What the stage makes of a scene's G-buffer: A.
 fn shade(
     rig: &Rig<'_>,
-    scene: &Scene,
+    stand: &Stand,
+    gbuffer: &GbufferTextures,
     method: &HorizonSplit,
     buffer_px: [u32; 2],
-) -> Result<Shaded> {
-    let stand = rig.stand(scene, SIZE);
-    let gbuffer = rig.gbuffer(&stand)?;
+) -> Result<Image> {
     let settings = HorizonUniforms {
-        size_px: Vec2::new(buffer_px[0] as f32, buffer_px[1] as f32),
+        size_px: UVec2::from(buffer_px).as_vec2(),
         r_max_m: method.r_max_m as f32,
         layer_m: method.layer_m as f32,
         directions: method.directions,
@@ -60,55 +47,44 @@ fn shade(
         seed: method.seed,
     };
     let hard = method.attenuation == Attenuation::Hard;
-    let stage = March::new(&rig.resources, &stand.shared, &gbuffer, &settings, hard)?;
-    rig.run(&[&stage])?;
-    let visibility = rig.channel(stage.texture(), 0)?;
-    Ok(Shaded {
-        depth: rig.channel(&gbuffer.depth, 0)?,
-        normals: rig.vectors(&gbuffer.normal)?,
-        occlusion: visibility.map(|v| 1.0 - v),
-    })
+    let stage = March::new(rig, &stand.shared, gbuffer, &settings, hard)?;
+    Ok(rig.drawn(&[&stage], stage.texture(), 0)?.map(|visibility| 1.0 - visibility))
 }
 
-fn method(attenuation: Attenuation) -> HorizonSplit {
-    let (r_max_m, layer_m) = (1.0, 0.5);
-    HorizonSplit {
-        directions: 16,
-        steps: 16,
-        rays: 18,
-        ray_steps: 8,
-        r_max_m,
-        layer_m,
-        attenuation,
-        seed: 0,
-    }
-}
+const METHOD: HorizonSplit = HorizonSplit {
+    directions: 16,
+    steps: 16,
+    rays: 18,
+    ray_steps: 8,
+    r_max_m: 1.0,
+    layer_m: 0.5,
+    attenuation: Attenuation::Linear,
+    seed: 0,
+};
+/// More directions and samples than anyone would take, so that the closed form is what is left.
+const DENSE: HorizonSplit = HorizonSplit { directions: 32, steps: 32, ..METHOD };
 
 fn twin(rig: &Rig<'_>) -> Checks {
-    let scene = Scene::load(SCENE)?;
+    let stand = rig.stand(Scene::load(SCENE)?, SIZE)?;
+    let gbuffer = rig.gbuffer(&stand)?;
+    let (depth, normals) = (rig.channel(&gbuffer.depth, 0)?, rig.vectors(&gbuffer.normal)?);
+    let seen = SeenDepth::new(&stand.scene.camera, &depth, &normals);
     let check = |(name, attenuation, buffer_px): (&str, Attenuation, [u32; 2])| {
-        let method = HorizonSplit { seed: SEED, ..method(attenuation) };
-        let shaded = shade(rig, &scene, &method, buffer_px)?;
-        let seen = SeenDepth::new(&scene.camera, &shaded.depth, &shaded.normals);
-        let differences = |twin: &HorizonSplit| -> Vec<f64> {
-            let off = pixels(buffer_px).step_by(3).filter_map(|(x, y)| {
-                let expected = twin.at(&seen, buffer_px, x, y)?;
-                Some((shaded.occlusion.clamped(x.into(), y.into()) - expected).abs())
-            });
-            off.collect()
+        let method = HorizonSplit { seed: SEED, attenuation, ..METHOD };
+        let found = shade(rig, &stand, &gbuffer, &method, buffer_px)?;
+        let off = |twin: &HorizonSplit| -> Vec<f64> {
+            let off = |(x, y)| Some((found.at((x, y)) - twin.at(&seen, buffer_px, x, y)?).abs());
+            pixels(buffer_px).step_by(3).filter_map(off).collect()
         };
-        let mut off = differences(&method);
+        let exact = off(&method);
         let farther = HorizonSplit { r_max_m: method.r_max_m * 1.02, ..method };
-        Ok(Check::of(STAGE, format!("{name}: 95th percentile of |GPU − f64 twin|"))
-            .within((TWIN_P95, "1"), quantile(&mut off, 0.95))
-            .control("r_max 2 % greater", quantile(&mut differences(&farther), 0.95))
-            .with(
-                "other_seed",
-                quantile(&mut differences(&HorizonSplit { seed: 0, ..method }), 0.95),
-            )
-            .with("median", quantile(&mut off, 0.5))
-            .with("largest", quantile(&mut off, 1.0))
-            .with("mean_occlusion", shaded.occlusion.mean()))
+        Ok(Check::of(rig, format!("{name}: 95th percentile of |GPU − f64 twin|"))
+            .within((TWIN_P95, "1"), p95(exact.clone()))
+            .control("r_max 2 % greater", p95(off(&farther)))
+            .with("other_seed", p95(off(&HorizonSplit { seed: 0, ..method })))
+            .with("median", median(exact.clone()))
+            .with("largest", largest(exact))
+            .with("mean_occlusion", found.mean()))
     };
     let half = SIZE.map(|side| side / 2);
     [("linear", Attenuation::Linear, SIZE), ("hard, at half the size", Attenuation::Hard, half)]
@@ -117,27 +93,22 @@ fn twin(rig: &Rig<'_>) -> Checks {
         .collect()
 }
 
-/// More directions and samples than anyone would take, so that the closed form is what is left.
-fn dense(attenuation: Attenuation) -> HorizonSplit {
-    HorizonSplit { directions: 32, steps: 32, ..method(attenuation) }
-}
-
 fn closed_forms(rig: &Rig<'_>) -> Checks {
     let camera = camera([3.0, 2.6, 0.0], [0.0, 0.4, 0.0]);
     let floor = quad([30.0, 0.0, 0.0], [0.0, 0.0, -30.0]);
     let wall = quad([0.0, 30.0, 0.0], [0.0, 0.0, 30.0]);
-    let plane = built(camera.clone(), vec![floor.clone()])?;
-    let corner = built(camera, vec![floor, wall])?;
+    let plane = built(rig, camera.clone(), vec![floor.clone()])?;
+    let corner = built(rig, camera, vec![floor, wall])?;
 
-    let hard = dense(Attenuation::Hard);
-    let largest = |scene: &Scene| -> Result<f64> {
-        let shaded = shade(rig, scene, &hard, SIZE)?;
-        Ok(largest(shaded.occlusion.data().iter().copied()))
+    let hard = HorizonSplit { attenuation: Attenuation::Hard, ..DENSE };
+    let most = |stand: &Stand| -> Result<f64> {
+        let found = shade(rig, stand, &rig.gbuffer(stand)?, &hard, SIZE)?;
+        Ok(largest(found.data().iter().copied()))
     };
     let mut checks = vec![
-        Check::of(STAGE, "largest occlusion of a plane by itself")
-            .within((PLANE, "1"), largest(&plane)?)
-            .control("a wall stands on it", largest(&corner)?),
+        Check::of(rig, "largest occlusion of a plane by itself")
+            .within((PLANE, "1"), most(&plane)?)
+            .control("a wall stands on it", most(&corner)?),
     ];
     let exact = |hit: &Hit, r_max_m: f64, attenuation| {
         let on_floor = hit.normal.y > 0.5;
@@ -154,7 +125,6 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
 fn height_field(rig: &Rig<'_>) -> Checks {
     const HEIGHT_M: f64 = 0.25;
     const WAVES_PER_M: [f64; 2] = [2.5, 2.0];
-    let camera = camera([0.0, 4.5, 2.2], [0.0; 3]);
     let height =
         |x: f64, z: f64| HEIGHT_M * (WAVES_PER_M[0] * x).sin() * (WAVES_PER_M[1] * z).cos();
     let normal = |x: f64, z: f64| {
@@ -163,58 +133,41 @@ fn height_field(rig: &Rig<'_>) -> Checks {
         let along_z = -HEIGHT_M * WAVES_PER_M[1] * u.sin() * v.sin();
         DVec3::new(-along_x, 1.0, -along_z).normalize()
     };
-    let scene = built(camera, vec![hills(height, normal)])?;
-    let tracer = Tracer::new(&scene.objects)?;
+    let stand = built(rig, camera([0.0, 4.5, 2.2], [0.0; 3]), vec![hills(height, normal)])?;
     let exact = |hit: &Hit, r_max_m: f64, attenuation| {
         let inside = hit.position.abs().with_y(0.0).max_element() < 1.0;
         let (p, n) = (hit.position, hit.shading_normal);
-        inside.then(|| occlusion(&tracer, p, n, r_max_m, attenuation, 256))
+        inside.then(|| occlusion(&stand.tracer, p, n, r_max_m, attenuation, 256))
     };
     let title = |name: &str| format!("hills, {name}: RMS of the error against ray casting");
-    rms_checks(rig, &scene, (title, FIELD_RMS), ("r_max half as great", 0.5), exact)
+    rms_checks(rig, &stand, (title, FIELD_RMS), ("r_max half as great", 0.5), exact)
 }
 
-/// Both attenuations against the exact occlusion of what the camera sees; the control takes that of another r_max.
+/// Both attenuations against the exact occlusion of what the camera sees, over the pixels where it has an answer for the exact hit; the
+/// control takes that of another r_max.
 fn rms_checks(
     rig: &Rig<'_>,
-    scene: &Scene,
+    stand: &Stand,
     (title, tolerance): (impl Fn(&str) -> String, f64),
     (perturbed, factor): (&str, f64),
     exact: impl Fn(&Hit, f64, Attenuation) -> Option<f64>,
 ) -> Checks {
-    let tracer = Tracer::new(&scene.objects)?;
+    let gbuffer = rig.gbuffer(stand)?;
     let check = |(name, attenuation): (&str, Attenuation)| {
-        let method = dense(attenuation);
-        let shaded = shade(rig, scene, &method, SIZE)?;
-        let against = |r_max_m: f64| {
-            errors(&shaded, &tracer, &scene.camera, |hit| exact(hit, r_max_m, attenuation))
+        let method = HorizonSplit { attenuation, ..DENSE };
+        let found = shade(rig, stand, &gbuffer, &method, SIZE)?;
+        let off = |r_max_m: f64| -> Vec<f64> {
+            let inner = (8..SIZE[1] - 8).flat_map(|y| (8..SIZE[0] - 8).map(move |x| (x, y)));
+            let off = |at| Some(found.at(at) - exact(&stand.hit(at)?, r_max_m, attenuation)?);
+            inner.step_by(5).filter_map(off).collect()
         };
-        let (bias, rms) = against(method.r_max_m);
-        let check = Check::of(STAGE, title(name))
-            .within((tolerance, "1"), rms)
-            .control(perturbed, against(factor * method.r_max_m).1);
-        Ok(check.with("bias", bias))
+        let errors = off(method.r_max_m);
+        Ok(Check::of(rig, title(name))
+            .within((tolerance, "1"), rms(errors.iter().copied()))
+            .control(perturbed, rms(off(factor * method.r_max_m)))
+            .with("bias", mean(errors)))
     };
     [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)].into_iter().map(check).collect()
-}
-
-/// Mean and root mean square of the difference from `expected`, over the pixels where it has an answer for the exact hit.
-fn errors(
-    shaded: &Shaded,
-    tracer: &Tracer,
-    camera: &Camera,
-    expected: impl Fn(&Hit) -> Option<f64>,
-) -> (f64, f64) {
-    let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
-    let pixels = (8..SIZE[1] - 8).flat_map(|y| (8..SIZE[0] - 8).map(move |x| (x, y)));
-    let off: Vec<f64> = pixels
-        .step_by(5)
-        .filter_map(|(x, y)| {
-            let (hit, _) = rays.cast(tracer, x, y)?;
-            Some(shaded.occlusion.clamped(x.into(), y.into()) - expected(&hit)?)
-        })
-        .collect();
-    (mean(off.iter().copied()), mean(off.iter().map(|e| e * e)).sqrt())
 }
 
 fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
@@ -222,8 +175,8 @@ fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
 }
 
 /// Scene `plane` with other objects, seen by this camera.
-fn built(camera: Camera, objects: Vec<Object>) -> Result<Scene> {
-    Ok(Scene { camera, objects, ..Scene::load("plane")? })
+fn built(rig: &Rig<'_>, camera: Camera, objects: Vec<Object>) -> Result<Stand> {
+    rig.stand(Scene { camera, objects, ..Scene::load("plane")? }, SIZE)
 }
 
 /// A parallelogram around the origin, with half its sides; its normal is that of `a` × `b`.

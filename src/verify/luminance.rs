@@ -1,7 +1,6 @@
 //! `post/luminance` against sums in f64.
 
-use super::{Case, Check, Result, Rig, noise};
-use fathom_reference::image::Image;
+use crate::prelude::*;
 use fathom_stages::post::luminance::{INFO, Luminance};
 
 /// Pictures of fewer texels than a workgroup sums, of some, and of many workgroups with a rest.
@@ -21,18 +20,19 @@ pub fn cases() -> Vec<Case> {
 
 fn check(rig: &Rig<'_>, size: [u32; 2]) -> Result<Check> {
     let picture = noise(size, 5);
-    let stage = Luminance::new(&rig.resources, &rig.grey(&picture))?;
+    let stage = Luminance::new(rig, &rig.grey(&picture))?;
     rig.run(&[&stage])?;
     let average = f64::from(rig.read::<f32>(&stage.average)?[0]);
-    let error = |least: f64| (average / log_average(&picture, least) - 1.0).abs();
+    // Of a picture whose red channel alone is not 0.
+    let exact = |least: f64| {
+        let log = |shown: &f64| (least + 0.2126 * shown.powf(DISPLAY_GAMMA)).ln();
+        mean(picture.data().iter().map(log)).exp()
+    };
     let [width, height] = size;
-    Ok(Check::of(INFO.name, format!("{width}×{height}: relative error of the average"))
-        .within((TOLERANCE, "1"), error(LEAST))
-        .control("twice as much added to each luminance", error(2.0 * LEAST)))
-}
-
-/// Of a picture whose red channel alone is not 0.
-fn log_average(picture: &Image, least: f64) -> f64 {
-    let logs = picture.data().iter().map(|shown| (least + 0.2126 * shown.powf(2.2)).ln());
-    (logs.sum::<f64>() / picture.data().len() as f64).exp()
+    Ok(Check::of(rig, format!("{width}×{height}: relative error of the average"))
+        .within((TOLERANCE, "1"), relative_error(average, exact(LEAST)))
+        .control(
+            "twice as much added to each luminance",
+            relative_error(average, exact(2.0 * LEAST)),
+        ))
 }

@@ -1,18 +1,9 @@
 //! `caustics/mesh`: irradiance of refracted triangles against the same triangles in f64, and their energy against the photons'.
 
-use glam::{DVec3, Vec2};
-
-use super::{Case, Check, Result, Rig, rig};
+use crate::prelude::*;
 use fathom_reference::caustic_mesh::{self, Beam, Corner};
-use fathom_reference::image::{Image, pixels};
-use fathom_reference::optics::transmittance;
-use fathom_reference::photons::{Landed, Landing, PhotonGrid, entering, land_all};
-use fathom_reference::plane::CameraDepth;
-use fathom_reference::rays::{PixelRays, Tracer};
-use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene};
+use fathom_reference::photons::entering;
 use fathom_stages::caustics::mesh::{INFO, Mesh as Stage, MeshUniforms};
-use fathom_stages::photon::{MISSED, Photon};
-use fathom_stages::splatting::Accumulated;
 
 const SIZE: [u32; 2] = [320, 240];
 /// Cells per side of the light's grid, and photons per side of each.
@@ -34,9 +25,8 @@ pub fn cases() -> Vec<Case> {
     for (kind, light) in [(LightKind::Directional, "directional"), (LightKind::Point, "point")] {
         for (what, camera, extent_m) in views() {
             let what = format!("slanted plane, {light} light, {what}");
-            let title = what.clone();
-            cases.push(Case::new(INFO.name, what, move |rig| {
-                pixel_by_pixel(rig, &slanted(kind, (&camera, extent_m), FOLDING_M)?, &title)
+            cases.push(Case::new(INFO.name, what.clone(), move |rig| {
+                pixel_by_pixel(rig, slanted(kind, (&camera, extent_m), FOLDING_M)?, &what)
             }));
         }
         let what = format!("energy on a slanted plane, {light} light");
@@ -69,47 +59,41 @@ fn slanted(kind: LightKind, (camera, extent_m): (&Camera, f64), amplitude_m: f64
     Ok(scene)
 }
 
-/// Exact photons of a scene, as the GPU stores them.
+/// The mesh of a scene's exact photons.
 struct Meshed {
-    stand: rig::Stand,
+    stand: Stand,
     frame: LightFrame,
-    stored: Vec<Photon>,
     /// By rows of the light's grid; the rounded numbers of those that have landed.
     corners: Vec<Option<Corner>>,
-    depth: wgpu::Texture,
+    /// What the stage draws, over this depth.
+    image: Image,
+    depth: Image,
 }
 
 impl Meshed {
-    fn new(rig: &Rig<'_>, scene: &Scene, jitter: f64) -> Result<Self> {
-        let stand = rig.stand(scene, SIZE);
+    fn new(rig: &Rig<'_>, scene: Scene, jitter: f64) -> Result<Self> {
+        let stand = rig.stand(scene, SIZE)?;
         let frame = stand.view.light_frame();
         let grid = PhotonGrid::new(CELLS, SIDE * SIDE)?.with_jitter(jitter);
-        let tracer = Tracer::new(&scene.objects)?;
-        let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
+        let landings = land_all(&frame, &stand.scene.water, &stand.tracer, grid, 1);
         let stored: Vec<Photon> = landings.iter().map(stored).collect();
         let mut corners = vec![None; stored.len()];
         for (index, (photon, landing)) in stored.iter().zip(&landings).enumerate() {
-            let corner = landing.landed().map(|landed| corner(scene, &frame, photon, landed));
-            corners[in_rows(index)] = corner;
+            let corner = |landed| corner(&stand.scene, &frame, photon, landed);
+            corners[in_rows(index)] = landing.landed().map(corner);
         }
-        let depth = rig.gbuffer(&stand)?.depth;
-        Ok(Self { stand, frame, stored, corners, depth })
-    }
-
-    fn drawn(&self, rig: &Rig<'_>) -> Result<Image> {
         let settings = MeshUniforms {
-            size_px: Vec2::new(SIZE[0] as f32, SIZE[1] as f32),
+            size_px: UVec2::from(SIZE).as_vec2(),
             grid: CELLS,
-            strength: self.stand.view.light.intensity_w_sr as f32,
+            strength: stand.view.light.intensity_w_sr as f32,
             depth_bias_m: BIAS_M as f32,
             most_stretch: STRETCH as f32,
         };
-        let photons = rig.photons(&self.stored);
-        let inputs = (&photons, &self.depth);
-        let stage = Stage::new(&rig.resources, &self.stand.shared, inputs, &settings, SIDE)?;
+        let inputs = (&rig.photons(&stored), &rig.gbuffer(&stand)?.depth);
+        let stage = Stage::new(rig, &stand.shared, inputs, &settings, SIDE)?;
         // Twice: a frame must not add to the one before.
-        rig.run(&[&stage, &stage])?;
-        rig.channel(stage.texture(), 0)
+        let image = rig.drawn(&[&stage, &stage], stage.texture(), 0)?;
+        Ok(Self { depth: rig.channel(inputs.1, 0)?, stand, frame, corners, image })
     }
 
     /// Flux that the photons bring, W: equal shares of a directional light's, by solid angle of a point light's.
@@ -138,11 +122,11 @@ impl Meshed {
         }
     }
 
-    /// The triangles of these corners, drawn in f64 over the depth that the stage read.
-    fn twin(&self, depth: &Image, corners: &[Option<Corner>], most_stretch: f64) -> Image {
+    /// The difference of the drawn mesh from these corners' triangles, drawn in f64 over the same depth.
+    fn off(&self, corners: &[Option<Corner>], most_stretch: f64) -> f64 {
         let triangles = self.beam(most_stretch).triangles(corners, COLUMNS);
-        let seen = CameraDepth { depth, camera: &self.stand.view.camera };
-        caustic_mesh::draw(SIZE, &triangles, &seen, BIAS_M)
+        let seen = CameraDepth { depth: &self.depth, camera: &self.stand.view.camera };
+        difference(&self.image, &caustic_mesh::draw(SIZE, &triangles, &seen, BIAS_M))
     }
 }
 
@@ -173,41 +157,27 @@ fn corner(scene: &Scene, frame: &LightFrame, photon: &Photon, landed: &Landed) -
     Corner { entry, hit: photon.hit_m.as_dvec3(), left }
 }
 
-/// Sum of the absolute differences of two images' pixels, relative to the second's sum.
-fn difference(image: &Image, other: &Image) -> f64 {
-    let pairs = image.data().iter().zip(other.data());
-    pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / other.sum()
-}
-
-fn pixel_by_pixel(rig: &Rig<'_>, scene: &Scene, what: &str) -> Result<Check> {
+fn pixel_by_pixel(rig: &Rig<'_>, scene: Scene, what: &str) -> Result<Check> {
     let meshed = Meshed::new(rig, scene, 0.0)?;
-    let image = meshed.drawn(rig)?;
-    let depth = rig.channel(&meshed.depth, 0)?;
     let dimmed = |corner: &Option<Corner>| corner.map(|c| Corner { left: c.left * 0.95, ..c });
     let dimmer: Vec<_> = meshed.corners.iter().map(dimmed).collect();
-    let off =
-        |corners: &[Option<Corner>]| difference(&image, &meshed.twin(&depth, corners, STRETCH));
-    let lit = image.data().iter().filter(|value| **value > 0.0).count();
-    Ok(Check::of(INFO.name, format!("{what}: Σ |irradiance − twin| / Σ"))
-        .within((TOLERANCE, "1"), off(&meshed.corners))
-        .control("5 % less light at each corner", off(&dimmer))
+    let lit = meshed.image.data().iter().filter(|value| **value > 0.0).count();
+    Ok(Check::of(rig, format!("{what}: Σ |irradiance − twin| / Σ"))
+        .within((TOLERANCE, "1"), meshed.off(&meshed.corners, STRETCH))
+        .control("5 % less light at each corner", meshed.off(&dimmer, STRETCH))
         .with("lit_pixels", lit as f64))
 }
 
 /// Scene `tank`, whose objects hide one another from light and camera, with strewn photons.
 fn in_tank(rig: &Rig<'_>) -> Result<Check> {
-    let scene = Scene::load("tank")?;
-    let meshed = Meshed::new(rig, &scene, 0.5)?;
-    let image = meshed.drawn(rig)?;
-    let depth = rig.channel(&meshed.depth, 0)?;
-    let off = |stretch| difference(&image, &meshed.twin(&depth, &meshed.corners, stretch));
+    let meshed = Meshed::new(rig, Scene::load("tank")?, 0.5)?;
+    let off = |stretch| meshed.off(&meshed.corners, stretch);
     // Most triangles are longer than 1.2 times their length before refraction.
-    let landed = meshed.corners.iter().flatten().count() as f64 / meshed.corners.len() as f64;
-    Ok(Check::of(INFO.name, "scene tank: Σ |irradiance − twin| / Σ")
+    Ok(Check::of(rig, "scene tank: Σ |irradiance − twin| / Σ")
         .within((TOLERANCE, "1"), off(STRETCH))
         .control("longest edges up to 1.2 in place of 8", off(1.2))
         .with("difference_without_limit", off(f64::INFINITY))
-        .with("landed_share", landed))
+        .with("landed_share", share(meshed.corners.iter().map(Option::is_some))))
 }
 
 /// What the mesh brings to a slanted plane, summed over its area, against the flux of its photons: each stands for a square of
@@ -216,34 +186,18 @@ fn energy(rig: &Rig<'_>, kind: LightKind, light: &str) -> Result<Check> {
     // All of what is lit is in view.
     const EXTENT_M: f64 = 1.2;
     let [(_, camera, _), ..] = views();
-    let scene = slanted(kind, (&camera, EXTENT_M), LEVEL_M)?;
-    let meshed = Meshed::new(rig, &scene, 0.0)?;
-    let image = meshed.drawn(rig)?;
-    let tracer = Tracer::new(&scene.objects)?;
-    let rays = PixelRays::new(&camera, SIZE[0], SIZE[1]);
-    let below = tracer.cast(DVec3::Y, DVec3::NEG_Y, 0.0, f64::MAX);
-    let (middle, normal) = below.map_or((DVec3::NAN, DVec3::NAN), |hit| (hit.position, hit.normal));
-    let on_plane = |x: u32, y: u32| {
-        let (origin, direction, _) = rays.ray_at(x.into(), y.into());
-        origin + direction * ((middle - origin).dot(normal) / direction.dot(normal))
-    };
-    let brought: f64 = pixels(SIZE)
-        .map(|(x, y)| {
-            let diagonal = on_plane(x + 1, y + 1) - on_plane(x, y);
-            let area = 0.5 * diagonal.cross(on_plane(x, y + 1) - on_plane(x + 1, y)).length();
-            image.clamped(x.into(), y.into()) * area
-        })
-        .sum();
+    let meshed = Meshed::new(rig, slanted(kind, (&camera, EXTENT_M), LEVEL_M)?, 0.0)?;
+    let below = meshed.stand.tracer.cast(DVec3::Y, DVec3::NEG_Y, 0.0, f64::MAX);
+    let plane = below.map_or((DVec3::NAN, DVec3::NAN), |hit| (hit.position, hit.normal));
+    let area = |at| rig::area_shown(&meshed.stand.rays, at, plane);
+    let brought: f64 = pixels(SIZE).map(|at| meshed.image.at(at) * area(at)).sum();
     let inner = ((COLUMNS - 1) as f64 / COLUMNS as f64).powi(2);
     let flux = meshed.flux_w() * inner;
     let triangles = meshed.beam(STRETCH).triangles(&meshed.corners, COLUMNS);
     let triangles: f64 = triangles.iter().map(caustic_mesh::Lit::landed_w).sum();
-    let off = |flux: f64| (brought / flux - 1.0).abs();
-    Ok(Check::of(
-        INFO.name,
-        format!("slanted plane, {light} light: Σ irradiance × area over the photons' flux, relative error"),
-    )
-    .within((0.01, "1"), off(flux))
-    .control("with the rim that no triangle covers", off(flux / inner))
-    .with("flux_of_triangles_error", triangles / flux - 1.0))
+    let what = "Σ irradiance × area over the photons' flux, relative error";
+    Ok(Check::of(rig, format!("slanted plane, {light} light: {what}"))
+        .within((0.01, "1"), relative_error(brought, flux))
+        .control("with the rim that no triangle covers", relative_error(brought, flux / inner))
+        .with("flux_of_triangles_error", triangles / flux - 1.0))
 }

@@ -24,6 +24,7 @@ mod occlusion;
 mod photon_tracing;
 mod photons;
 mod planar;
+mod prelude;
 mod refraction;
 pub mod rig;
 mod scalar;
@@ -33,6 +34,7 @@ mod slanted;
 mod splats;
 mod sprites;
 mod starts;
+pub mod statistics;
 mod voxel;
 
 use std::fmt;
@@ -43,7 +45,7 @@ use serde::Serialize;
 use fathom_gpu::{Gpu, GpuError};
 use fathom_reference::ReferenceError;
 use fathom_scene::SceneError;
-use rig::{Random, Rig, largest, mean, noise};
+use rig::Rig;
 
 /// Why a verification could not be carried out. A check that fails is no error.
 #[derive(Debug, thiserror::Error)]
@@ -92,9 +94,9 @@ pub struct Control {
 }
 
 impl Check {
-    /// A comparison: its stage, what is compared and its statistic.
-    pub fn of(stage: &'static str, what: impl Into<String>) -> Comparison {
-        Comparison { stage, what: what.into() }
+    /// A comparison of the stage that a case judges: what is compared, and its statistic.
+    pub fn of(rig: &Rig<'_>, what: impl Into<String>) -> Comparison {
+        Comparison { stage: rig.stage, what: what.into() }
     }
 
     /// Adds a figure that is reported and not judged.
@@ -258,13 +260,12 @@ pub fn verify_stages(gpu: &Gpu, all: &[Case], stages: &[String]) -> Result<Vec<C
 
 /// Runs each case so that what the GPU reports late becomes this case's error.
 fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(Ended<'_>)) -> Checks {
-    let rig = Rig::new(gpu);
     let mut checks = Vec::new();
     for (number, case) in (1..).zip(cases) {
         let begin = Instant::now();
         let mut found = Ok(Vec::new());
         gpu.scoped(|| {
-            found = (case.run)(&rig);
+            found = (case.run)(&Rig::new(gpu, case.stage));
             Ok(())
         })?;
         checks.extend(found?);
@@ -335,7 +336,8 @@ mod tests {
     use super::*;
 
     fn check(measured: f64, control: f64) -> Check {
-        Check::of("a/b", "error").within((0.1, "m"), measured).control("index 1.34", control)
+        let comparison = Comparison { stage: "a/b", what: "error".to_owned() };
+        comparison.within((0.1, "m"), measured).control("index 1.34", control)
     }
 
     #[test]

@@ -6,19 +6,13 @@ mod orientations;
 mod pixels;
 mod points;
 
-use glam::DVec3;
-
-use super::{Case, Random, Result, largest, mean};
-use crate::rig::Rig;
-use fathom_gpu::GpuError;
+use crate::prelude::*;
 use fathom_reference::march::{Guard as TwinGuard, HostVolume, March};
 use fathom_reference::occlusion as reference;
-use fathom_scene::Grid;
 use fathom_stages::ao::query::{Query, SurfacePoint};
 use fathom_stages::marching::{
     Attenuation, Estimator, Guard, Hit, Marching, Occluder, Sampling, Storage,
 };
-use fathom_stages::voxels::Voxels;
 
 pub fn cases() -> Vec<Case> {
     [points::cases(), laws::cases(), orientations::cases(), edges::cases(), pixels::cases()]
@@ -52,8 +46,8 @@ impl MarchedVolume {
         let mut host = HostVolume::filled(grid, inside);
         let bytes: Vec<u8> = host.values.iter().map(|v| *v as u8 * level).collect();
         host.values.iter_mut().for_each(|v| *v *= f64::from(level) / 255.0);
-        let voxels = Voxels::new(&rig.resources, "verify voxels", grid, true);
-        voxels.write(&rig.resources, &bytes);
+        let voxels = Voxels::new(rig, "verify voxels", grid, true);
+        voxels.write(rig, &bytes);
         Self { host, voxels }
     }
 }
@@ -78,7 +72,7 @@ fn furnished_points() -> Vec<(DVec3, DVec3)> {
             0 => (DVec3::new(within(-0.9, 1.2), FLOOR_M, within(-1.2, 1.2)), DVec3::Y),
             1 => (DVec3::new(WALL_M, within(-0.8, 1.2), within(-1.2, 1.2)), DVec3::X),
             _ => {
-                let (sin, cos) = within(0.0, std::f64::consts::TAU).sin_cos();
+                let (sin, cos) = within(0.0, TAU).sin_cos();
                 let up = within(-1.0, 1.0);
                 let flat = (1.0 - up * up).sqrt();
                 let normal = DVec3::new(flat * cos, up, flat * sin);
@@ -136,7 +130,7 @@ fn query(
         .iter()
         .map(|(p, n)| SurfacePoint { position_m: p.as_vec3(), normal: n.as_vec3() })
         .collect();
-    let stage = Query::new(&rig.resources, std::slice::from_ref(volume), &points, marching)?;
+    let stage = Query::new(rig, std::slice::from_ref(volume), &points, marching)?;
     rig.run(&[&stage])?;
     let visibility: Vec<f32> = rig.read(&stage.visibility)?;
     Ok(visibility.iter().map(|v| 1.0 - f64::from(*v)).collect())

@@ -2,34 +2,16 @@
 
 mod bounces;
 
-use std::iter::successors;
-
-use glam::{DVec3, UVec2};
-
-use super::{Case, Check, Checks, Result, Rig, rig};
-use fathom_gpu::read_volume;
-use fathom_reference::image::pixels;
-use fathom_reference::optics::{fresnel_transmittance, refract};
-use fathom_reference::quantities::{StoredPhoton, quantile};
-use fathom_reference::rays::{PixelRays, Tracer};
-use fathom_reference::surface::enter;
-use fathom_scene::{Camera, LightKind, Scene, Water};
-use fathom_stages::Stage;
-use fathom_stages::geometry::Part;
-use fathom_stages::kit::linear_workgroups;
+use crate::prelude::*;
 use fathom_stages::ldi::lists::{self, Lists};
-use fathom_stages::ldi::peel::{self, LayeredDepth};
+use fathom_stages::ldi::peel;
 use fathom_stages::ldi::sort::{self, Sort};
-use fathom_stages::photon::Photons;
 use fathom_stages::rays::rasterize::Rasterize;
 use fathom_stages::rays::reduce::Reduce;
 use fathom_stages::rays::{group, march, rasterize, reduce};
-use fathom_stages::screen_ray::{
-    HitTest, Layers, NEVER, Rays, Transfer, Transfers, Walked, Walking, group_each,
-};
-use fathom_stages::shadow::{depth::Depth, mask::Mask};
 use fathom_stages::transfer::bounce::Bounce;
-use fathom_stages::transfer::map::{self, Map, MapUniforms};
+use fathom_stages::transfer::map;
+use std::iter::successors;
 
 /// Scenes with columns and curved objects; with an open shore, seen from above; with many boxes and barrels.
 const SCENES: [&str; 3] = ["tank", "port", "storage"];
@@ -68,7 +50,7 @@ pub fn cases() -> Vec<Case> {
     for name in SCENES {
         for (stage, method) in METHODS {
             let what = format!("scene {name}");
-            cases.push(Case::new(stage, what, move |rig| ends(rig, name, stage, method)));
+            cases.push(Case::new(stage, what, move |rig| ends(rig, name, method)));
         }
     }
     for name in SCENES.into_iter().chain(PAPER_SCENES) {
@@ -95,8 +77,7 @@ const METHODS: [(&str, Method); 3] = [
 
 /// A scene with its layers and the photons behind its water.
 struct Setup {
-    scene: Scene,
-    stand: rig::Stand,
+    stand: Stand,
     layers: Layers,
     transfers: Transfers,
     stored: Vec<Transfer>,
@@ -109,19 +90,18 @@ impl Setup {
     }
 
     fn of(rig: &Rig<'_>, scene: Scene, layers: u32) -> Result<Setup> {
-        let stand = rig.stand(&scene, SIZE);
-        let rig::Stand { shared, geometry, .. } = &stand;
-        let depth = Depth::new(&rig.resources, shared, geometry, 512)?;
-        let mask = Mask::new(&rig.resources, shared, depth.texture(), 64)?;
+        let stand = rig.stand(scene, SIZE)?;
+        let Stand { shared, geometry, .. } = &stand;
+        let depth = Depth::new(rig, shared, geometry, 512)?;
+        let mask = Mask::new(rig, shared, depth.texture(), 64)?;
         let settings = MapUniforms { grid: UVec2::from(GRID) };
-        let map = Map::new(&rig.resources, shared, mask.texture(), &settings)?;
-        let peel =
-            LayeredDepth::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, layers)?;
+        let map = Map::new(rig, shared, mask.texture(), &settings)?;
+        let peel = LayeredDepth::new(rig, shared, (geometry, Part::Solid), SIZE, layers)?;
         rig.run(&[&depth, &mask, &map, &peel])?;
         let stored = rig.read(&map.transfers.buffer)?;
         let weights = rig.read(&map.weights)?;
         let (layers, transfers) = (peel.layers.clone(), map.transfers.clone());
-        Ok(Setup { scene, stand, layers, transfers, stored, weights })
+        Ok(Setup { stand, layers, transfers, stored, weights })
     }
 
     fn trace(&self, rig: &Rig<'_>, method: Method, test: HitTest) -> Result<Vec<StoredPhoton>> {
@@ -142,25 +122,25 @@ impl Setup {
         let rays = Rays {
             transfers: &self.transfers,
             layers: &self.layers,
-            bounds: self.scene.solid_bounds(),
+            bounds: self.stand.scene.solid_bounds(),
             walking,
         };
         let shared = &self.stand.shared;
         let count = self.transfers.count;
         let traced = |stages: &[&dyn Stage], photons: &Photons, tiles: u32| {
-            let bounce = Bounce::new(&rig.resources, shared, &rays, photons, tiles)?;
+            let bounce = Bounce::new(rig, shared, &rays, photons, tiles)?;
             let bounces: &[&dyn Stage] = if ways > 1 { &[&bounce] } else { &[] };
             rig.run(&[stages, bounces].concat())?;
             Ok(rig.read_photons(photons)?)
         };
         let walked = |info, workgroups| {
-            let stage = Walked::new(&rig.resources, info, shared, &rays, workgroups)?;
+            let stage = Walked::new(rig, info, shared, &rays, workgroups)?;
             traced(&[&stage], &stage.photons, 1)
         };
         match method {
             Method::Lines { .. } => {
-                let lines = Rasterize::new(&rig.resources, shared, &rays)?;
-                let reduce = Reduce::new(&rig.resources, &lines.hits, &rays)?;
+                let lines = Rasterize::new(rig, shared, &rays)?;
+                let reduce = Reduce::new(rig, &lines.hits, &rays)?;
                 traced(&[&lines, &reduce], &reduce.photons, rays.tiles())
             }
             Method::March => walked(&march::INFO, linear_workgroups(count.into())),
@@ -169,52 +149,53 @@ impl Setup {
     }
 
     /// Where each photon that is alive ends exactly, where that is in view.
-    fn exact(&self, tracer: &Tracer, turned: f64) -> Vec<Option<DVec3>> {
-        let rays = PixelRays::new(&self.stand.view.camera, SIZE[0], SIZE[1]);
+    fn exact(&self, turned: f64) -> Vec<Option<DVec3>> {
         let end = |transfer: &Transfer| {
-            let (origin, direction) =
-                (transfer.position_m.as_dvec3(), transfer.direction.as_dvec3());
+            let [origin, direction] =
+                [transfer.position_m, transfer.direction].map(|v| v.as_dvec3());
             let direction = (direction + turned * DVec3::X).normalize();
-            let hit = tracer.cast(origin, direction, OFF_M, f64::MAX)?;
-            let place = rays.project(hit.position)?;
-            let inside = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
-            (inside(place.x_px, SIZE[0]) && inside(place.y_px, SIZE[1])).then_some(hit.position)
+            let hit = self.stand.tracer.cast(origin, direction, OFF_M, f64::MAX)?;
+            Some(hit.position).filter(|place| self.stand.in_view(*place))
         };
         self.stored.iter().map(|t| if t.state > NEVER { end(t) } else { None }).collect()
+    }
+
+    /// Photons that are alive: their numbers, what is stored of them, and their rays before the water.
+    fn alive(&self) -> impl Iterator<Item = (usize, &Transfer, (DVec3, DVec3))> {
+        let frame = self.stand.view.light_frame();
+        let alive = (0..).zip(&self.stored).filter(|(_, stored)| stored.state > NEVER);
+        alive.map(move |(number, stored)| {
+            (number as usize, stored, rig::grid_ray(&frame, number, GRID))
+        })
     }
 }
 
 /// The transfer map against the exact entry and Snell's law.
 fn transfers(rig: &Rig<'_>) -> Checks {
     let setup = Setup::new(rig, "tank", 1)?;
-    let view = &setup.stand.view;
-    let frame = view.light_frame();
-    let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
-    let errors = |water: &Water, index: f64| {
-        let (mut places, mut directions) = (Vec::new(), Vec::new());
-        for (number, stored) in (0..).zip(&setup.stored).filter(|(_, stored)| stored.state > NEVER)
-        {
-            let (origin, incident) =
-                frame.ray(ndc(number % GRID[0], GRID[0]), ndc(number / GRID[0], GRID[1]));
+    let water = &setup.stand.scene.water;
+    let off = |a: Option<DVec3>, b: Vec3| a.map_or(f64::NAN, |a| a.distance(b.as_dvec3()));
+    let places = |water: &Water| {
+        p99(setup.alive().map(|(_, stored, (origin, incident))| {
             let entry = enter(water, origin, incident, f64::MAX);
-            let refracted = entry.and_then(|e| refract(incident, e.normal, 1.0, index));
-            let off = |a: Option<DVec3>, b: DVec3| a.map_or(f64::NAN, |a| a.distance(b));
-            places.push(off(entry.map(|e| e.position), stored.position_m.as_dvec3()));
-            directions.push(off(refracted, stored.direction.as_dvec3()));
-        }
-        [quantile(&mut places, 0.99), quantile(&mut directions, 0.99)]
+            off(entry.map(|e| e.position), stored.position_m)
+        }))
     };
-    let index = view.water.refractive_index;
-    let [places, directions] = errors(&view.water, index);
-    let higher = Water { amplitude_m: 1.1 * view.water.amplitude_m, ..view.water.clone() };
+    let directions = |index: f64| {
+        p99(setup.alive().map(|(_, stored, (origin, incident))| {
+            let entry = enter(water, origin, incident, f64::MAX);
+            off(entry.and_then(|e| refract(incident, e.normal, 1.0, index)), stored.direction)
+        }))
+    };
+    let higher = Water { amplitude_m: 1.1 * water.amplitude_m, ..water.clone() };
     Ok(vec![
         // The noise texture is interpolated between texels.
-        Check::of(map::INFO.name, "99th percentile of |entry − exact entry|")
-            .within((1e-3, "m"), places)
-            .control("waves 10 % higher", errors(&higher, index)[0]),
-        Check::of(map::INFO.name, "99th percentile of |direction − Snell's|")
-            .within((5e-3, "1"), directions)
-            .control("refractive index 3 % higher", errors(&view.water, 1.03 * index)[1]),
+        Check::of(rig, "99th percentile of |entry − exact entry|")
+            .within((1e-3, "m"), places(water))
+            .control("waves 10 % higher", places(&higher)),
+        Check::of(rig, "99th percentile of |direction − Snell's|")
+            .within((5e-3, "1"), directions(water.refractive_index))
+            .control("refractive index 3 % higher", directions(1.03 * water.refractive_index)),
     ])
 }
 
@@ -224,31 +205,24 @@ fn weights(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     scene.water.amplitude_m = 0.05;
     scene.water.fresnel = true;
     let setup = Setup::of(rig, scene, 1)?;
-    let (frame, water) = (setup.stand.view.light_frame(), &setup.stand.view.water);
-    let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
+    let water = &setup.stand.scene.water;
+    let forward = setup.stand.view.light_frame().forward;
     let error = |fresnel: bool| {
-        let alive = (0..).zip(&setup.stored).filter(|(_, photon)| photon.state != NEVER);
-        let off = alive.filter_map(|(number, _)| {
-            let place = [ndc(number % GRID[0], GRID[0]), ndc(number / GRID[0], GRID[1])];
-            let (origin, incident) = frame.ray(place[0], place[1]);
+        p99(setup.alive().filter_map(|(number, _, (origin, incident))| {
             let entry = enter(water, origin, incident, f64::MAX)?;
             let cosine = incident.dot(entry.normal).abs();
             let passes = fresnel_transmittance(cosine, 1.0, water.refractive_index);
             let angular = match kind {
                 LightKind::Directional => 1.0,
-                LightKind::Point => incident.dot(frame.forward).powi(3),
+                LightKind::Point => incident.dot(forward).powi(3),
             };
             let exact = angular * if fresnel { passes } else { 1.0 };
-            Some((f64::from(setup.weights[number as usize]) / exact - 1.0).abs())
-        });
-        quantile(&mut off.collect::<Vec<_>>(), 0.99)
+            Some(relative_error(setup.weights[number].into(), exact))
+        }))
     };
-    Ok(Check::of(
-        map::INFO.name,
-        format!("{kind:?}: 99th percentile of the weight's relative error"),
-    )
-    .within((2e-3, "1"), error(true))
-    .control("without Fresnel's transmittance", error(false)))
+    Ok(Check::of(rig, format!("{kind:?}: 99th percentile of the weight's relative error"))
+        .within((2e-3, "1"), error(true))
+        .control("without Fresnel's transmittance", error(false)))
 }
 
 /// A pixel in every seventh row and column.
@@ -257,54 +231,46 @@ fn sparse_pixels() -> impl Iterator<Item = (u32, u32)> {
 }
 
 /// Where a pixel's ray meets surfaces, the nearest first, one more than there are layers at most.
-fn all_hits(tracer: &Tracer, rays: &PixelRays, [x, y]: [u32; 2]) -> Vec<DVec3> {
-    let (origin, direction, _) = rays.ray(x, y);
-    let next = |from_m: f64| tracer.cast(origin, direction, from_m, f64::MAX);
-    let hits = successors(next(0.0), |hit| next(hit.distance_m + OFF_M));
-    hits.take(LAYERS as usize + 1).map(|hit| hit.position).collect()
+fn all_hits(stand: &Stand, (x, y): (u32, u32)) -> impl Iterator<Item = DVec3> {
+    let (origin, direction, _) = stand.rays.ray(x, y);
+    let next = move |from_m: f64| stand.tracer.cast(origin, direction, from_m, f64::MAX);
+    let hits = successors(next(0.0), move |hit| next(hit.distance_m + OFF_M));
+    hits.take(LAYERS as usize + 1).map(|hit| hit.position)
+}
+
+/// Their depths.
+fn all_depths(stand: &Stand, pixel: (u32, u32)) -> impl Iterator<Item = f64> {
+    all_hits(stand, pixel).filter_map(|hit| Some(stand.rays.project(hit)?.depth))
 }
 
 /// Peeled depths against all hits along each pixel's ray, sorted.
-fn layers(rig: &Rig<'_>, name: &str) -> Checks {
+fn layers(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let setup = Setup::new(rig, name, LAYERS)?;
-    let tracer = Tracer::new(&setup.scene.objects)?;
-    let rays = PixelRays::new(&setup.stand.view.camera, SIZE[0], SIZE[1]);
     let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?;
-    let texel = |x: u32, y: u32, layer: usize| {
+    let texel = |(x, y): (u32, u32), layer: usize| {
         let row = y as usize + layer * SIZE[1] as usize;
         f64::from(peeled.data[x as usize + row * SIZE[0] as usize])
     };
-    let chosen: Vec<(u32, u32)> = sparse_pixels().collect();
-    let depths = |(x, y): &(u32, u32)| -> Vec<f64> {
-        let hits = all_hits(&tracer, &rays, [*x, *y]).into_iter();
-        hits.filter_map(|hit| Some(rays.project(hit)?.depth)).collect()
-    };
-    let sorted: Vec<Vec<f64>> = chosen.iter().map(depths).collect();
-    let (near_m, far_m) = (setup.stand.view.camera.z_near_m, setup.stand.view.camera.z_far_m);
-    let view_m = |z: f64| near_m * far_m / (far_m - z * (far_m - near_m));
+    let chosen: Vec<((u32, u32), Vec<f64>)> =
+        sparse_pixels().map(|at| (at, all_depths(&setup.stand, at).collect())).collect();
+    let view_m = |z: f64| setup.stand.view.camera.view_depth_m(z);
     let errors = |behind: usize| {
-        let mut off = Vec::new();
-        for ((x, y), exact) in chosen.iter().zip(&sorted) {
-            for layer in 0..LAYERS as usize {
-                let z = texel(*x, *y, layer);
-                let exact = exact.get(layer + behind).copied().filter(|z| *z < 1.0);
-                match (z < 1.0, exact) {
-                    (true, Some(exact)) => off.push((view_m(z) / view_m(exact) - 1.0).abs()),
-                    (false, None) => {}
-                    _ => off.push(1.0),
+        p90(chosen.iter().flat_map(|(at, exact)| {
+            (0..LAYERS as usize).filter_map(move |layer| {
+                let z = texel(*at, layer);
+                match (z < 1.0, exact.get(layer + behind).filter(|z| **z < 1.0)) {
+                    (true, Some(exact)) => Some(relative_error(view_m(z), view_m(*exact))),
+                    (false, None) => None,
+                    _ => Some(1.0),
                 }
-            }
-        }
-        quantile(&mut off, 0.9)
+            })
+        }))
     };
+    let what = "90th percentile of the layers' depth errors, of the distance";
     // At silhouettes, and where surfaces touch, another one may be next.
-    let what =
-        format!("scene {name}: 90th percentile of the layers' depth errors, of the distance");
-    Ok(vec![
-        Check::of(peel::INFO.name, what)
-            .within((5e-3, "1"), errors(0))
-            .control("each layer held against the next", errors(1)),
-    ])
+    Ok(Check::of(rig, format!("scene {name}: {what}"))
+        .within((5e-3, "1"), errors(0))
+        .control("each layer held against the next", errors(1)))
 }
 
 /// Lengths of the lists against the surfaces along each pixel's ray.
@@ -312,41 +278,31 @@ fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
     /// 32-bit words of a node, and the place of the next one's number among them.
     const NODE: [usize; 2] = [4, 1];
     let setup = Setup::new(rig, name, 1)?;
-    let rig::Stand { shared, geometry, view } = &setup.stand;
-    let stage = Lists::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, ROOM)?;
+    let Stand { shared, geometry, .. } = &setup.stand;
+    let stage = Lists::new(rig, shared, (geometry, Part::Solid), SIZE, ROOM)?;
     // Twice, as the second frame finds what the first has left.
     rig.run(&[&stage])?;
     rig.run(&[&stage])?;
     let heads = rig.read::<u32>(&stage.lists.heads)?;
     let nodes = rig.read::<u32>(&stage.lists.nodes)?;
     let next = |number: u32| nodes[(number as usize - 1) * NODE[0] + NODE[1]];
-    let length = |x: u32, y: u32| {
+    let length = |(x, y): (u32, u32)| {
         let first = heads[1 + (x + y * SIZE[0]) as usize];
         let some = |number: u32| (number > 0).then_some(number);
         successors(some(first), |number| some(next(*number))).count()
     };
-    let tracer = Tracer::new(&setup.scene.objects)?;
-    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
     let counts: Vec<[usize; 2]> = sparse_pixels()
-        .map(|(x, y)| {
-            let seen = |place: &DVec3| rays.project(*place).is_some_and(|p| p.depth < 1.0);
-            let exact = all_hits(&tracer, &rays, [x, y]).iter().filter(|hit| seen(hit)).count();
-            [length(x, y).min(LAYERS as usize + 1), exact]
+        .map(|at| {
+            let exact = all_depths(&setup.stand, at).filter(|depth| *depth < 1.0).count();
+            [length(at).min(LAYERS as usize + 1), exact]
         })
         .collect();
-    let unlike = |more: usize| {
-        let unlike = counts.iter().filter(|[listed, exact]| listed + more != *exact).count();
-        unlike as f64 / counts.len() as f64
-    };
-    let fragments: usize = counts.iter().map(|[listed, _]| listed).sum();
+    let unlike = |more: usize| share(counts.iter().map(|[listed, exact]| listed + more != *exact));
     // At silhouettes, and where surfaces touch, a ray meets one more or fewer.
-    Ok(Check::of(
-        lists::INFO.name,
-        format!("scene {name}: share of lists unlike the surfaces behind the pixel"),
-    )
-    .within((0.1, "1"), unlike(0))
-    .control("each list one longer", unlike(1))
-    .with("fragments_per_pixel", fragments as f64 / counts.len() as f64))
+    Ok(Check::of(rig, format!("scene {name}: share of lists unlike the surfaces behind the pixel"))
+        .within((0.1, "1"), unlike(0))
+        .control("each list one longer", unlike(1))
+        .with("fragments_per_pixel", mean(counts.iter().map(|[listed, _]| *listed as f64))))
 }
 
 /// Layers from lists against peeled ones.
@@ -355,77 +311,69 @@ fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let rig::Stand { shared, geometry, .. } = &setup.stand;
     let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?.data;
     let unlike = |room: u32| -> Result<f64> {
-        let lists = Lists::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, room)?;
-        let sort = Sort::new(&rig.resources, &lists.lists, LAYERS)?;
+        let lists = Lists::new(rig, shared, (geometry, Part::Solid), SIZE, room)?;
+        let sort = Sort::new(rig, &lists.lists, LAYERS)?;
         rig.run(&[&lists, &sort])?;
         let sorted = read_volume(rig.gpu, &sort.layers.depths, 0)?.data;
-        let unlike = peeled.iter().zip(&sorted).filter(|(a, b)| a != b).count();
-        Ok(unlike as f64 / peeled.len() as f64)
+        Ok(differing(&peeled, &sorted) / peeled.len() as f64)
     };
-    Ok(Check::of(sort::INFO.name, format!("scene {name}: share of texels unlike the peeled ones"))
+    Ok(Check::of(rig, format!("scene {name}: share of texels unlike the peeled ones"))
         .within((1e-3, "1"), unlike(ROOM)?)
         .control("room for one fragment a pixel", unlike(1)?))
 }
 
 /// Where a method ends the photons against rays cast from the same places in the same directions, and by the paper's tolerance
 /// against the surfaces behind each pixel.
-fn ends(rig: &Rig<'_>, name: &str, stage: &'static str, method: Method) -> Checks {
+fn ends(rig: &Rig<'_>, name: &str, method: Method) -> Checks {
     let setup = Setup::new(rig, name, LAYERS)?;
-    let tracer = Tracer::new(&setup.scene.objects)?;
-    let exact = setup.exact(&tracer, 0.0);
-    let turned = setup.exact(&tracer, 0.02);
+    let (exact, turned) = (setup.exact(0.0), setup.exact(0.02));
     let crossing = setup.trace(rig, method, HitTest::Crossing)?;
     let tolerant = setup.trace(rig, method, HitTest::Tolerance)?;
-    let median = |exact: &[Option<DVec3>]| {
-        let landed = crossing.iter().zip(exact).filter(|(found, _)| found.landed());
-        let off = landed.filter_map(|(found, exact)| Some(found.hit.distance((*exact)?)));
-        quantile(&mut off.collect::<Vec<_>>(), 0.5)
+    // Of the photons that land and land exactly.
+    let off = |found: &[StoredPhoton], exact: &[Option<DVec3>]| -> Vec<f64> {
+        let landed = found.iter().zip(exact).filter(|(found, _)| found.landed());
+        landed.filter_map(|(found, exact)| Some(found.hit.distance((*exact)?))).collect()
     };
     let lost = |found: &[StoredPhoton]| {
-        let in_view = || found.iter().zip(&exact).filter(|(_, exact)| exact.is_some());
-        let lost = in_view().filter(|(found, _)| !found.landed()).count();
-        lost as f64 / in_view().count() as f64
+        let in_view = found.iter().zip(&exact).filter(|(_, exact)| exact.is_some());
+        share(in_view.map(|(found, _)| !found.landed()))
     };
-    let wrong = |found: &[StoredPhoton]| {
-        let landed = found.iter().zip(&exact).filter(|(found, _)| found.landed());
-        let off = landed.filter_map(|(found, exact)| Some(found.hit.distance((*exact)?)));
-        let off: Vec<f64> = off.collect();
-        off.iter().filter(|off_m| **off_m > WRONG_M).count() as f64 / off.len() as f64
-    };
+    let wrong =
+        |found: &[StoredPhoton]| share(off(found, &exact).iter().map(|off_m| *off_m > WRONG_M));
     let from_surface = |moved_m: f64| {
         let landed = tolerant.iter().zip(&setup.stored).filter(|(found, _)| found.landed());
-        let off = landed.map(|(found, transfer)| {
+        p95(landed.map(|(found, transfer)| {
             let place = found.hit + moved_m * transfer.direction.as_dvec3();
-            from_surfaces_m(&tracer, &setup.stand.view.camera, place)
-        });
-        quantile(&mut off.collect::<Vec<_>>(), 0.95)
+            from_surfaces_m(&setup.stand, place)
+        }))
     };
+    let check = |what: &str| Check::of(rig, format!("scene {name}: {what}"));
+    let of_surface = "tolerance 0.01: 95th percentile of |hit − surface| along the line of sight";
     // Rasterizers move corners by up to 1/32 of a pixel, and with them the layers: some millimetres where surfaces are slanted.
     Ok(vec![
-        Check::of(stage, format!("scene {name}: median |hit − ray casting|"))
-            .within((TOLERANCE_M, "m"), median(&exact))
-            .control("rays turned by 1.1 degrees", median(&turned)),
-        Check::of(stage, format!("scene {name}: share of photons in view that are lost"))
+        check("median |hit − ray casting|")
+            .within((TOLERANCE_M, "m"), median(off(&crossing, &exact)))
+            .control("rays turned by 1.1 degrees", median(off(&crossing, &turned))),
+        check("share of photons in view that are lost")
             .within((0.05, "1"), lost(&crossing))
             .control("by the paper's tolerance of 0.01", lost(&tolerant)),
-        Check::of(stage, format!("scene {name}: share of photons in view that end over 0.1 m off"))
+        check("share of photons in view that end over 0.1 m off")
             .within((0.15, "1"), wrong(&crossing))
             .control("by the paper's tolerance of 0.01", wrong(&tolerant)),
-        Check::of(stage, format!("scene {name}: tolerance 0.01: 95th percentile of |hit − surface| along the line of sight"))
+        check(of_surface)
             .within((1.3 * TOLERANCE_M, "m"), from_surface(0.0))
             .control("hits 5 cm further", from_surface(0.05)),
     ])
 }
 
 /// Difference of a place's view depth from that of the nearest surface behind its pixel, as a way along the line of sight.
-fn from_surfaces_m(tracer: &Tracer, camera: &Camera, place: DVec3) -> f64 {
-    let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
-    let Some(seen) = rays.project(place) else { return f64::NAN };
-    let pixel = [(seen.x_px, SIZE[0]), (seen.y_px, SIZE[1])]
-        .map(|(at, side)| (at.floor() as u32).min(side - 1));
+fn from_surfaces_m(stand: &Stand, place: DVec3) -> f64 {
+    let Some(seen) = stand.rays.project(place) else { return f64::NAN };
+    let pixel = |at: f64, side: u32| (at.floor() as u32).min(side - 1);
+    let pixel = (pixel(seen.x_px, SIZE[0]), pixel(seen.y_px, SIZE[1]));
+    let camera = &stand.view.camera;
     let view_m = |place: DVec3| (place - camera.position()).dot(camera.direction());
-    let off =
-        all_hits(tracer, &rays, pixel).into_iter().map(|hit| (view_m(hit) - view_m(place)).abs());
+    let off = all_hits(stand, pixel).map(|hit| (view_m(hit) - view_m(place)).abs());
     off.fold(f64::INFINITY, f64::min) * place.distance(camera.position()) / view_m(place)
 }
 
@@ -442,19 +390,17 @@ fn alike(rig: &Rig<'_>, name: &str) -> Checks {
         ];
         for (other, method) in others {
             let found = setup.trace(rig, method, test)?;
-            let differing = |shifted: usize| {
-                let pairs = found.iter().zip(marched.iter().cycle().skip(shifted));
-                let differs = |(a, b): &(&StoredPhoton, &StoredPhoton)| {
+            let elsewhere = |shifted: usize| {
+                share(found.iter().zip(marched.iter().cycle().skip(shifted)).map(|(a, b)| {
                     a.residual_m != b.residual_m || (a.distance_m - b.distance_m).abs() > 1e-3
-                };
-                pairs.filter(differs).count() as f64 / found.len() as f64
+                }))
             };
             let what =
                 format!("scene {name}, {test:?}: share of photons that {other} end elsewhere");
             checks.push(
-                Check::of(reduce::INFO.name, what)
-                    .within((0.0, "1"), differing(0))
-                    .control("each photon held against the next", differing(1)),
+                Check::of(rig, what)
+                    .within((0.0, "1"), elsewhere(0))
+                    .control("each photon held against the next", elsewhere(1)),
             );
         }
     }

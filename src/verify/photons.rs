@@ -1,19 +1,11 @@
 //! `caustics/trace` and `godrays/trace` against exact refraction and ray casting.
 
-use glam::{DVec3, Vec2};
-
-use super::{Case, Check, Checks, Result, Rig, largest, rig};
-use fathom_gpu::{GpuError, StageInfo};
+use crate::prelude::*;
+use fathom_pipelines::AnyPipeline;
 use fathom_pipelines::underwater::{Params, Underwater};
-use fathom_pipelines::{AnyPipeline, Built};
 use fathom_reference::estimator::{behind_seen, estimate, exact_depth, first_crossing};
-use fathom_reference::photons::{Landed, Landing, PhotonGrid, land_all};
-use fathom_reference::quantities::{PhotonErrors, StoredPhoton, photon_errors};
-use fathom_reference::rays::Tracer;
-use fathom_scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
-use fathom_stages::frame::View;
-use fathom_stages::photon::{PhotonEstimator, TraceUniforms, Tracing};
-use fathom_stages::{caustics, godrays, shadow};
+use fathom_stages::photon::Tracing;
+use fathom_stages::{caustics, godrays};
 
 /// Flat water over a plane has a closed form: what is left is f32 and the depth map's bits.
 const FLAT_RELATIVE: f64 = 1e-4;
@@ -28,69 +20,80 @@ const REAL_GRID: u32 = 64;
 const SHADOW_TEXELS: u32 = 512;
 /// Steps of the search over an exact depth.
 const EXACT_STEPS: u32 = 64;
+const STAGE: &str = caustics::trace::INFO.name;
 
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
-    for family in [Family::Caustics, Family::Godrays] {
+    for info in [&caustics::trace::INFO, &godrays::trace::INFO] {
         for (kind, light) in [(LightKind::Directional, "directional"), (LightKind::Point, "point")]
         {
             let what = format!("flat water over a plane, {light} light");
-            let title = what.clone();
-            cases.push(Case::new(family.info().name, what, move |rig| {
-                flat(rig, family, kind, &title)
-            }));
+            cases.push(Case::new(info.name, what.clone(), move |rig| flat(rig, info, kind, &what)));
         }
     }
-    cases.push(Case::new("caustics/trace", "photons that meet nothing", beside_the_floor));
-    cases.push(Case::new("caustics/trace", "run-time subdivision", dynamic_subdivision));
-    cases.push(Case::new("caustics/trace", "strewn photons", strewn));
+    cases.push(Case::new(STAGE, "photons that meet nothing", beside_the_floor));
+    cases.push(Case::new(STAGE, "run-time subdivision", dynamic_subdivision));
+    cases.push(Case::new(STAGE, "strewn photons", strewn));
     for (model, name) in
         [(WaterModel::Circular, "circular"), (WaterModel::Directional, "directional")]
     {
         let what = format!("{name} waves");
-        cases.push(Case::new("caustics/trace", what, move |rig| waves(rig, model, name)));
+        cases.push(Case::new(STAGE, what, move |rig| waves(rig, model, name)));
     }
     for name in Scene::names().into_iter().filter(|name| has_water(name)) {
-        let what = format!("scene {name}");
-        cases.push(Case::new("caustics/trace", what, move |rig| real(rig, &name)));
+        cases.push(Case::new(STAGE, format!("scene {name}"), move |rig| real(rig, &name)));
     }
     cases
 }
 
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Family {
-    Caustics,
-    Godrays,
+/// Photons that a stage has traced through a scene.
+pub struct Traced {
+    pub stand: Stand,
+    pub frame: LightFrame,
+    pub grid: PhotonGrid,
+    pub photons: Vec<StoredPhoton>,
 }
 
-impl Family {
-    fn info(self) -> &'static StageInfo {
-        match self {
-            Family::Caustics => &caustics::trace::INFO,
-            Family::Godrays => &godrays::trace::INFO,
-        }
+impl Traced {
+    /// By `caustics/trace`, with the loop over a cell's photons compiled in.
+    pub fn new(rig: &Rig<'_>, scene: Scene, settings: TraceUniforms) -> Result<Self> {
+        Self::by(rig, (&caustics::trace::INFO, false), scene, settings)
+    }
+
+    /// Depth map, mask and one tracing stage.
+    fn by(
+        rig: &Rig<'_>,
+        (info, dynamic): (&'static StageInfo, bool),
+        scene: Scene,
+        settings: TraceUniforms,
+    ) -> Result<Self> {
+        let stand = rig.stand(scene, [256, 256])?;
+        let depth = Depth::new(rig, &stand.shared, &stand.geometry, SHADOW_TEXELS)?;
+        let mask = Mask::new(rig, &stand.shared, depth.texture(), 64)?;
+        let light = (depth.texture(), mask.texture());
+        let grid = PhotonGrid::new(settings.grid, settings.side * settings.side)?;
+        let stage = Tracing::new(rig, info, &stand.shared, light, settings, (dynamic, false))?;
+        rig.run(&[&depth, &mask, &stage])?;
+        Ok(Self {
+            frame: stand.view.light_frame(),
+            grid,
+            photons: rig.read_photons(&stage.photons)?,
+            stand,
+        })
+    }
+
+    /// The same photons exactly, through this water over this geometry.
+    pub fn exact(&self, water: &Water, tracer: &Tracer) -> Vec<Landing> {
+        land_all(&self.frame, water, tracer, self.grid, 1)
+    }
+
+    /// Against exact ones through this water.
+    pub fn errors(&self, water: &Water) -> PhotonErrors {
+        photon_errors(&self.photons, &self.exact(water, &self.stand.tracer))
     }
 }
 
-/// Depth map, mask and one tracing stage for a scene; returns the photons.
-pub(super) fn trace(
-    rig: &Rig<'_>,
-    scene: &Scene,
-    family: Family,
-    settings: TraceUniforms,
-    dynamic: bool,
-) -> Result<(Vec<StoredPhoton>, LightFrame)> {
-    let rig::Stand { view, shared, geometry } = rig.stand(scene, [256, 256]);
-    let depth = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, SHADOW_TEXELS)?;
-    let mask = shadow::mask::Mask::new(&rig.resources, &shared, depth.texture(), 64)?;
-    let light = (depth.texture(), mask.texture());
-    let info = family.info();
-    let stage = Tracing::new(&rig.resources, info, &shared, light, settings, (dynamic, false))?;
-    rig.run(&[&depth, &mask, &stage])?;
-    Ok((rig.read_photons(&stage.photons)?, view.light_frame()))
-}
-
-pub(super) fn settings(grid: u32, side: u32) -> TraceUniforms {
+pub fn settings(grid: u32, side: u32) -> TraceUniforms {
     TraceUniforms {
         grid,
         side,
@@ -108,69 +111,53 @@ pub(super) fn settings(grid: u32, side: u32) -> TraceUniforms {
     }
 }
 
-pub(super) fn exact(
-    frame: &LightFrame,
-    water: &Water,
-    tracer: &Tracer,
-    grid: [u32; 2],
-) -> Result<Vec<Landing>> {
-    let grid = PhotonGrid::new(grid[0], grid[1])?;
-    Ok(land_all(frame, water, tracer, grid, 1))
-}
-
-pub(super) fn with_index(water: &Water, refractive_index: f64) -> Water {
+fn with_index(water: &Water, refractive_index: f64) -> Water {
     Water { refractive_index, ..water.clone() }
 }
 
-fn flat(rig: &Rig<'_>, family: Family, kind: LightKind, what: &str) -> Result<Check> {
-    let scene = rig::flat_plane(kind)?;
-    let (photons, frame) = trace(rig, &scene, family, settings(FLAT_GRID, 2), false)?;
-    let tracer = Tracer::new(&scene.objects)?;
-    let grid = [FLAT_GRID, 4];
-    let landings = exact(&frame, &scene.water, &tracer, grid)?;
-    let perturbed = exact(&frame, &with_index(&scene.water, 1.34), &tracer, grid)?;
-    let errors = photon_errors(&photons, &landings);
-    let check = Check::of(family.info().name, format!("{what}: largest |hit − exact| / path"))
-        .within((FLAT_RELATIVE, "1"), largest_relative(&photons, &landings))
-        .control("refractive index 1.34", largest_relative(&photons, &perturbed));
-    Ok(with_rates(check, &errors))
-}
-
-/// Largest error of a landing point relative to the path under water; NaN when nothing lands.
-fn largest_relative(photons: &[StoredPhoton], landings: &[Landing]) -> f64 {
-    let error = |(photon, landing): (&StoredPhoton, &Landing)| {
-        let exact = landing.landed().filter(|_| photon.landed())?;
-        Some((photon.hit - exact.hit.position).length() / exact.hit.distance_m)
+fn flat(rig: &Rig<'_>, info: &'static StageInfo, kind: LightKind, what: &str) -> Result<Check> {
+    let traced = Traced::by(rig, (info, false), rig::flat_plane(kind)?, settings(FLAT_GRID, 2))?;
+    let water = &traced.stand.scene.water;
+    // Of the landing points, relative to the path under water.
+    let error = |index: f64| {
+        let landings = traced.exact(&with_index(water, index), &traced.stand.tracer);
+        largest(traced.photons.iter().zip(&landings).filter_map(|(photon, landing)| {
+            let exact = landing.landed().filter(|_| photon.landed())?;
+            Some(photon.hit.distance(exact.hit.position) / exact.hit.distance_m)
+        }))
     };
-    largest(photons.iter().zip(landings).filter_map(error))
+    let check = Check::of(rig, format!("{what}: largest |hit − exact| / path"))
+        .within((FLAT_RELATIVE, "1"), error(water.refractive_index))
+        .control("refractive index 1.34", error(1.34));
+    Ok(with_rates(check, &traced.errors(water)))
 }
 
 /// Photons that pass beside the floor must not land where the depth map is empty.
 fn beside_the_floor(rig: &Rig<'_>) -> Result<Check> {
     let mut scene = rig::flat_plane(LightKind::Point)?;
     scene.light.half_extent_m = 14.0;
-    let (photons, frame) = trace(rig, &scene, Family::Caustics, settings(FLAT_GRID, 2), false)?;
-    let false_hits = |tracer: Tracer| -> Result<f64> {
-        let landings = exact(&frame, &scene.water, &tracer, [FLAT_GRID, 4])?;
-        Ok(photon_errors(&photons, &landings).false_hit_rate)
+    let traced = Traced::new(rig, scene, settings(FLAT_GRID, 2))?;
+    let false_hits = |tracer: &Tracer| {
+        let landings = traced.exact(&traced.stand.scene.water, tracer);
+        photon_errors(&traced.photons, &landings).false_hit_rate
     };
-    Ok(Check::of("caustics/trace", "photons beside the floor: share that lands")
-        .within((0.01, "1"), false_hits(Tracer::new(&scene.objects)?)?)
-        .control("no floor", false_hits(Tracer::new(&[])?)?))
+    Ok(Check::of(rig, "photons beside the floor: share that lands")
+        .within((0.01, "1"), false_hits(&traced.stand.tracer))
+        .control("no floor", false_hits(&Tracer::new(&[])?)))
 }
 
 /// The loop bound read at run time gives the very photons of the one compiled in. UW §4.1.
 fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Check> {
-    let scene = rig::flat_plane(LightKind::Directional)?;
-    let traced = |offset: f32, dynamic| {
+    let traced = |offset: f32, dynamic| -> Result<Vec<StoredPhoton>> {
         let settings = TraceUniforms { offset: Vec2::splat(offset), ..settings(16, 3) };
-        trace(rig, &scene, Family::Caustics, settings, dynamic).map(|(photons, _)| photons)
+        let scene = rig::flat_plane(LightKind::Directional)?;
+        Ok(Traced::by(rig, (&caustics::trace::INFO, dynamic), scene, settings)?.photons)
     };
     let fixed = traced(0.5, false)?;
     let apart = |other: &[StoredPhoton]| {
-        largest(fixed.iter().zip(other).map(|(a, b)| (a.hit - b.hit).length()))
+        largest(fixed.iter().zip(other).map(|(a, b)| a.hit.distance(b.hit)))
     };
-    Ok(Check::of("caustics/trace", "run-time against compiled subdivision: largest distance")
+    Ok(Check::of(rig, "run-time against compiled subdivision: largest distance")
         .within((1e-5, "m"), apart(&traced(0.5, true)?))
         .control("photons moved by 1 % of their share", apart(&traced(0.51, true)?)))
 }
@@ -178,38 +165,32 @@ fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Check> {
 /// Photons that are strewn over their shares of a grid that is moved.
 fn strewn(rig: &Rig<'_>) -> Result<Check> {
     const OFFSET: [f64; 2] = [0.3, 0.9];
-    let scene = rig::flat_plane(LightKind::Directional)?;
-    let offset = Vec2::new(OFFSET[0] as f32, OFFSET[1] as f32);
+    let offset = DVec2::from(OFFSET).as_vec2();
     let settings = TraceUniforms { offset, jitter: 1.0, ..settings(FLAT_GRID, 2) };
-    let (photons, frame) = trace(rig, &scene, Family::Caustics, settings, false)?;
-    let tracer = Tracer::new(&scene.objects)?;
-    let off = |jitter: f64| -> Result<f64> {
-        let grid = PhotonGrid::new(FLAT_GRID, 4)?.with_offset(OFFSET).with_jitter(jitter);
-        let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
-        let found = photon_errors(&photons, &landings);
-        Ok(found.max_m / scene.floor_depth_m)
+    let mut traced = Traced::new(rig, rig::flat_plane(LightKind::Directional)?, settings)?;
+    let regular = traced.grid.with_offset(OFFSET);
+    let mut off = |jitter: f64| {
+        traced.grid = regular.with_jitter(jitter);
+        let scene = &traced.stand.scene;
+        traced.errors(&scene.water).max_m / scene.floor_depth_m
     };
-    Ok(Check::of("caustics/trace", "strewn photons: largest |hit − exact| / depth")
-        .within((FLAT_RELATIVE, "1"), off(1.0)?)
-        .control("a regular grid", off(0.0)?))
+    Ok(Check::of(rig, "strewn photons: largest |hit − exact| / depth")
+        .within((FLAT_RELATIVE, "1"), off(1.0))
+        .control("a regular grid", off(0.0)))
 }
 
 /// Where photons enter steep waves. UW §4.1 has two models; noise takes half of each here.
 fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Check> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
-    scene.water.model = model;
-    scene.water.amplitude_m = 0.12;
-    scene.water.noise = 0.5;
-    let (photons, frame) = trace(rig, &scene, Family::Caustics, settings(FLAT_GRID, 2), false)?;
-    let tracer = Tracer::new(&scene.objects)?;
-    let grid = [FLAT_GRID, 4];
-    let errors = photon_errors(&photons, &exact(&frame, &scene.water, &tracer, grid)?);
-    let higher = Water { amplitude_m: scene.water.amplitude_m * 1.05, ..scene.water.clone() };
-    let perturbed = photon_errors(&photons, &exact(&frame, &higher, &tracer, grid)?);
-    let what = format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|");
-    let check = Check::of("caustics/trace", what)
-        .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
-        .control("amplitude 5 % higher", perturbed.entry_p99_m);
+    scene.water = Water { model, amplitude_m: 0.12, noise: 0.5, ..scene.water };
+    let traced = Traced::new(rig, scene, settings(FLAT_GRID, 2))?;
+    let water = &traced.stand.scene.water;
+    let errors = traced.errors(water);
+    let higher = Water { amplitude_m: water.amplitude_m * 1.05, ..water.clone() };
+    let check =
+        Check::of(rig, format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|"))
+            .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
+            .control("amplitude 5 % higher", traced.errors(&higher).entry_p99_m);
     Ok(with_rates(check, &errors))
 }
 
@@ -222,37 +203,31 @@ fn has_water(scene: &str) -> bool {
 fn real(rig: &Rig<'_>, name: &str) -> Checks {
     let file = SceneFile::load(name)?;
     let scene = Scene::build(&file)?;
-    let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &real_params(&file))?;
+    let mut params = Params::from(&file);
+    (params.caustics.grid, params.caustics.subdivision) = (REAL_GRID, 4);
+    (params.godrays.grid, params.godrays.subdivision) = (REAL_GRID, 4);
+    let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &params)?;
     run_until(rig, &pipeline, godrays::trace::INFO.name)?;
     let tracer = Tracer::new(&scene.objects)?;
     let frame = pipeline.view.light_frame();
-    let grid = PhotonGrid::new(REAL_GRID, 4)?.with_jitter(pipeline.params.caustics.jitter);
+    let grid = PhotonGrid::new(REAL_GRID, 4)?.with_jitter(params.caustics.jitter);
     let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
     let perturbed = land_all(&frame, &with_index(&scene.water, 1.40), &tracer, grid, 1);
-    let unlimited =
-        unconverged_over_exact_depth(&pipeline.view, &pipeline.params, &tracer, &landings);
-    [Family::Caustics, Family::Godrays]
-        .into_iter()
-        .map(|family| {
-            let photons = rig.read_photons(match family {
-                Family::Caustics => &pipeline.caustics.trace.photons,
-                Family::Godrays => &pipeline.godrays.trace.photons,
-            })?;
-            let errors = photon_errors(&photons, &landings);
-            let check =
-                Check::of(family.info().name, format!("scene {name}: median |hit − exact|"))
-                    .within((REAL_MEDIAN_M, "m"), errors.median_m)
-                    .control("refractive index 1.40", photon_errors(&photons, &perturbed).median_m);
-            Ok(with_rates(check, &errors).with("unconverged_rate_over_exact_depth", unlimited))
-        })
-        .collect()
-}
-
-fn real_params(file: &SceneFile) -> Params {
-    let mut params = Params::from(file);
-    (params.caustics.grid, params.caustics.subdivision) = (REAL_GRID, 4);
-    (params.godrays.grid, params.godrays.subdivision) = (REAL_GRID, 4);
-    params
+    let unlimited = unconverged_over_exact_depth(&pipeline.view, &params, &tracer, &landings);
+    let families = [
+        (caustics::trace::INFO.name, &pipeline.caustics.trace.photons),
+        (godrays::trace::INFO.name, &pipeline.godrays.trace.photons),
+    ];
+    let check = |(stage, photons)| {
+        let photons = rig.read_photons(photons)?;
+        let errors = photon_errors(&photons, &landings);
+        let of_family = Rig::new(rig.gpu, stage);
+        let check = Check::of(&of_family, format!("scene {name}: median |hit − exact|"))
+            .within((REAL_MEDIAN_M, "m"), errors.median_m)
+            .control("refractive index 1.40", photon_errors(&photons, &perturbed).median_m);
+        Ok(with_rates(check, &errors).with("unconverged_rate_over_exact_depth", unlimited))
+    };
+    families.into_iter().map(check).collect()
 }
 
 /// Runs a pipeline's stages up to and including one.
@@ -295,12 +270,12 @@ fn unconverged_over_exact_depth(
 }
 
 /// Whether a point lies within the light's frustum.
-pub(super) fn in_frustum(frame: &LightFrame, point: DVec3) -> bool {
+pub fn in_frustum(frame: &LightFrame, point: DVec3) -> bool {
     let ndc = frame.view_projection.project_point3(point);
     ndc.truncate().abs().max_element() <= 1.0
 }
 
-pub(super) fn with_rates(check: Check, errors: &PhotonErrors) -> Check {
+pub fn with_rates(check: Check, errors: &PhotonErrors) -> Check {
     check
         .with("p99_m", errors.p99_m)
         .with("converged_p99_m", errors.converged_p99_m)

@@ -1,26 +1,11 @@
 //! Stages of caustics on planar receivers: the illumination map against photons counted in f64 and against closed forms of the light's flux,
 //! and the picture against a bilinear look-up in f64.
 
-use std::f64::consts::PI;
-
-use glam::{DVec3, UVec2};
-
-use super::{Case, Check, Checks, Result, Rig, largest, noise, rig};
-use fathom_reference::image::{Image, pixels};
-use fathom_reference::optics::refract;
+use crate::prelude::*;
 use fathom_reference::pool::{Basin, Counted, Face, face_by_face, middle_photon_w, share_left};
-use fathom_reference::quantities::quantile;
-use fathom_reference::rays::{PixelRays, Tracer};
-use fathom_reference::surface::enter;
-use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene, Water};
-use fathom_stages::frame::View;
-use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::planar::compose::{self, Compose, Shown};
 use fathom_stages::planar::points::{self, Points};
 use fathom_stages::pool::Pool;
-use fathom_stages::screen_ray::{NEVER, Transfer, Transfers};
-use fathom_stages::shadow::{depth::Depth, mask::Mask};
-use fathom_stages::transfer::map::{Map, MapUniforms};
 
 const SIZE: [u32; 2] = [160, 120];
 /// No multiples of a workgroup or of each other.
@@ -37,12 +22,12 @@ const GAMMA_PER_M: f64 = 0.13;
 
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
-    for setting in SETTINGS {
-        let what = setting.name();
-        cases.push(Case::new(points::INFO.name, format!("{what}: texel by texel"), move |rig| {
+    for setting in Setting::ALL {
+        let case = |what: &str| format!("{}: {what}", setting.name());
+        cases.push(Case::new(points::INFO.name, case("texel by texel"), move |rig| {
             counted(rig, setting)
         }));
-        cases.push(Case::new(points::INFO.name, format!("{what}: exact photons"), move |rig| {
+        cases.push(Case::new(points::INFO.name, case("exact photons"), move |rig| {
             exact(rig, setting)
         }));
     }
@@ -66,9 +51,9 @@ enum Setting {
     Lamp,
 }
 
-const SETTINGS: [Setting; 4] = [Setting::Sun, Setting::Turned, Setting::OffCenter, Setting::Lamp];
-
 impl Setting {
+    const ALL: [Self; 4] = [Setting::Sun, Setting::Turned, Setting::OffCenter, Setting::Lamp];
+
     fn name(self) -> &'static str {
         match self {
             Setting::Sun => "sun",
@@ -120,7 +105,7 @@ fn pool(center_m: [f64; 2], half_size_m: [f64; 2], amplitude_m: f64) -> Result<S
     let (eye, aim) = (DVec3::new(0.5, 6.0, 9.0), DVec3::NEG_Y);
     scene.camera = Camera::new(at(eye), at(aim), 60.0, [0.5, 30.0]);
     let objects = scene.objects.iter().map(|object| object.mesh.bounds());
-    scene.bounds = objects.fold(fathom_scene::Bounds::EMPTY, fathom_scene::Bounds::union);
+    scene.bounds = objects.fold(Bounds::EMPTY, Bounds::union);
     scene.bounds.max.y = 1.0;
     Ok(scene)
 }
@@ -139,61 +124,80 @@ struct Drawn {
     basin: Basin,
     frame: LightFrame,
     photon_w: f64,
-    stored: Vec<Transfer>,
+    /// With the numbers of those that are alive.
+    stored: Vec<(u32, Transfer)>,
     /// Face by face, W/m².
     map: Vec<f64>,
 }
 
 impl Drawn {
-    fn new(rig: &Rig<'_>, scene: &Scene, grid: [u32; 2]) -> Result<Drawn> {
-        let stand = rig.stand(scene, SIZE);
-        let rig::Stand { shared, geometry, .. } = &stand;
-        let depth = Depth::new(&rig.resources, shared, geometry, 512)?;
-        let mask = Mask::new(&rig.resources, shared, depth.texture(), 64)?;
+    fn new(rig: &Rig<'_>, scene: Scene, grid: [u32; 2]) -> Result<Drawn> {
+        let stand = rig.stand(scene, SIZE)?;
+        let Stand { shared, geometry, view, scene, .. } = &stand;
+        let depth = Depth::new(rig, shared, geometry, 512)?;
+        let mask = Mask::new(rig, shared, depth.texture(), 64)?;
         let settings = MapUniforms { grid: UVec2::from(grid) };
-        let transfers = Map::new(&rig.resources, shared, mask.texture(), &settings)?;
-        rig.run(&[&depth, &mask, &transfers])?;
-        Self::of(rig, &stand, scene, &transfers.transfers)
-    }
-
-    fn of(
-        rig: &Rig<'_>,
-        stand: &rig::Stand,
-        scene: &Scene,
-        transfers: &Transfers,
-    ) -> Result<Drawn> {
-        let view = &stand.view;
+        let transfers = Map::new(rig, shared, mask.texture(), &settings)?;
+        let count = transfers.transfers.count;
         let basin = Basin::of(&scene.water, scene.floor_depth_m);
-        let photon_w = view.weighted_flux_w() / f64::from(transfers.count);
-        let pool = of_basin(&basin);
-        let points = Points::new(&rig.resources, &stand.shared, transfers, &pool, photon_w)?;
+        let photon_w = view.weighted_flux_w() / f64::from(count);
+        let points = Points::new(rig, shared, &transfers.transfers, &of_basin(&basin), photon_w)?;
+        rig.run(&[&depth, &mask, &transfers, &points])?;
         // Twice, as the second frame finds what the first has left.
-        rig.run(&[&points])?;
-        rig.run(&[&points])?;
-        let atlas = rig.channel(&points.map, 0)?;
+        let atlas = rig.drawn(&[&points], &points.map, 0)?;
         let frame = view.light_frame();
+        let stored: Vec<Transfer> = rig.read(&transfers.transfers.buffer)?;
         Ok(Drawn {
             basin,
-            photon_w: middle_photon_w(&view.light, &frame, transfers.count),
+            photon_w: middle_photon_w(&view.light, &frame, count),
             frame,
-            stored: rig.read(&transfers.buffer)?,
+            stored: (0..).zip(stored).filter(|(_, photon)| photon.state != NEVER).collect(),
             map: face_by_face(atlas.data(), TEXELS),
             view: view.clone(),
         })
     }
 
-    /// What the photons of the transfer map bring to a pool, their attenuation so many times.
-    fn counted(&self, basin: &Basin, attenuation: f64) -> Counted {
+    /// What photons bring to a pool through this water: each by its ray under water, known to so many metres.
+    fn count(
+        &self,
+        (basin, rounding_m): (&Basin, f64),
+        water: &Water,
+        ray: impl Fn(u32, &Transfer) -> Option<(DVec3, DVec3)>,
+    ) -> Counted {
         let mut counted = Counted::new(TEXELS);
-        let mut water = self.view.water.clone();
-        water.attenuation_per_m *= attenuation;
-        for photon in self.stored.iter().filter(|photon| photon.state != NEVER) {
-            let (origin, direction) = (photon.position_m.as_dvec3(), photon.direction.as_dvec3());
-            let flux_w = |way_m| self.photon_w * share_left(&self.frame, &water, origin, way_m);
-            let ray = (origin, direction.normalize());
-            counted.add((basin, TEXELS), ray, ROUNDING_M, flux_w);
+        for (number, photon) in &self.stored {
+            let Some(ray) = ray(*number, photon) else { continue };
+            let flux_w = |way_m| self.photon_w * share_left(&self.frame, water, ray.0, way_m);
+            counted.add((basin, TEXELS), ray, rounding_m, flux_w);
         }
         counted
+    }
+
+    /// What the photons of the transfer map bring to a pool, their attenuation so many times.
+    fn counted(&self, basin: &Basin, attenuation: f64) -> Counted {
+        let mut water = self.view.water.clone();
+        water.attenuation_per_m *= attenuation;
+        self.count((basin, ROUNDING_M), &water, |_, photon| {
+            Some((photon.position_m.as_dvec3(), photon.direction.as_dvec3().normalize()))
+        })
+    }
+
+    /// What exact photons of those that are alive bring.
+    fn exact(&self, index: f64) -> Counted {
+        let water = &self.view.water;
+        self.count((&self.basin, 0.0), water, |number, _| {
+            let (origin, incident) = rig::grid_ray(&self.frame, number, GRID);
+            let entry = enter(water, origin, incident, f64::MAX)?;
+            Some((entry.position, refract(incident, entry.normal, 1.0, index)?))
+        })
+    }
+
+    /// Flux by which each texel differs from a count.
+    fn off_w(&self, counted: &Counted) -> impl Iterator<Item = (Face, f64)> {
+        let texels = self.map.iter().enumerate();
+        texels.map(|(texel, irradiance)| {
+            (face_of(texel), counted.off(texel, *irradiance) * self.area_m2(texel))
+        })
     }
 
     /// Flux on the whole map.
@@ -217,15 +221,13 @@ fn of_basin(basin: &Basin) -> Pool {
 
 /// Each texel against the photons that lie in it by an f64 count of the same transfers, and the sum of all.
 fn counted(rig: &Rig<'_>, setting: Setting) -> Checks {
-    let drawn = Drawn::new(rig, &setting.scene()?, GRID)?;
+    let drawn = Drawn::new(rig, setting.scene()?, GRID)?;
     let counted = drawn.counted(&drawn.basin, 1.0);
     // In photons of mean flux.
-    let photon_w = counted.flux_w / drawn.stored.iter().filter(|p| p.state != NEVER).count() as f64;
-    let off = |counted: &Counted, of: &dyn Fn(Face) -> bool| {
-        let texels = drawn.map.iter().enumerate().filter(|(texel, _)| of(face_of(*texel)));
-        largest(texels.map(|(texel, irradiance)| {
-            counted.off(texel, *irradiance) * drawn.area_m2(texel) / photon_w
-        }))
+    let photon_w = counted.flux_w / drawn.stored.len() as f64;
+    let off = |counted: &Counted, of: fn(Face) -> bool| {
+        let texels = drawn.off_w(counted).filter(|(face, _)| of(*face));
+        largest(texels.map(|(_, off_w)| off_w / photon_w))
     };
     let is_floor = |face: Face| face == Face::Floor;
     let is_wall = |face: Face| face != Face::Floor;
@@ -233,70 +235,38 @@ fn counted(rig: &Rig<'_>, setting: Setting) -> Checks {
     let wider =
         Basin { half_size_m: drawn.basin.half_size_m.map(|half| half + 0.01), ..drawn.basin };
     let on_walls = counted.sure[(TEXELS * TEXELS) as usize..].iter().filter(|e| **e > 0.0).count();
-    let energy = |flux_w: f64| (drawn.flux_w() / flux_w - 1.0).abs();
+    let energy = |counted: &Counted| relative_error(drawn.flux_w(), counted.flux_w);
     let murkier = drawn.counted(&drawn.basin, 1.05);
-    let name = setting.name();
+    let check = |what: &str| Check::of(rig, format!("{}: {what}", setting.name()));
     // Sums of some hundred 32-bit floats.
     Ok(vec![
-        Check::of(
-            points::INFO.name,
-            format!("{name}: largest difference of a texel of the floor from its f64 count"),
-        )
-        .within((0.01, "ph"), off(&counted, &is_floor))
-        .control("a floor 1 cm deeper", off(&drawn.counted(&deeper, 1.0), &is_floor))
-        .with("unsure_share", counted.unsure_w / counted.flux_w),
-        Check::of(
-            points::INFO.name,
-            format!("{name}: largest difference of a texel of the walls from its f64 count"),
-        )
-        .within((0.01, "ph"), off(&counted, &is_wall))
-        .control("walls 1 cm further", off(&drawn.counted(&wider, 1.0), &is_wall))
-        .with("lit_wall_texels", on_walls as f64),
-        Check::of(
-            points::INFO.name,
-            format!("{name}: sum of irradiance × area over the photons' flux: relative error"),
-        )
-        .within((1e-4, "1"), energy(counted.flux_w))
-        .control("attenuation 5 % higher", energy(murkier.flux_w)),
+        check("largest difference of a texel of the floor from its f64 count")
+            .within((0.01, "ph"), off(&counted, is_floor))
+            .control("a floor 1 cm deeper", off(&drawn.counted(&deeper, 1.0), is_floor))
+            .with("unsure_share", counted.unsure_w / counted.flux_w),
+        check("largest difference of a texel of the walls from its f64 count")
+            .within((0.01, "ph"), off(&counted, is_wall))
+            .control("walls 1 cm further", off(&drawn.counted(&wider, 1.0), is_wall))
+            .with("lit_wall_texels", on_walls as f64),
+        check("sum of irradiance × area over the photons' flux: relative error")
+            .within((1e-4, "1"), energy(&counted))
+            .control("attenuation 5 % higher", energy(&murkier)),
     ])
 }
 
 /// The map against exact entries, exact refraction and exact planes: the share of the flux in other texels.
 fn exact(rig: &Rig<'_>, setting: Setting) -> Result<Check> {
-    let drawn = Drawn::new(rig, &setting.scene()?, GRID)?;
+    let drawn = Drawn::new(rig, setting.scene()?, GRID)?;
     let misplaced = |index: f64| {
-        let counted = exactly(&drawn, index);
-        let texels = drawn.map.iter().enumerate();
-        let off_w = texels
-            .map(|(texel, irradiance)| counted.off(texel, *irradiance) * drawn.area_m2(texel));
-        0.5 * off_w.sum::<f64>() / counted.flux_w
+        let counted = drawn.exact(index);
+        0.5 * drawn.off_w(&counted).map(|(_, off_w)| off_w).sum::<f64>() / counted.flux_w
     };
     let index = drawn.view.water.refractive_index;
     let name = setting.name();
     // The noise texture is interpolated between texels: photons move by a millimetre, and a texel has 6 cm and more.
-    Ok(Check::of(
-        points::INFO.name,
-        format!("{name}: share of the flux in other texels than exact photons"),
-    )
-    .within((0.03, "1"), misplaced(index))
-    .control("refractive index 3 % higher", misplaced(1.03 * index)))
-}
-
-/// Exact photons of those that are alive.
-fn exactly(drawn: &Drawn, index: f64) -> Counted {
-    let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
-    let water = &drawn.view.water;
-    let mut counted = Counted::new(TEXELS);
-    for (number, _) in (0..).zip(&drawn.stored).filter(|(_, photon)| photon.state != NEVER) {
-        let place = [ndc(number % GRID[0], GRID[0]), ndc(number / GRID[0], GRID[1])];
-        let (origin, incident) = drawn.frame.ray(place[0], place[1]);
-        let Some(entry) = enter(water, origin, incident, f64::MAX) else { continue };
-        let Some(refracted) = refract(incident, entry.normal, 1.0, index) else { continue };
-        let flux_w =
-            |way_m| drawn.photon_w * share_left(&drawn.frame, water, entry.position, way_m);
-        counted.add((&drawn.basin, TEXELS), (entry.position, refracted), 0.0, flux_w);
-    }
-    counted
+    Ok(Check::of(rig, format!("{name}: share of the flux in other texels than exact photons"))
+        .within((0.03, "1"), misplaced(index))
+        .control("refractive index 3 % higher", misplaced(1.03 * index)))
 }
 
 /// All that the light sends through flat water arrives, where nothing is lost on the way: irradiance × area across the rays, or intensity ×
@@ -309,28 +279,24 @@ fn flux(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     scene.light.position_m = [1.0, 4.0, -0.5];
     // What sees nothing gets all of the light.
     scene.camera = Camera::new([0.4, -50.0, 0.0], [0.4, -60.0, 1.0], 60.0, [0.5, 30.0]);
-    let drawn = Drawn::new(rig, &scene, FINE_GRID)?;
-    let basin = drawn.basin;
+    let drawn = Drawn::new(rig, scene, FINE_GRID)?;
+    let light = &drawn.view.light;
     let exact_w = |height_m: f64| match kind {
         LightKind::Directional => {
-            let area_m2 = basin.rectangle(Face::Floor).area_m2();
-            scene.light.intensity_w_sr * area_m2 * -drawn.frame.forward.y * height_m
+            let area_m2 = drawn.basin.rectangle(Face::Floor).area_m2();
+            light.intensity_w_sr * area_m2 * -drawn.frame.forward.y * height_m
         }
         LightKind::Point => {
-            let lamp = DVec3::from(scene.light.position_m) * DVec3::new(1.0, height_m, 1.0);
-            scene.light.intensity_w_sr * solid_angle(&basin, lamp)
+            let lamp = DVec3::from(light.position_m) * DVec3::new(1.0, height_m, 1.0);
+            light.intensity_w_sr * solid_angle(&drawn.basin, lamp)
         }
     };
-    let off = |height_m: f64| (drawn.flux_w() / exact_w(height_m) - 1.0).abs();
+    let off = |height_m: f64| relative_error(drawn.flux_w(), exact_w(height_m));
+    let what = "sum over the map against the flux through the water: relative error";
     // Rows of photons at the border of the water, of some five hundred.
-    Ok(Check::of(
-        points::INFO.name,
-        format!(
-            "{kind:?} light: sum over the map against the flux through the water: relative error"
-        ),
-    )
-    .within((5e-3, "1"), off(1.0))
-    .control("a sun 10 % brighter, a lamp 10 % higher", off(1.1)))
+    Ok(Check::of(rig, format!("{kind:?} light: {what}"))
+        .within((5e-3, "1"), off(1.0))
+        .control("a sun 10 % brighter, a lamp 10 % higher", off(1.1)))
 }
 
 /// Solid angle of the water at rest from above, steradians: the sum over the corners of a rectangle.
@@ -379,27 +345,23 @@ fn looked_up(rig: &Rig<'_>) -> Checks {
     for side in SIDES {
         found.see(rig, &noise, side)?;
     }
-    let error = |moved: f64| {
-        let off = found.lit.iter().map(|lit| lit.off(&noise, moved));
-        quantile(&mut off.collect::<Vec<_>>(), 0.95)
-    };
+    let error = |moved: f64| p95(found.lit.iter().map(|lit| lit.off(&noise, moved)));
     let lacking =
         |sides: &[f64]| largest(Face::ALL.map(|face| ENOUGH_PX - found.pixels(face, sides)));
-    let lit = found.lit.iter().map(|lit| lit.added);
     // Steps of an 8-bit display.
     Ok(vec![
         Check::of(
-            compose::INFO.name,
+            rig,
             "95th percentile of the relative error of the light that the map adds, pixel by pixel",
         )
         .within((0.05, "1"), error(0.0))
         .control("looked up a fifth of a texel further", error(0.2)),
-        Check::of(compose::INFO.name, "pixels that the face which is seen least lacks")
+        Check::of(rig, "pixels that the face which is seen least lacks")
             .within((0.0, "px"), lacking(&SIDES))
             .control("seen from one side", lacking(&SIDES[..1])),
-        Check::of(compose::INFO.name, "largest radiance that the map adds beside floor and walls")
+        Check::of(rig, "largest radiance that the map adds beside floor and walls")
             .within((1e-3, "1"), largest(found.unlit.iter().copied()))
-            .control("on them", largest(lit)),
+            .control("on them", largest(found.lit.iter().map(|lit| lit.added))),
     ])
 }
 
@@ -450,20 +412,23 @@ impl Found {
     }
 
     fn see(&mut self, rig: &Rig<'_>, noise: &Noise, side: f64) -> Result<()> {
-        let scene = seen_from(side)?;
-        let stand = rig.stand(&scene, SIZE);
+        let stand = rig.stand(seen_from(side)?, SIZE)?;
         let gbuffer = rig.gbuffer(&stand)?;
-        let basin = Basin::of(&scene.water, scene.floor_depth_m);
-        let light = radiance(rig, &stand, &gbuffer, &basin, &noise.0)?;
-        let dark = radiance(rig, &stand, &gbuffer, &basin, &noise.0.map(|_| 0.0))?;
+        let basin = Basin::of(&stand.scene.water, stand.scene.floor_depth_m);
+        // Radiance of each pixel by a map.
+        let radiance = |map: &Image| -> Result<Image> {
+            const EXPOSURE: f64 = 0.8;
+            let lit = (&rig.grey(map), &of_basin(&basin));
+            let stage = Compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::Image)?;
+            let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
+            Ok(shown.map(|value| radiance_of(value, EXPOSURE)))
+        };
+        let (light, dark) = (radiance(&noise.0)?, radiance(&noise.0.map(|_| 0.0))?);
         let albedo = rig.channel(&gbuffer.albedo, BLUE)?;
-        let tracer = Tracer::new(&scene.objects)?;
-        let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
-        for (x, y) in pixels(SIZE) {
-            let at = |image: &Image| image.clamped(x.into(), y.into());
-            let added = at(&light) - at(&dark);
-            let hit = rays.cast(&tracer, x, y).map(|(hit, _)| hit);
-            if near_other(&rays, &tracer, [x, y], hit.map(|hit| hit.object)) {
+        for at in pixels(SIZE) {
+            let added = light.at(at) - dark.at(at);
+            let hit = stand.hit(at);
+            if near_other(&stand, at, hit.map(|hit| hit.object)) {
                 continue;
             }
             // Objects are the faces in their order, and then the slab.
@@ -474,12 +439,13 @@ impl Found {
             };
             // Walls have no outer sides here: what is seen from behind says nothing.
             if face.normal().dot(hit.normal) > 0.0 {
+                let through = rig::through_water(&stand.scene, hit.position);
                 self.lit.push(Lit {
                     face,
                     side,
                     place: basin.rectangle(face).place(hit.position),
                     added,
-                    per_irradiance: at(&albedo) / PI * through(&scene, hit.position),
+                    per_irradiance: albedo.at(at) / PI * through,
                 });
             }
         }
@@ -490,66 +456,37 @@ impl Found {
 /// The blue of water's tint is 1.
 const BLUE: usize = 2;
 
-/// Radiance of each pixel by a map.
-fn radiance(
-    rig: &Rig<'_>,
-    stand: &rig::Stand,
-    gbuffer: &GbufferTextures,
-    basin: &Basin,
-    map: &Image,
-) -> Result<Image> {
-    const EXPOSURE: f64 = 0.8;
-    let (map, pool) = (rig.grey(map), of_basin(basin));
-    let lit = (&map, &pool);
-    let stage = Compose::new(&rig.resources, &stand.shared, gbuffer, lit, EXPOSURE, Shown::Image)?;
-    rig.run(&[&stage])?;
-    let shown = rig.channel(stage.texture(), BLUE)?;
-    Ok(shown.map(|value| -(1.0 - value.powf(2.2)).ln() / EXPOSURE))
-}
-
 /// Whether a neighbour of the pixel shows something else.
-fn near_other(rays: &PixelRays, tracer: &Tracer, [x, y]: [u32; 2], object: Option<usize>) -> bool {
+fn near_other(stand: &Stand, (x, y): (u32, u32), object: Option<usize>) -> bool {
     let around = [(-1, 0), (1, 0), (0, -1), (0, 1)];
     let other = |(dx, dy): (i32, i32)| {
         let (x, y) = (x.checked_add_signed(dx), y.checked_add_signed(dy));
         let inside = |at: Option<u32>, side: u32| at.filter(|at| *at < side);
         let (Some(x), Some(y)) = (inside(x, SIZE[0]), inside(y, SIZE[1])) else { return false };
-        rays.cast(tracer, x, y).map(|(hit, _)| hit.object) != object
+        stand.hit((x, y)).map(|hit| hit.object) != object
     };
     around.into_iter().any(other)
-}
-
-/// Share of the light that the water lets through from a place to a camera above it.
-fn through(scene: &Scene, place: DVec3) -> f64 {
-    let camera = DVec3::from(scene.camera.position_m);
-    let path_m = camera.distance(place) * (-place.y).max(0.0) / (camera.y - place.y);
-    (-scene.water.attenuation_per_m * path_m).exp()
 }
 
 /// The picture of the floor's map, pixel by pixel.
 fn shown_map(rig: &Rig<'_>) -> Result<Check> {
     const EXPOSURE: f64 = 0.4;
-    let scene = pool([0.0; 2], [4.0; 2], AMPLITUDE_M)?;
-    let stand = rig.stand(&scene, SIZE);
-    let gbuffer = rig.gbuffer(&stand)?;
+    let stand = rig.stand(pool([0.0; 2], [4.0; 2], AMPLITUDE_M)?, SIZE)?;
     let noise = Noise::new();
-    let (map, pool) = (rig.grey(&noise.0), of_basin(&Basin::of(&scene.water, FLOOR_DEPTH_M)));
-    let lit = (&map, &pool);
-    let stage =
-        Compose::new(&rig.resources, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::FloorMap)?;
-    rig.run(&[&stage])?;
-    let shown = rig.channel(stage.texture(), 0)?;
+    let pool = of_basin(&Basin::of(&stand.scene.water, FLOOR_DEPTH_M));
+    let (gbuffer, lit) = (rig.gbuffer(&stand)?, (&rig.grey(&noise.0), &pool));
+    let stage = Compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::FloorMap)?;
+    let shown = rig.drawn(&[&stage], stage.texture(), 0)?;
     let error = |face: i64| {
         largest(pixels(SIZE).map(|(x, y)| {
             let texel = [(x, SIZE[0]), (y, SIZE[1])].map(|(at, side)| {
                 ((f64::from(at) + 0.5) / f64::from(side) * f64::from(TEXELS)) as i64
             });
             let irradiance = noise.0.clamped(texel[0] + face * i64::from(TEXELS), texel[1]);
-            let exact = (1.0 - (-EXPOSURE * irradiance / PI).exp()).powf(1.0 / 2.2);
-            (shown.clamped(x.into(), y.into()) - exact).abs()
+            (shown.at((x, y)) - shown_of(irradiance / PI, EXPOSURE)).abs()
         }))
     };
-    Ok(Check::of(compose::INFO.name, "largest difference of the picture of the floor's map")
+    Ok(Check::of(rig, "largest difference of the picture of the floor's map")
         .within((1.0 / 255.0, "1"), error(0))
         .control("the map of a wall", error(1)))
 }

@@ -1,29 +1,17 @@
 //! Lines of sight through glass against closed forms of a slab and a sphere, and against exact ray casting.
 
-use std::f64::consts::PI;
-
-use glam::DVec3;
-
-use super::{Case, Check, Checks, Result, Rig, largest, rig};
-use fathom_reference::image::{Image, pixels};
-use fathom_reference::optics::{fresnel_reflectance, refract, transmittance};
-use fathom_reference::quantities::quantile;
-use fathom_reference::rays::{PixelRays, Tracer};
+use crate::prelude::*;
 use fathom_reference::specular::Surfaces;
-use fathom_scene::{Camera, Optics, Scene};
-use fathom_stages::geometry::Part;
-use fathom_stages::ldi::peel::LayeredDepth;
-use fathom_stages::refraction::compose;
 use fathom_stages::refraction::trace::{self, Surface, Trace};
 use fathom_stages::refraction::two_interface::{self, TwoInterface};
-use fathom_stages::refraction::{Exits, surface};
-use fathom_stages::screen_ray::walk_uniforms;
+use fathom_stages::refraction::{Exits, compose, surface};
 
 const SIZE: [u32; 2] = [240, 180];
 const INDEX: f64 = 1.4;
 const LAYERS: u32 = 4;
 /// Steps of a ray at least: the pipeline's default.
 const LEAST: u32 = 8;
+const EXPOSURE: f64 = 0.4;
 /// Scene slab: its upper and lower side, and half its width, metres.
 const SLAB_Y_M: [f64; 2] = [-2.6, -3.0];
 const SLAB_HALF_M: f64 = 2.0;
@@ -44,6 +32,13 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
+/// Scene ball with its object in a corner of the view.
+fn ball() -> Result<Scene> {
+    let mut scene = glass("ball", "ball")?;
+    scene.camera.target_m = [0.7, -2.9, 0.3];
+    Ok(scene)
+}
+
 /// One object of a scene as glass, seen through a turned camera.
 fn glass(scene: &str, object: &str) -> Result<Scene> {
     let mut scene = Scene::load(scene)?;
@@ -57,47 +52,41 @@ fn glass(scene: &str, object: &str) -> Result<Scene> {
     Ok(scene)
 }
 
-/// Scene ball in a corner of the view.
-fn ball() -> Result<Scene> {
-    let mut scene = glass("ball", "ball")?;
-    scene.camera.target_m = [0.7, -2.9, 0.3];
-    Ok(scene)
-}
-
-/// A pixel's ray behind glass.
+/// A pixel's line of sight, and the ray behind glass that a stage finds for it.
 struct Found {
-    pixel: [u32; 2],
+    origin: DVec3,
+    sight: DVec3,
     position: DVec3,
     direction: DVec3,
 }
 
-fn read(rig: &Rig<'_>, exits: &Exits) -> Result<Vec<Found>> {
+fn read(rig: &Rig<'_>, stand: &Stand, exits: &Exits) -> Result<Vec<Found>> {
     let glass = rig.channel(&exits.positions, 3)?;
     let positions = rig.vectors(&exits.positions)?;
     let directions = rig.vectors(&exits.directions)?;
     let found = pixels(SIZE).zip(positions.into_iter().zip(directions));
     Ok(found
-        .filter(|((x, y), _)| glass.clamped((*x).into(), (*y).into()) > 0.0)
-        .map(|((x, y), (position, direction))| Found { pixel: [x, y], position, direction })
+        .filter(|(at, _)| glass.at(*at) > 0.0)
+        .map(|((x, y), (position, direction))| {
+            let (origin, sight, _) = stand.rays.ray(x, y);
+            Found { origin, sight, position, direction }
+        })
         .collect())
 }
 
-fn traced(rig: &Rig<'_>, scene: &Scene, surface: Surface) -> Result<Vec<Found>> {
-    let rig::Stand { shared, geometry, .. } = &rig.stand(scene, SIZE);
-    let part = (geometry, Part::Glass);
-    let peel = LayeredDepth::new(&rig.resources, shared, part, SIZE, LAYERS)?;
-    let walk = walk_uniforms(&peel.layers, scene.solid_bounds(), LEAST);
-    let stage = Trace::new(&rig.resources, shared, &peel.layers, &walk, (2, surface))?;
+fn traced(rig: &Rig<'_>, stand: &Stand, surface: Surface) -> Result<Vec<Found>> {
+    let Stand { shared, geometry, .. } = stand;
+    let peel = LayeredDepth::new(rig, shared, (geometry, Part::Glass), SIZE, LAYERS)?;
+    let walk = walk_uniforms(&peel.layers, stand.scene.solid_bounds(), LEAST);
+    let stage = Trace::new(rig, shared, &peel.layers, &walk, (2, surface))?;
     rig.run(&[&peel, &stage])?;
-    read(rig, &stage.exits)
+    read(rig, stand, &stage.exits)
 }
 
-fn rays(scene: &Scene) -> PixelRays {
-    PixelRays::new(&scene.camera, SIZE[0], SIZE[1])
-}
-
-fn angle_deg(a: DVec3, b: DVec3) -> f64 {
-    a.angle_between(b).to_degrees()
+/// Angles to the directions that a rule gives, where it has an answer.
+fn angles_deg(found: &[Found], exact: impl Fn(&Found) -> Option<DVec3>) -> Vec<f64> {
+    let angle = |f: &Found| Some(f.direction.angle_between(exact(f)?).to_degrees());
+    found.iter().filter_map(angle).collect()
 }
 
 /// Where a ray leaves the slab through its lower side, a plane glass: it goes on in parallel.
@@ -111,30 +100,21 @@ fn behind_slab(origin: DVec3, direction: DVec3, index: f64) -> Option<DVec3> {
 }
 
 fn slab(rig: &Rig<'_>) -> Checks {
-    let scene = glass("slab", "slab")?;
-    let found = traced(rig, &scene, Surface::Plane)?;
-    let rays = rays(&scene);
+    let found = traced(rig, &rig.stand(glass("slab", "slab")?, SIZE)?, Surface::Plane)?;
     let places = |index: f64| {
-        let off = found.iter().filter_map(|f| {
-            let (origin, direction, _) = rays.ray(f.pixel[0], f.pixel[1]);
-            Some(f.position.distance(behind_slab(origin, direction, index)?))
-        });
-        quantile(&mut off.collect::<Vec<_>>(), 0.95)
+        p95(found
+            .iter()
+            .filter_map(|f| Some(f.position.distance(behind_slab(f.origin, f.sight, index)?))))
     };
     let directions = |turned: fn(DVec3) -> DVec3| {
-        let off = found.iter().filter_map(|f| {
-            let (origin, direction, _) = rays.ray(f.pixel[0], f.pixel[1]);
-            behind_slab(origin, direction, INDEX)?;
-            Some(angle_deg(f.direction, turned(direction)))
-        });
-        quantile(&mut off.collect::<Vec<_>>(), 0.95)
+        p95(angles_deg(&found, |f| behind_slab(f.origin, f.sight, INDEX).map(|_| turned(f.sight))))
     };
     let inside = |direction| refract(direction, DVec3::Y, 1.0, INDEX).unwrap_or(direction);
     Ok(vec![
-        Check::of(trace::INFO.name, "slab: 95th percentile of |exit − closed form|")
+        Check::of(rig, "slab: 95th percentile of |exit − closed form|")
             .within((5e-3, "m"), places(INDEX))
             .control("index 5 % higher", places(1.05 * INDEX)),
-        Check::of(trace::INFO.name, "slab: 95th percentile of the angle to the closed form")
+        Check::of(rig, "slab: 95th percentile of the angle to the closed form")
             .within((0.002, "deg"), directions(|direction| direction))
             .control("held against the rays inside", directions(inside)),
     ])
@@ -156,54 +136,38 @@ fn behind_ball(origin: DVec3, direction: DVec3, index: f64) -> Option<DVec3> {
     refract(inside, (entry + inside * chord - BALL_MIDDLE) / BALL_M, index, 1.0)
 }
 
-fn ball_error_deg(
-    found: &[Found],
-    rays: &PixelRays,
-    exact: impl Fn(DVec3, DVec3) -> Option<DVec3>,
-) -> f64 {
-    let off = found.iter().filter_map(|f| {
-        let (origin, direction, _) = rays.ray(f.pixel[0], f.pixel[1]);
-        Some(angle_deg(f.direction, exact(origin, direction)?))
-    });
-    quantile(&mut off.collect::<Vec<_>>(), 0.75)
+/// 75th percentile of the angle to the closed form.
+fn ball_error_deg(found: &[Found], index: f64) -> f64 {
+    p75(angles_deg(found, |f| behind_ball(f.origin, f.sight, index)))
 }
 
 fn sphere(rig: &Rig<'_>, surface: Surface, tolerance_deg: f64) -> Result<Check> {
-    let scene = ball()?;
-    let found = traced(rig, &scene, surface)?;
-    let error = |index: f64| {
-        ball_error_deg(&found, &rays(&scene), |origin, direction| {
-            behind_ball(origin, direction, index)
-        })
-    };
+    let found = traced(rig, &rig.stand(ball()?, SIZE)?, surface)?;
     // A normal is that of its pixel's middle: half a pixel here turns it by 0.7 degrees.
     let control = if surface == Surface::Plane { 1.05 } else { 1.5 };
-    let what = format!("sphere by {surface:?}: 75th percentile of the angle to the closed form");
-    Ok(Check::of(trace::INFO.name, what)
-        .within((tolerance_deg, "deg"), error(INDEX))
-        .control(format!("index {control} times as high"), error(control * INDEX)))
+    Ok(Check::of(
+        rig,
+        format!("sphere by {surface:?}: 75th percentile of the angle to the closed form"),
+    )
+    .within((tolerance_deg, "deg"), ball_error_deg(&found, INDEX))
+    .control(format!("index {control} times as high"), ball_error_deg(&found, control * INDEX)))
 }
 
 /// A concave object: rays are not in order of the layers everywhere.
 fn knot(rig: &Rig<'_>) -> Result<Check> {
-    let scene = glass("glass", "knot")?;
-    let found = traced(rig, &scene, Surface::Plane)?;
-    let tracer = Tracer::new(&scene.objects)?;
-    let rays = rays(&scene);
+    let stand = rig.stand(glass("glass", "knot")?, SIZE)?;
+    let found = traced(rig, &stand, Surface::Plane)?;
+    let tracer = &stand.tracer;
     let error = |index: f64| {
-        let mut objects = scene.objects.clone();
+        let mut objects = stand.scene.objects.clone();
         objects[0].material.refractive_index = index as f32;
-        let surfaces =
-            Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
-        let off = found.iter().filter_map(|f| {
-            let (origin, direction, _) = rays.ray(f.pixel[0], f.pixel[1]);
-            let exact = surfaces.behind(surfaces.ray(origin, direction), 2)?;
-            Some(angle_deg(f.direction, exact.direction))
-        });
-        quantile(&mut off.collect::<Vec<_>>(), 0.5)
+        let surfaces = Surfaces { tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
+        median(angles_deg(&found, |f| {
+            Some(surfaces.behind(surfaces.ray(f.origin, f.sight), 2)?.direction)
+        }))
     };
     // The tube is a few pixels thick, and a pixel has one normal.
-    Ok(Check::of(trace::INFO.name, "knot: median angle to exact ray casting")
+    Ok(Check::of(rig, "knot: median angle to exact ray casting")
         .within((4.0, "deg"), error(INDEX))
         .control("index 25 % higher", error(1.25 * INDEX)))
 }
@@ -226,24 +190,19 @@ fn approximated(rays: &PixelRays, sight: (DVec3, DVec3), along_normal_m: f64) ->
 }
 
 fn two_interfaces(rig: &Rig<'_>) -> Result<Check> {
-    let scene = ball()?;
-    let rig::Stand { shared, geometry, .. } = &rig.stand(&scene, SIZE);
+    let stand = rig.stand(ball()?, SIZE)?;
     let diameter = (2.0 * BALL_M as f32).to_bits();
-    let thickness = rig.words(&vec![diameter; scene.objects[0].mesh.positions.len()]);
-    let stage = TwoInterface::new(&rig.resources, shared, geometry, SIZE, &thickness)?;
+    let thickness = rig.words(&vec![diameter; stand.scene.objects[0].mesh.positions.len()]);
+    let stage = TwoInterface::new(rig, &stand.shared, &stand.geometry, SIZE, &thickness)?;
     rig.run(&[&stage])?;
-    let (found, rays) = (read(rig, &stage.exits)?, rays(&scene));
+    let found = read(rig, &stand, &stage.exits)?;
     let error = |along_normal_m: f64| {
-        ball_error_deg(&found, &rays, |origin, direction| {
-            approximated(&rays, (origin, direction), along_normal_m)
-        })
+        p75(angles_deg(&found, |f| approximated(&stand.rays, (f.origin, f.sight), along_normal_m)))
     };
-    let exact =
-        ball_error_deg(&found, &rays, |origin, direction| behind_ball(origin, direction, INDEX));
-    Ok(Check::of(two_interface::INFO.name, "75th percentile of the angle to Wyman's formula")
+    Ok(Check::of(rig, "75th percentile of the angle to Wyman's formula")
         .within((0.5, "deg"), error(2.0 * BALL_M))
         .control("way along the normal half as long", error(BALL_M))
-        .with("from_exact_deg", exact))
+        .with("from_exact_deg", ball_error_deg(&found, INDEX)))
 }
 
 /// Radiance of the environment, from its description: a cube's inside with twelve tiles a side.
@@ -274,48 +233,43 @@ fn environment_radiance(direction: DVec3, irradiance: f64) -> DVec3 {
 }
 
 fn environment(rig: &Rig<'_>) -> Result<Check> {
-    const EXPOSURE: f64 = 0.4;
     const SMALL: [u32; 2] = [4, 4];
-    let scene = glass("slab", "none")?;
-    let stand = rig.stand(&scene, SMALL);
+    let stand = rig.stand(glass("slab", "none")?, SMALL)?;
     let gbuffer = rig.gbuffer(&stand)?;
-    let irradiance = stand.view.irradiance();
-    let mut random = rig::Random::new(11);
+    let mut random = Random::new(11);
     let mut shown = Vec::new();
     for _ in 0..24 {
-        let direction = DVec3::new(
-            random.within(-1.0, 1.0),
-            random.within(-1.0, 1.0),
-            random.within(-1.0, 1.0),
-        );
-        let [x, y, z] = direction.normalize().to_array().map(|v| v as f32);
+        let direction = DVec3::from([(); 3].map(|()| random.within(-1.0, 1.0)));
         let exits = Exits {
             positions: rig.constant(SMALL, [0.0, 0.0, 0.0, 1.0])?,
-            directions: rig.constant(SMALL, [x, y, z, 0.0])?,
+            directions: rig
+                .constant(SMALL, direction.normalize().as_vec3().extend(0.0).to_array())?,
         };
-        let stage = compose::picture(&rig.resources, &stand.shared, &gbuffer, &exits, EXPOSURE)?;
+        let stage = compose::picture(rig, &stand.shared, &gbuffer, &exits, EXPOSURE)?;
         rig.run(&[&stage])?;
         let color = rig.vectors(stage.texture())?[5];
-        shown.push((direction, color.to_array().map(|v| -(1.0 - v.powf(2.2)).ln() / EXPOSURE)));
+        shown.push((direction, color.map(|value| radiance_of(value, EXPOSURE))));
     }
     let error = |shifted: usize| {
         let turned = shown.iter().cycle().skip(shifted).map(|(direction, _)| *direction);
-        let off = shown.iter().zip(turned).map(|((_, color), direction)| {
-            let exact = environment_radiance(direction, irradiance);
-            (DVec3::from(*color) - exact).length() / exact.length()
-        });
-        quantile(&mut off.collect::<Vec<_>>(), 0.9)
+        p90(shown.iter().zip(turned).map(|((_, color), direction)| {
+            let exact = environment_radiance(direction, stand.view.irradiance());
+            color.distance(exact) / exact.length()
+        }))
     };
     // Steps of an 8-bit display; a direction in 16-bit floats may fall into the next tile.
-    Ok(Check::of(compose::INFO.name, "90th percentile of the radiance's relative error")
+    Ok(Check::of(rig, "90th percentile of the radiance's relative error")
         .within((0.03, "1"), error(0))
-        .control("each held against the next direction", largest([error(1)])))
+        .control("each held against the next direction", error(1)))
 }
 
-/// The picture of a floor through waves, against exact refraction and reflection of each line of sight. The radiance of what is seen is a
-/// gradient, so that a line of sight that ends elsewhere shows.
+/// Radiance of what is seen, at a place of the picture: a gradient, so that a line of sight that ends elsewhere shows.
+fn gradient(x_px: f64, y_px: f64) -> f64 {
+    0.3 + 0.4 * x_px / f64::from(SIZE[0]) + y_px / f64::from(SIZE[1])
+}
+
+/// The picture of a floor through waves, against exact refraction and reflection of each line of sight.
 fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
-    const EXPOSURE: f64 = 0.4;
     const RED: usize = 0;
     let mut scene = Scene::load("plane")?;
     scene.camera.position_m = [0.4, if above { 1.6 } else { -1.4 }, 3.0];
@@ -324,79 +278,69 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     scene.water.amplitude_m = 0.03;
     // Low, so that the sun is out of view: its lobe turns the least error of a normal into a large one.
     scene.light.direction = [0.9, -0.4, 0.6];
-    let stand = rig.stand(&scene, SIZE);
-    let gbuffer = rig.gbuffer(&stand)?;
-    let part = (&stand.geometry, Part::Opaque);
-    let peel = LayeredDepth::new(&rig.resources, &stand.shared, part, SIZE, 1)?;
+    let stand = rig.stand(scene, SIZE)?;
+    let Stand { scene, shared, geometry, .. } = &stand;
+    let peel = LayeredDepth::new(rig, shared, (geometry, Part::Opaque), SIZE, 1)?;
     rig.run(&[&peel])?;
-    let gradient =
-        |x_px: f64, y_px: f64| 0.3 + 0.4 * x_px / f64::from(SIZE[0]) + y_px / f64::from(SIZE[1]);
     let image = Image::of(SIZE, |x, y| gradient(f64::from(x) + 0.5, f64::from(y) + 0.5));
-    let radiance = rig.grey(&image);
-    let dry = surface::Dry { layers: &peel.layers, depth: &gbuffer.depth, radiance: &radiance };
+    let dry = surface::Dry {
+        layers: &peel.layers,
+        depth: &rig.gbuffer(&stand)?.depth,
+        radiance: &rig.grey(&image),
+    };
     let walk = walk_uniforms(&peel.layers, scene.solid_bounds(), LEAST);
     let walk = (&walk, scene.water.bound_m());
-    let stage = surface::Surface::new(&rig.resources, &stand.shared, &dry, walk, (None, EXPOSURE))?;
-    rig.run(&[&stage])?;
-    let shown = rig.channel(stage.texture(), RED)?;
-    let tracer = Tracer::new(&scene.objects)?;
-    let rays = rays(&scene);
-    let light = stand.view.irradiance();
+    let stage = surface::Surface::new(rig, shared, &dry, walk, (None, EXPOSURE))?;
+    let shown = rig.drawn(&[&stage], stage.texture(), RED)?;
     let error = |index: f64| {
+        let water = Wet { stand: &stand, index };
         let seen = pixels(SIZE).filter(|(x, y)| x % 3 == 1 && y % 3 == 1);
-        let off = seen.filter_map(|(x, y)| {
-            let water = Wet { scene: &scene, tracer: &tracer, rays: &rays, light, index };
-            let exact = water.seen([x, y], &gradient)?;
-            let value = shown.clamped(x.into(), y.into());
-            Some((-(1.0 - value.powf(2.2)).ln() / EXPOSURE - exact).abs() / exact)
-        });
-        quantile(&mut off.collect::<Vec<_>>(), 0.75)
+        p75(seen.filter_map(|at| {
+            let exact = water.seen(at)?;
+            Some((radiance_of(shown.at(at), EXPOSURE) - exact).abs() / exact)
+        }))
     };
     let index = scene.water.refractive_index;
     let side = if above { "above" } else { "below" };
     // Steps of an 8-bit display, and of the noise texture that makes the waves.
-    Ok(Check::of(surface::INFO.name, format!("from {side}: 75th percentile of the relative error"))
+    Ok(Check::of(rig, format!("from {side}: 75th percentile of the relative error"))
         .within((0.02, "1"), error(index))
         .control("index 10 % higher", error(1.1 * index)))
 }
 
 /// What is seen of a floor through water, in red.
 struct Wet<'a> {
-    scene: &'a Scene,
-    tracer: &'a Tracer,
-    rays: &'a PixelRays,
-    light: f64,
+    stand: &'a Stand,
     index: f64,
 }
 
 impl Wet<'_> {
     /// None where a line of sight ends at the border of the view.
-    fn seen(&self, [x, y]: [u32; 2], gradient: &impl Fn(f64, f64) -> f64) -> Option<f64> {
-        let (_, sight, _) = self.rays.ray(x, y);
-        let origin = self.scene.camera.position();
-        let floor_m = self.tracer.cast(origin, sight, 0.0, f64::MAX).map(|hit| hit.distance_m);
+    fn seen(&self, (x, y): (u32, u32)) -> Option<f64> {
+        let (_, sight, _) = self.stand.rays.ray(x, y);
+        let origin = self.stand.scene.camera.position();
+        let floor_m =
+            self.stand.tracer.cast(origin, sight, 0.0, f64::MAX).map(|hit| hit.distance_m);
         let under = origin.y < 0.0;
+        let shown = gradient(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let Some((entry, normal, way_m)) = self.meet(origin, sight, floor_m) else {
-            let shown = gradient(f64::from(x) + 0.5, f64::from(y) + 0.5);
             let path_m = floor_m?;
             return Some(if under { self.fogged(shown, path_m) } else { shown });
         };
         let [before, behind] = if under { [self.index, 1.0] } else { [1.0, self.index] };
         // What ends out of view is taken from straight behind the surface.
-        let shown = gradient(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let straight = match floor_m {
             Some(floor_m) => self.fogged(shown, floor_m - way_m),
-            None => self.fogged(0.0, self.scene.camera.z_far_m),
+            None => self.fogged(0.0, self.stand.scene.camera.z_far_m),
         };
-        let cosine = sight.dot(normal).abs();
-        let reflected = fresnel_reflectance(cosine, before, behind);
+        let reflected = fresnel_reflectance(sight.dot(normal).abs(), before, behind);
         let mirrored = sight - 2.0 * sight.dot(normal) * normal;
         let mut radiance = 0.0;
         if reflected > 0.0 {
-            radiance += reflected * self.along(entry, mirrored, gradient, straight)?;
+            radiance += reflected * self.along(entry, mirrored, straight)?;
         }
         if let Some(refracted) = refract(sight, normal, before, behind) {
-            radiance += (1.0 - reflected) * self.along(entry, refracted, gradient, straight)?;
+            radiance += (1.0 - reflected) * self.along(entry, refracted, straight)?;
         }
         Some(if under { self.fogged(radiance, way_m) } else { radiance })
     }
@@ -408,14 +352,14 @@ impl Wet<'_> {
         sight: DVec3,
         floor_m: Option<f64>,
     ) -> Option<(DVec3, DVec3, f64)> {
-        let water = &self.scene.water;
+        let water = &self.stand.scene.water;
         let above = |t: f64| {
             let p = origin + sight * t;
-            p.y - water.height(p.x, p.z)
+            p.y > water.height(p.x, p.z)
         };
-        let far_m = floor_m.unwrap_or(self.scene.camera.z_far_m);
+        let far_m = floor_m.unwrap_or(self.stand.scene.camera.z_far_m);
         let (mut a, step) = (0.0, 5e-3);
-        while a < far_m && (above(a) > 0.0) == (above(a + step) > 0.0) {
+        while a < far_m && above(a) == above(a + step) {
             a += step;
         }
         if a >= far_m {
@@ -424,48 +368,41 @@ impl Wet<'_> {
         let mut b = a + step;
         for _ in 0..40 {
             let middle = 0.5 * (a + b);
-            if (above(middle) > 0.0) == (above(a) > 0.0) { a = middle } else { b = middle }
+            if above(middle) == above(a) { a = middle } else { b = middle }
         }
         let p = origin + sight * b;
         water.contains(p.x, p.z).then(|| (p, water.normal(p.x, p.z), b))
     }
 
-    fn along(
-        &self,
-        place: DVec3,
-        direction: DVec3,
-        gradient: &impl Fn(f64, f64) -> f64,
-        straight: f64,
-    ) -> Option<f64> {
+    fn along(&self, place: DVec3, direction: DVec3, straight: f64) -> Option<f64> {
         if direction.y > 0.0 {
             return Some(self.sky(direction));
         }
-        let hit = self.tracer.cast(place, direction, 0.0, f64::MAX);
-        let Some((hit, at)) = hit.and_then(|hit| Some((hit, self.rays.project(hit.position)?)))
-        else {
-            return Some(straight);
-        };
-        let inside = |margin: f64| {
+        let hit = self.stand.tracer.cast(place, direction, 0.0, f64::MAX);
+        let seen = hit.and_then(|hit| Some((hit, self.stand.rays.project(hit.position)?)));
+        let inside = |at: &Projected, margin: f64| {
             let within = |at: f64, side: u32| (-margin..f64::from(side) + margin).contains(&at);
             within(at.x_px, SIZE[0]) && within(at.y_px, SIZE[1])
         };
-        if !inside(2.0) {
-            return Some(straight);
+        match seen.filter(|(_, at)| inside(at, 2.0)) {
+            None => Some(straight),
+            Some((hit, at)) => {
+                inside(&at, -2.0).then(|| self.fogged(gradient(at.x_px, at.y_px), hit.distance_m))
+            }
         }
-        inside(-2.0).then(|| self.fogged(gradient(at.x_px, at.y_px), hit.distance_m))
     }
 
     /// `shaders/shared/shading.wgsl`: Beer's law, and the water's own colour in red.
     fn fogged(&self, radiance: f64, path_m: f64) -> f64 {
-        let t = transmittance(self.scene.water.attenuation_per_m, path_m);
-        radiance * t + 0.004 * self.light / PI * (1.0 - t)
+        let t = transmittance(self.stand.scene.water.attenuation_per_m, path_m);
+        radiance * t + 0.004 * self.stand.view.irradiance() / PI * (1.0 - t)
     }
 
     /// The same: a gradient in red, and the sun.
     fn sky(&self, direction: DVec3) -> f64 {
-        let forward = rig::view(self.scene, SIZE).light_frame().forward;
+        let forward = self.stand.view.light_frame().forward;
         let up = direction.y.clamp(0.0, 1.0).sqrt();
         let sun = 20.0 * direction.dot(-forward).max(0.0).powf(600.0);
-        self.light / PI * ((0.45 + (0.14 - 0.45) * up) * 0.5 + sun)
+        self.stand.view.irradiance() / PI * ((0.45 + (0.14 - 0.45) * up) * 0.5 + sun)
     }
 }

@@ -1,15 +1,19 @@
 //! What cases run on: uploads of a reference's inputs, small scenes, and read-back as f64 images.
 
+use std::ops::Deref;
+
 use glam::{DVec3, UVec2};
 
-use super::Result;
+use super::{Result, VerifyError};
 use fathom_gpu::{
     ColorTarget, DepthTarget, Gpu, GpuError, Stage, StageInfo, StageScope, Targets, read_buffer,
     read_texture,
 };
 use fathom_reference::image::Image;
+use fathom_reference::optics::transmittance;
 use fathom_reference::quantities::{StoredPhoton, stored_photons};
-use fathom_scene::{Camera, LightKind, Scene};
+use fathom_reference::rays::{Hit, PixelRays, Tracer};
+use fathom_scene::{Camera, LightFrame, LightKind, Scene};
 use fathom_stages::frame::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
@@ -17,22 +21,53 @@ use fathom_stages::kit::{self, Resources};
 use fathom_stages::photon::{Photon, Photons};
 use fathom_stages::scene::gbuffer::Gbuffer;
 
-/// The device, and what is made on it.
+/// The device, what is made on it, and the stage that a case judges.
 pub struct Rig<'g> {
-    pub gpu: &'g Gpu,
-    pub resources: Resources<'g>,
+    resources: Resources<'g>,
+    pub stage: &'static str,
 }
 
-/// What the stages over a scene share.
+impl<'g> Deref for Rig<'g> {
+    type Target = Resources<'g>;
+
+    fn deref(&self) -> &Resources<'g> {
+        &self.resources
+    }
+}
+
+/// A scene, what its stages share, and what is exact in it.
 pub struct Stand {
+    pub scene: Scene,
     pub view: View,
     pub shared: Shared,
     pub geometry: Geometry,
+    pub tracer: Tracer,
+    /// Of the camera's pixels.
+    pub rays: PixelRays,
+}
+
+impl Stand {
+    /// What a pixel shows exactly.
+    pub fn hit(&self, (x, y): (u32, u32)) -> Option<Hit> {
+        Some(self.rays.cast(&self.tracer, x, y)?.0)
+    }
+
+    /// Whether a place appears on the picture, hidden or not.
+    pub fn in_view(&self, place: DVec3) -> bool {
+        let inside = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
+        let UVec2 { x, y } = self.view.size_px;
+        self.rays.project(place).is_some_and(|on| inside(on.x_px, x) && inside(on.y_px, y))
+    }
 }
 
 impl<'g> Rig<'g> {
-    pub fn new(gpu: &'g Gpu) -> Self {
-        Self { gpu, resources: Resources::new(gpu) }
+    pub fn new(gpu: &'g Gpu, stage: &'static str) -> Self {
+        Self { resources: Resources::new(gpu), stage }
+    }
+
+    /// Why a case cannot be carried out: this is missing.
+    pub fn empty(&self, what: &str) -> VerifyError {
+        VerifyError::Empty { stage: self.stage, what: what.to_owned() }
     }
 
     /// Runs stages as one frame and waits for it.
@@ -40,19 +75,35 @@ impl<'g> Rig<'g> {
         self.gpu.run(stages)
     }
 
-    pub fn stand(&self, scene: &Scene, size_px: [u32; 2]) -> Stand {
-        let view = view(scene, size_px);
-        let shared = Shared::new(&self.resources, &view);
-        Stand { view, shared, geometry: Geometry::new(&self.resources, scene) }
+    pub fn stand(&self, scene: Scene, size_px: [u32; 2]) -> Result<Stand> {
+        let view = view(&scene, size_px);
+        Ok(Stand {
+            shared: Shared::new(self, &view),
+            geometry: Geometry::new(self, &scene),
+            tracer: Tracer::new(&scene.objects)?,
+            rays: rays(&view),
+            view,
+            scene,
+        })
     }
 
     /// The scene's G-buffer, drawn.
     pub fn gbuffer(&self, stand: &Stand) -> Result<GbufferTextures> {
-        let Stand { view, shared, geometry } = stand;
-        let size_px = view.size_px.to_array();
-        let gbuffer = Gbuffer::new(&self.resources, shared, geometry, size_px)?;
+        let Stand { view, shared, geometry, .. } = stand;
+        let gbuffer = Gbuffer::new(self, shared, geometry, view.size_px.to_array())?;
         self.run(&[&gbuffer])?;
         Ok(gbuffer.textures)
+    }
+
+    /// One channel of what a stage draws, as the last of some.
+    pub fn drawn(
+        &self,
+        stages: &[&dyn Stage],
+        target: &wgpu::Texture,
+        channel: usize,
+    ) -> Result<Image> {
+        self.run(stages)?;
+        self.channel(target, channel)
     }
 
     /// One channel of a texture in f64.
@@ -83,7 +134,7 @@ impl<'g> Rig<'g> {
 
     /// A buffer of these words.
     pub fn words(&self, words: &[u32]) -> kit::Buffer {
-        let buffer = self.resources.storage("verify words", 4 * words.len() as u64);
+        let buffer = self.storage("verify words", 4 * words.len() as u64);
         self.gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(words));
         buffer
     }
@@ -95,59 +146,41 @@ impl<'g> Rig<'g> {
 
     /// A photon buffer with this content.
     pub fn photons(&self, photons: &[Photon]) -> Photons {
-        let buffer = Photons::new(&self.resources, "verify photons", photons.len() as u32);
+        let buffer = Photons::new(self, "verify photons", photons.len() as u32);
         self.gpu.queue.write_buffer(&buffer.buffer, 0, bytemuck::cast_slice(photons));
         buffer
     }
 
     /// A texture with one 32-bit float per texel, from an image.
     pub fn grey(&self, image: &Image) -> wgpu::Texture {
-        let data: Vec<f32> = image.data().iter().map(|v| *v as f32).collect();
-        let bytes = bytemuck::cast_slice(&data);
-        self.texture(image.size(), wgpu::TextureFormat::R32Float, bytes)
+        let texels = || image.data().iter().map(|v| *v as f32).collect();
+        self.grey_texture("verify input", image.size(), texels)
     }
 
     /// A texture of one colour throughout, in 16-bit floats so that it can be filtered everywhere.
     pub fn constant(&self, size: [u32; 2], color: [f32; 4]) -> Result<wgpu::Texture, GpuError> {
-        let texture =
-            self.resources.target("verify constant", size, wgpu::TextureFormat::Rgba16Float);
         let [r, g, b, a] = color.map(f64::from);
-        let clear = Clear { view: kit::view(&texture), to: To::Color(wgpu::Color { r, g, b, a }) };
-        self.run(&[&clear])?;
-        Ok(texture)
+        self.filled(size, wgpu::TextureFormat::Rgba16Float, wgpu::Color { r, g, b, a })
     }
 
-    /// Makes a texture grey throughout.
-    pub fn fill(&self, texture: &wgpu::Texture, grey: f64) -> Result<(), GpuError> {
-        let to = To::Color(wgpu::Color { r: grey, g: grey, b: grey, a: 1.0 });
-        self.run(&[&Clear { view: kit::view(texture), to }])
+    /// A texture of a format that is of one colour throughout.
+    pub fn filled(
+        &self,
+        size: [u32; 2],
+        format: wgpu::TextureFormat,
+        color: wgpu::Color,
+    ) -> Result<wgpu::Texture, GpuError> {
+        let texture = self.target("verify constant", size, format);
+        self.run(&[&Clear { view: kit::view(&texture), to: To::Color(color) }])?;
+        Ok(texture)
     }
 
     /// A depth texture of one value throughout.
     pub fn depth(&self, size: [u32; 2], depth: f64) -> Result<wgpu::Texture, GpuError> {
-        let texture = self.resources.target("verify depth", size, kit::DEPTH_FORMAT);
+        let texture = self.target("verify depth", size, kit::DEPTH_FORMAT);
         let clear = Clear { view: kit::view(&texture), to: To::Depth(depth as f32) };
         self.run(&[&clear])?;
         Ok(texture)
-    }
-
-    fn texture(&self, size: [u32; 2], format: wgpu::TextureFormat, bytes: &[u8]) -> wgpu::Texture {
-        use wgpu::util::DeviceExt;
-        self.gpu.device.create_texture_with_data(
-            &self.gpu.queue,
-            &wgpu::TextureDescriptor {
-                label: Some("verify input"),
-                size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            },
-            wgpu::util::TextureDataOrder::LayerMajor,
-            bytes,
-        )
     }
 }
 
@@ -202,6 +235,40 @@ pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
     }
 }
 
+/// Rays through the pixels of a view.
+pub fn rays(view: &View) -> PixelRays {
+    PixelRays::new(&view.camera, view.size_px.x, view.size_px.y)
+}
+
+/// Device depth in the middle of a view, at a distance ahead.
+pub fn depth_ahead(view: &View, distance_m: f64) -> f64 {
+    let place = view.camera.position() + view.camera.direction() * distance_m;
+    rays(view).project(place).map_or(1.0, |place| place.depth)
+}
+
+/// Area of a plane, by a point of it and its normal, that a pixel shows.
+pub fn area_shown(rays: &PixelRays, (x, y): (u32, u32), (middle, normal): (DVec3, DVec3)) -> f64 {
+    let on_plane = |x: u32, y: u32| {
+        let (origin, direction, _) = rays.ray_at(x.into(), y.into());
+        origin + direction * ((middle - origin).dot(normal) / direction.dot(normal))
+    };
+    let diagonal = on_plane(x + 1, y + 1) - on_plane(x, y);
+    0.5 * diagonal.cross(on_plane(x, y + 1) - on_plane(x + 1, y)).length()
+}
+
+/// Share of the light that flat water lets through from a place below it to a camera.
+pub fn through_water(scene: &Scene, place: DVec3) -> f64 {
+    let camera = scene.camera.position();
+    let below = if camera.y <= 0.0 { 1.0 } else { -place.y / (camera.y - place.y) };
+    transmittance(scene.water.attenuation_per_m, camera.distance(place) * below.max(0.0))
+}
+
+/// The ray of a light's grid that a photon of this number takes.
+pub fn grid_ray(frame: &LightFrame, number: u32, [columns, rows]: [u32; 2]) -> (DVec3, DVec3) {
+    let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
+    frame.ray(ndc(number % columns, columns), ndc(number / columns, rows))
+}
+
 /// A camera at a round place in the middle of things, for synthetic photons.
 pub fn level_camera() -> Camera {
     Camera::new([0.0, -1.0, 0.0], [0.0, -1.0, -4.0], 60.0, [0.1, 20.0])
@@ -225,13 +292,7 @@ pub fn photon(entry: DVec3, hit: DVec3, distance_m: f64) -> Photon {
     }
 }
 
-/// The largest of errors; not a number where one is none or there is nothing to compare, so that no check passes by it.
-pub fn largest(errors: impl IntoIterator<Item = f64>) -> f64 {
-    let worse = |a: f64, b: f64| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) };
-    errors.into_iter().reduce(worse).map_or(f64::NAN, |most| worse(most, 0.0))
-}
-
-pub use fathom_base::statistics::mean;
+pub use crate::statistics::{largest, mean};
 
 /// Repeatable noise in 0…1, as f32 holds it.
 pub fn noise(size: [u32; 2], seed: u32) -> Image {

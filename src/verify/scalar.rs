@@ -3,13 +3,8 @@
 mod isosurface;
 mod media;
 
-use glam::DVec3;
-
-use super::{Case, Result, Rig, rig};
+use crate::prelude::*;
 use fathom_pipelines::scalar_ao::{Law, Mode, Scalar};
-use fathom_reference::image::Image;
-use fathom_scene::{Camera, Volume};
-use fathom_stages::frame::{Shared, View};
 use fathom_stages::ray_cast::RayCast;
 use fathom_stages::scalar::{direct, isosurface as surface, positional};
 use fathom_stages::scalar_field::{self, ScalarField};
@@ -48,7 +43,7 @@ impl Setup {
     }
 
     fn run(&self, rig: &Rig<'_>) -> Result<ScalarPicture> {
-        let (resources, shared) = (&rig.resources, &Shared::new(&rig.resources, &self.view()?));
+        let (resources, shared) = (rig, &Shared::new(rig, &self.view()?));
         let field = &ScalarField::new(resources, &self.volume, self.scalar.needs_pyramid());
         let settings = &self.scalar;
         let march = &settings.uniforms(self.size_px, field.voxel_m, settings.r_max_m);

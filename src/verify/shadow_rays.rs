@@ -1,21 +1,8 @@
 //! Rays from pixels to the light against exact ones, and the picture that they make.
 
-use std::f64::consts::PI;
-
-use glam::DVec3;
-
-use super::{Case, Check, Checks, Result, Rig, rig};
-use fathom_reference::image::pixels;
-use fathom_reference::quantities::{StoredPhoton, quantile};
-use fathom_reference::rays::{Hit, PixelRays, Tracer};
-use fathom_scene::{LightKind, Scene};
-use fathom_stages::gbuffer::GbufferTextures;
-use fathom_stages::geometry::Part;
-use fathom_stages::kit::linear_workgroups;
-use fathom_stages::ldi::peel::LayeredDepth;
-use fathom_stages::photon::{OUTSIDE, Photon};
+use crate::prelude::*;
+use fathom_stages::photon::OUTSIDE;
 use fathom_stages::rays::march;
-use fathom_stages::screen_ray::{HitTest, NEVER, Rays, Transfer, Walked, Walking};
 use fathom_stages::shadow::compose;
 use fathom_stages::transfer::shadow::{self, Shadow};
 
@@ -45,10 +32,11 @@ pub fn cases() -> Vec<Case> {
 
 /// A scene with a turned camera and a light at a slant.
 struct Setup {
-    scene: Scene,
-    stand: rig::Stand,
+    stand: Stand,
     gbuffer: GbufferTextures,
     shadow: Shadow,
+    /// What each pixel shows exactly, row by row.
+    hits: Vec<Option<Hit>>,
 }
 
 impl Setup {
@@ -58,30 +46,32 @@ impl Setup {
         scene.camera.up = [0.2, 1.0, 0.1];
         scene.light.kind = kind;
         scene.light.position_m = [2.5, 1.0, 1.5];
-        let stand = rig.stand(&scene, SIZE);
+        let stand = rig.stand(scene, SIZE)?;
         let gbuffer = rig.gbuffer(&stand)?;
-        let shadow = Shadow::new(&rig.resources, &stand.shared, &gbuffer)?;
-        Ok(Setup { scene, stand, gbuffer, shadow })
+        let shadow = Shadow::new(rig, &stand.shared, &gbuffer)?;
+        let hits = pixels(SIZE).map(|at| stand.hit(at)).collect();
+        Ok(Setup { stand, gbuffer, shadow, hits })
     }
 
     fn to_light(&self, place: DVec3) -> DVec3 {
-        match self.scene.light.kind {
+        match self.stand.scene.light.kind {
             LightKind::Directional => -self.stand.view.light_frame().forward,
-            LightKind::Point => (DVec3::from(self.scene.light.position_m) - place).normalize(),
+            LightKind::Point => {
+                (DVec3::from(self.stand.scene.light.position_m) - place).normalize()
+            }
         }
     }
 
     fn light_m(&self, place: DVec3) -> f64 {
-        match self.scene.light.kind {
+        match self.stand.scene.light.kind {
             LightKind::Directional => f64::INFINITY,
-            LightKind::Point => DVec3::from(self.scene.light.position_m).distance(place),
+            LightKind::Point => DVec3::from(self.stand.scene.light.position_m).distance(place),
         }
     }
 
-    /// What each pixel shows exactly, row by row.
-    fn hits(&self, tracer: &Tracer) -> Vec<Option<Hit>> {
-        let rays = PixelRays::new(&self.scene.camera, SIZE[0], SIZE[1]);
-        pixels(SIZE).map(|(x, y)| Some(rays.cast(tracer, x, y)?.0)).collect()
+    /// Rays as the stage has left them.
+    fn stored(&self, rig: &Rig<'_>) -> Result<Vec<Transfer>> {
+        Ok(rig.read(&self.shadow.transfers.buffer)?)
     }
 }
 
@@ -89,54 +79,43 @@ impl Setup {
 fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
     let setup = Setup::new(rig, "ball", kind)?;
     rig.run(&[&setup.shadow])?;
-    let stored = rig.read::<Transfer>(&setup.shadow.transfers.buffer)?;
-    let hits = setup.hits(&Tracer::new(&setup.scene.objects)?);
-    let off = |error: &dyn Fn(&Transfer, &Hit) -> f64| {
-        let rays = stored.iter().zip(&hits).filter(|(ray, _)| ray.state != NEVER);
-        let errors = rays.filter_map(|(ray, hit)| Some(error(ray, hit.as_ref()?)));
-        quantile(&mut errors.collect::<Vec<_>>(), 0.95)
+    let stored = setup.stored(rig)?;
+    let pairs = || stored.iter().zip(&setup.hits).filter_map(|(ray, hit)| Some((ray, (*hit)?)));
+    let alive = || pairs().filter(|(ray, _)| ray.state != NEVER);
+    let places = |moved: DVec3| {
+        p95(alive().map(|(ray, hit)| ray.position_m.as_dvec3().distance(hit.position + moved)))
     };
-    let places =
-        |moved: DVec3| off(&|ray, hit| ray.position_m.as_dvec3().distance(hit.position + moved));
     let directions = |turned: f64| {
-        off(&|ray, hit| {
+        p95(alive().map(|(ray, hit)| {
             let exact = (setup.to_light(hit.position) + turned * DVec3::X).normalize();
             ray.direction.as_dvec3().distance(exact)
-        })
+        }))
     };
     let facing = |sign: f64| {
-        let pairs = stored.iter().zip(&hits);
-        let judged = pairs.filter_map(|(ray, hit)| {
-            let hit = hit.as_ref()?;
+        share(pairs().filter_map(|(ray, hit)| {
             let cosine = sign * hit.shading_normal.dot(setup.to_light(hit.position));
             // At the terminator either is right.
             (cosine.abs() > 0.02).then_some((cosine > 0.0) != (ray.state != NEVER))
-        });
-        let judged: Vec<bool> = judged.collect();
-        judged.iter().filter(|wrong| **wrong).count() as f64 / judged.len() as f64
+        }))
     };
     Ok(vec![
-        Check::of(shadow::INFO.name, format!("{kind:?}: 95th percentile of |start − surface|"))
+        Check::of(rig, format!("{kind:?}: 95th percentile of |start − surface|"))
             .within((0.01, "m"), places(DVec3::ZERO))
             .control("surface moved by 2 cm", places(0.02 * DVec3::Y)),
-        Check::of(shadow::INFO.name, format!("{kind:?}: 95th percentile of |direction − exact|"))
+        Check::of(rig, format!("{kind:?}: 95th percentile of |direction − exact|"))
             .within((5e-3, "1"), directions(0.0))
             .control("light turned by a degree", directions(0.0175)),
-        Check::of(
-            shadow::INFO.name,
-            format!("{kind:?}: share of pixels that face the light wrongly"),
-        )
-        .within((0.01, "1"), facing(1.0))
-        .control("normals reversed", facing(-1.0)),
+        Check::of(rig, format!("{kind:?}: share of pixels that face the light wrongly"))
+            .within((0.01, "1"), facing(1.0))
+            .control("normals reversed", facing(-1.0)),
     ])
 }
 
 /// Shadows by marching against ray casting. A tolerance is for what a tangent plane does beside silhouettes, and for contacts within the start.
 fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Result<Check> {
     let setup = Setup::new(rig, name, kind)?;
-    let rig::Stand { shared, geometry, .. } = &setup.stand;
-    let part = (geometry, Part::Opaque);
-    let peel = LayeredDepth::new(&rig.resources, shared, part, SIZE, LAYERS)?;
+    let Stand { shared, geometry, scene, tracer, .. } = &setup.stand;
+    let peel = LayeredDepth::new(rig, shared, (geometry, Part::Opaque), SIZE, LAYERS)?;
     let walking = Walking {
         test: HitTest::Crossing,
         tolerance_m: TOLERANCE_M,
@@ -148,34 +127,28 @@ fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Re
     let rays = Rays {
         transfers: &setup.shadow.transfers,
         layers: &peel.layers,
-        bounds: setup.scene.solid_bounds(),
+        bounds: scene.solid_bounds(),
         walking,
     };
     let workgroups = linear_workgroups(rays.transfers.count.into());
-    let march = Walked::new(&rig.resources, &march::INFO, shared, &rays, workgroups)?;
+    let march = Walked::new(rig, &march::INFO, shared, &rays, workgroups)?;
     rig.run(&[&peel, &setup.shadow, &march])?;
     let ends = rig.read_photons(&march.photons)?;
-    let stored = rig.read::<Transfer>(&setup.shadow.transfers.buffer)?;
-    let tracer = Tracer::new(&setup.scene.objects)?;
-    let hits = setup.hits(&tracer);
+    let stored = setup.stored(rig)?;
     let shadowed = |end: &StoredPhoton| end.landed() && end.distance_m < setup.light_m(end.entry);
     let wrong = |turned: f64| {
-        let rays = stored.iter().zip(&hits).zip(&ends).filter(|((ray, _), _)| ray.state != NEVER);
-        let judged = rays.filter_map(|((_, hit), end)| {
+        let rays = stored.iter().zip(&setup.hits).zip(&ends);
+        share(rays.filter(|((ray, _), _)| ray.state != NEVER).filter_map(|((_, hit), end)| {
             let place = hit.as_ref()?.position;
             let along = (setup.to_light(place) + turned * DVec3::X).normalize();
             let exact = tracer.cast(place, along, OFF_M, setup.light_m(place)).is_some();
             Some(exact != shadowed(end))
-        });
-        let judged: Vec<bool> = judged.collect();
-        judged.iter().filter(|wrong| **wrong).count() as f64 / judged.len() as f64
+        }))
     };
-    let what = format!("scene {name}, {kind:?}: share of pixels whose shadow is wrong");
-    let shadows = ends.iter().filter(|end| shadowed(end)).count() as f64 / ends.len() as f64;
-    Ok(Check::of(shadow::INFO.name, what)
+    Ok(Check::of(rig, format!("scene {name}, {kind:?}: share of pixels whose shadow is wrong"))
         .within((tolerance, "1"), wrong(0.0))
         .control("light turned", wrong(1.0))
-        .with("shadowed_share", shadows))
+        .with("shadowed_share", share(ends.iter().map(shadowed))))
 }
 
 /// The picture of a floor whose rays end by turns.
@@ -184,7 +157,6 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     const SKY_SHARE: f64 = 0.15;
     const GREEN: usize = 1;
     let setup = Setup::new(rig, "ball", kind)?;
-    let hits = setup.hits(&Tracer::new(&setup.scene.objects)?);
     // Every third pixel's ray ends half way to the light, every third behind a point light, every third nowhere.
     let photon = |(number, hit): (usize, &Option<Hit>)| {
         let place = hit.map_or(DVec3::ZERO, |hit| hit.position);
@@ -193,12 +165,10 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
         let end = rig::photon(place, place, far_m);
         if number % 3 == 2 { Photon { residual_m: OUTSIDE, ..end } } else { end }
     };
-    let photons: Vec<Photon> = hits.iter().enumerate().map(photon).collect();
+    let photons: Vec<Photon> = setup.hits.iter().enumerate().map(photon).collect();
     let photons = rig.photons(&photons);
-    let stage =
-        compose::picture(&rig.resources, &setup.stand.shared, &setup.gbuffer, &photons, EXPOSURE)?;
-    rig.run(&[&stage])?;
-    let shown = rig.channel(stage.texture(), GREEN)?;
+    let stage = compose::picture(rig, &setup.stand.shared, &setup.gbuffer, &photons, EXPOSURE)?;
+    let shown = rig.drawn(&[&stage], stage.texture(), GREEN)?;
     let albedo = rig.channel(&setup.gbuffer.albedo, GREEN)?;
     let light = setup.stand.view.irradiance();
     let in_shadow = |number: usize| match number % 3 {
@@ -207,23 +177,18 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
         _ => false,
     };
     let error = |shift: usize| {
-        let off = hits.iter().enumerate().filter_map(|(number, hit)| {
+        p90(setup.hits.iter().enumerate().filter_map(|(number, hit)| {
             let hit = hit.as_ref()?;
             let normal = hit.shading_normal;
             let cosine = normal.dot(setup.to_light(hit.position)).max(0.0);
             let sky = SKY_SHARE * (0.6 + 0.4 * normal.y);
             let sun = if in_shadow(number + shift) { 0.0 } else { cosine };
             let exact = albedo.data()[number] / PI * light * (sky + sun);
-            let radiance = -(1.0 - shown.data()[number].powf(2.2)).ln() / EXPOSURE;
-            Some((radiance - exact).abs() / exact)
-        });
-        quantile(&mut off.collect::<Vec<_>>(), 0.9)
+            Some((radiance_of(shown.data()[number], EXPOSURE) - exact).abs() / exact)
+        }))
     };
     // Steps of an 8-bit display, and of the normals' 16-bit floats.
-    Ok(Check::of(
-        compose::INFO.name,
-        format!("{kind:?}: 90th percentile of the radiance's relative error"),
-    )
-    .within((0.07, "1"), error(0))
-    .control("shadows moved by a pixel", error(1)))
+    Ok(Check::of(rig, format!("{kind:?}: 90th percentile of the radiance's relative error"))
+        .within((0.07, "1"), error(0))
+        .control("shadows moved by a pixel", error(1)))
 }

@@ -1,16 +1,8 @@
 //! `caustics/trace` in light of 0° to 80° to the vertical, against exact refraction and ray casting.
 
-use glam::DVec3;
-
-use super::photons::{Family, exact, in_frustum, settings, trace};
-
-use super::{Case, Check, Checks, Result, Rig, largest, rig};
-use fathom_reference::photons::{Landing, PhotonGrid};
-use fathom_reference::quantities::{CONVERGED_M, StoredPhoton, quantile};
-use fathom_reference::rays::Tracer;
-use fathom_scene::{Bounds, Camera, LightFrame, LightKind, Mesh, Object, Scene, Water};
+use super::photons::{Traced, in_frustum, settings};
+use crate::prelude::*;
 use fathom_stages::caustics;
-use fathom_stages::photon::{MISSED, PhotonEstimator, TraceUniforms};
 
 const DEPTH_M: f64 = 5.0;
 /// Half the width of the floor and of the water: where light of 80° enters, most of it sees no floor straight ahead.
@@ -65,30 +57,22 @@ impl Floor {
     ];
 
     fn objects(self) -> Vec<Object> {
-        let level = |from: f64, to: f64, y: f64| {
-            let middle = DVec3::new(0.5 * (from + to), y, 0.0);
-            Mesh::parallelogram(middle, DVec3::Z * HALF_M, DVec3::X * 0.5 * (to - from))
+        let across = |x: f64, y: f64, side: DVec3| {
+            Mesh::parallelogram(DVec3::new(x, y, 0.0), DVec3::Z * HALF_M, side)
         };
-        let slab = Mesh::parallelogram(
-            DVec3::new(0.0, -DEPTH_M + 0.6, 0.0),
-            DVec3::Z * 0.8,
-            DVec3::X * 0.8,
-        );
+        let whole = across(0.0, -DEPTH_M, DVec3::X * HALF_M);
         let meshes = match self {
-            Floor::Level => vec![level(-HALF_M, HALF_M, -DEPTH_M)],
-            Floor::Slanted => {
-                let along = DVec3::new(HALF_M, RISE * HALF_M, 0.0);
-                vec![Mesh::parallelogram(DVec3::Y * -DEPTH_M, DVec3::Z * HALF_M, along)]
-            }
+            Floor::Level => vec![whole],
+            Floor::Slanted => vec![across(0.0, -DEPTH_M, DVec3::new(HALF_M, RISE * HALF_M, 0.0))],
             Floor::Stepped => {
-                let riser = Mesh::parallelogram(
-                    DVec3::Y * (0.5 - DEPTH_M),
-                    DVec3::Z * HALF_M,
-                    DVec3::Y * 0.5,
-                );
-                vec![level(-HALF_M, 0.0, -DEPTH_M), level(0.0, HALF_M, 1.0 - DEPTH_M), riser]
+                let step = |x, y| across(x * HALF_M, y, DVec3::X * 0.5 * HALF_M);
+                let riser = across(0.0, 0.5 - DEPTH_M, DVec3::Y * 0.5);
+                vec![step(-0.5, -DEPTH_M), step(0.5, 1.0 - DEPTH_M), riser]
             }
-            Floor::Covered => vec![level(-HALF_M, HALF_M, -DEPTH_M), slab],
+            Floor::Covered => {
+                let middle = DVec3::Y * (0.6 - DEPTH_M);
+                vec![whole, Mesh::parallelogram(middle, DVec3::Z * 0.8, DVec3::X * 0.8)]
+            }
         };
         meshes.into_iter().map(|mesh| Object::new("floor", mesh)).collect()
     }
@@ -104,19 +88,19 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, title.clone(), move |rig| setup.checks(rig, &title))
     };
     let still = Setup { kind: LightKind::Directional, floor: Floor::Level, amplitude_m: 0.0 };
-    let mut cases: Vec<Case> = Floor::ALL
-        .iter()
-        .map(|(floor, what)| case((*what).to_owned(), Setup { floor: *floor, ..still }))
-        .collect();
+    let floors = Floor::ALL.map(|(floor, what)| case(what.to_owned(), Setup { floor, ..still }));
+    let mut cases = Vec::from(floors);
     cases.push(case("point light".to_owned(), Setup { kind: LightKind::Point, ..still }));
     cases.push(case("waves".to_owned(), Setup { amplitude_m: WAVES_M, ..still }));
     cases.push(Case::new(STAGE, "light of 60° to 80°, steep waves", move |rig| {
         Setup { amplitude_m: STEEP_WAVES_M, ..still }.grazing(rig)
     }));
     cases.push(Case::new(STAGE, "light of 0° to 60°, the paper's estimator", move |rig| {
-        let angles = &ANGLES[..7];
-        let median_m = |traced| still.most(rig, angles, traced, |ends| ends.median_m);
-        Ok(Check::of(STAGE, "paper's estimator, light of 0° to 60°: largest median |hit − exact|")
+        let median_m = |method| {
+            let ends = ANGLES[..7].iter().map(|degrees| still.ends(rig, *degrees, method));
+            Ok::<_, VerifyError>(most(&ends.collect::<Result<Vec<_>>>()?, |ends| ends.median_m))
+        };
+        Ok(Check::of(rig, "paper's estimator, light of 0° to 60°: largest median |hit − exact|")
             .within((MEDIAN_M, "m"), median_m(PAPER_MANY)?)
             .control("6 iterations", median_m(PAPER_SIX)?))
     }));
@@ -156,15 +140,23 @@ impl Setup {
         Ok(scene)
     }
 
-    fn ends(&self, rig: &Rig<'_>, degrees: f64, traced: Traced) -> Result<Ends> {
-        self.against(rig, degrees, traced, self.floor)
+    fn trace(&self, rig: &Rig<'_>, degrees: f64, method: Method) -> Result<Traced> {
+        let scene = self.scene(degrees)?;
+        let uniforms = TraceUniforms {
+            estimator: method.estimator as u32,
+            iterations: method.iterations,
+            bottom_m: scene.bounds.min.y as f32 - 0.01,
+            // Nothing stands above the water, and the mask has texels of up to 0.7 m at the water's rim.
+            masked: 0,
+            ..settings(CELLS, 2)
+        };
+        Traced::new(rig, scene, uniforms)
     }
 
-    /// The photons of this setup, and exact ones over a floor.
-    fn against(&self, rig: &Rig<'_>, degrees: f64, traced: Traced, floor: Floor) -> Result<Ends> {
-        let scene = self.scene(degrees)?;
-        let (photons, landings, frame) = pairs(rig, &scene, traced, floor)?;
-        Ok(Ends::new(&photons, &landings, &frame))
+    /// The photons of this setup against exact ones.
+    fn ends(&self, rig: &Rig<'_>, degrees: f64, method: Method) -> Result<Ends> {
+        let traced = self.trace(rig, degrees, method)?;
+        Ok(Ends::new(&traced, &traced.exact(&traced.stand.scene.water, &traced.stand.tracer)))
     }
 
     /// In grazing light: where photons land, which are lost, and where they enter the water.
@@ -172,122 +164,92 @@ impl Setup {
         let what = "light of 60° to 80°, steep waves";
         let (mut ends, mut wrong, mut newtons) = (Vec::new(), Vec::new(), Vec::new());
         for degrees in GRAZING {
-            let scene = self.scene(degrees)?;
-            let (photons, landings, frame) = pairs(rig, &scene, SECANT, self.floor)?;
-            let newton = PhotonGrid::new(CELLS, 4)?;
-            let newton = (0..newton.count()).map(|index| {
-                let [x, y] = newton.ndc(index);
-                Some(three_newton_steps(&scene.water, frame.ray(x, y)))
+            let traced = self.trace(rig, degrees, SECANT)?;
+            let water = &traced.stand.scene.water;
+            let landings = traced.exact(water, &traced.stand.tracer);
+            let newton = (0..traced.grid.count()).map(|index| {
+                let [x, y] = traced.grid.ndc(index);
+                Some(three_newton_steps(water, traced.frame.ray(x, y)))
             });
-            let entries =
-                photons.iter().map(|p| (p.residual_m != f64::from(MISSED)).then_some(p.entry));
-            wrong.push(enter_wrong(entries, &landings));
+            let entered = |p: &StoredPhoton| (p.residual_m != f64::from(MISSED)).then_some(p.entry);
+            wrong.push(enter_wrong(traced.photons.iter().map(entered), &landings));
             newtons.push(enter_wrong(newton, &landings));
-            ends.push(Ends::new(&photons, &landings, &frame));
+            ends.push(Ends::new(&traced, &landings));
         }
-        let most = |figure: fn(&Ends) -> f64| largest(ends.iter().map(figure));
         let paper = self.ends(rig, CONTROL_DEG, PAPER_SIX)?;
-        let perturbed = "the paper's estimator at 70°, 6 iterations";
         Ok(vec![
-            Check::of(STAGE, format!("{what}: largest share that enters off the first place"))
+            Check::of(rig, format!("{what}: largest share that enters off the first place"))
                 .within((ENTER_WRONG, "1"), largest(wrong))
                 .control("three steps of Newton's method at 80°", newtons[GRAZING.len() - 1]),
-            Check::of(STAGE, format!("{what}: largest median |hit − exact|"))
-                .within((MEDIAN_M, "m"), most(|ends| ends.median_m))
-                .control(perturbed, paper.median_m),
-            Check::of(STAGE, format!("{what}: largest share lost in the light's frustum"))
-                .within((LOST, "1"), most(|ends| ends.lost))
-                .control(perturbed, paper.lost),
+            Check::of(rig, format!("{what}: largest median |hit − exact|"))
+                .within((MEDIAN_M, "m"), most(&ends, |ends| ends.median_m))
+                .control(PAPER, paper.median_m),
+            Check::of(rig, format!("{what}: largest share lost in the light's frustum"))
+                .within((LOST, "1"), most(&ends, |ends| ends.lost))
+                .control(PAPER, paper.lost),
         ])
     }
 
     fn checks(&self, rig: &Rig<'_>, what: &str) -> Checks {
         let found = ANGLES.iter().map(|degrees| self.ends(rig, *degrees, SECANT));
         let found = found.collect::<Result<Vec<Ends>>>()?;
-        let most = |figure: fn(&Ends) -> f64| largest(found.iter().map(figure));
         let paper = self.ends(rig, CONTROL_DEG, PAPER_SIX)?;
-        let perturbed = "the paper's estimator at 70°, 6 iterations";
-        let median = format!("{what}: largest median |hit − exact|");
-        let lost = format!("{what}: largest share lost of what lands in the light's frustum");
+        let fewest = found.iter().map(|ends| ends.count as f64).fold(f64::INFINITY, f64::min);
         let mut checks = vec![
-            Check::of(STAGE, median)
-                .within((MEDIAN_M, "m"), most(|ends| ends.median_m))
-                .control(perturbed, paper.median_m)
-                .with("p99_m", most(|ends| ends.p99_m))
-                .with("unconverged_rate", most(|ends| ends.unconverged))
-                .with("fewest_photons", least(found.iter().map(|ends| ends.count as f64))),
-            Check::of(STAGE, lost)
-                .within((LOST, "1"), most(|ends| ends.lost))
-                .control(perturbed, paper.lost),
+            Check::of(rig, format!("{what}: largest median |hit − exact|"))
+                .within((MEDIAN_M, "m"), most(&found, |ends| ends.median_m))
+                .control(PAPER, paper.median_m)
+                .with("p99_m", most(&found, |ends| ends.p99_m))
+                .with("unconverged_rate", most(&found, |ends| ends.unconverged))
+                .with("fewest_photons", fewest),
+            Check::of(
+                rig,
+                format!("{what}: largest share lost of what lands in the light's frustum"),
+            )
+            .within((LOST, "1"), most(&found, |ends| ends.lost))
+            .control(PAPER, paper.lost),
         ];
         if self.floor == Floor::Covered {
-            let bare = self.against(rig, CONTROL_DEG, SECANT, Floor::Level)?;
-            let falsely = format!("{what}: largest share that counts as converged and is off");
-            let check = Check::of(STAGE, falsely)
-                .within((FALSE, "1"), most(|ends| ends.falsely_converged))
-                .control("no slab", bare.falsely_converged);
-            checks.push(check);
+            let traced = self.trace(rig, CONTROL_DEG, SECANT)?;
+            let level = Tracer::new(&Floor::Level.objects())?;
+            let bare = Ends::new(&traced, &traced.exact(&traced.stand.scene.water, &level));
+            checks.push(
+                Check::of(
+                    rig,
+                    format!("{what}: largest share that counts as converged and is off"),
+                )
+                .within((FALSE, "1"), most(&found, |ends| ends.falsely_converged))
+                .control("no slab", bare.falsely_converged),
+            );
         }
         Ok(checks)
-    }
-
-    /// Of the angles the largest of a figure.
-    fn most(
-        &self,
-        rig: &Rig<'_>,
-        angles: &[f64],
-        traced: Traced,
-        figure: impl Fn(&Ends) -> f64,
-    ) -> Result<f64> {
-        let ends = angles.iter().map(|degrees| self.ends(rig, *degrees, traced));
-        Ok(largest(ends.collect::<Result<Vec<_>>>()?.iter().map(figure)))
     }
 }
 
 #[derive(Clone, Copy)]
-struct Traced {
+struct Method {
     estimator: PhotonEstimator,
     iterations: u32,
 }
 
-const SECANT: Traced = Traced { estimator: PhotonEstimator::Secant, iterations: 8 };
+const SECANT: Method = Method { estimator: PhotonEstimator::Secant, iterations: 8 };
 /// As many iterations as the default was before they followed from the light.
-const PAPER_SIX: Traced = Traced { estimator: PhotonEstimator::Paper, iterations: 6 };
+const PAPER_SIX: Method = Method { estimator: PhotonEstimator::Paper, iterations: 6 };
 /// Enough at 60°.
-const PAPER_MANY: Traced = Traced { estimator: PhotonEstimator::Paper, iterations: 20 };
-
-/// The photons of a scene, and the exact ones over a floor.
-fn pairs(
-    rig: &Rig<'_>,
-    scene: &Scene,
-    traced: Traced,
-    floor: Floor,
-) -> Result<(Vec<StoredPhoton>, Vec<Landing>, LightFrame)> {
-    let uniforms = TraceUniforms {
-        estimator: traced.estimator as u32,
-        iterations: traced.iterations,
-        bottom_m: scene.bounds.min.y as f32 - 0.01,
-        // Nothing stands above the water, and the mask has texels of up to 0.7 m at the water's rim.
-        masked: 0,
-        ..settings(CELLS, 2)
-    };
-    let (photons, frame) = trace(rig, scene, Family::Caustics, uniforms, false)?;
-    let landings = exact(&frame, &scene.water, &Tracer::new(&floor.objects())?, [CELLS, 4])?;
-    Ok((photons, landings, frame))
-}
+const PAPER_MANY: Method = Method { estimator: PhotonEstimator::Paper, iterations: 20 };
+/// What controls hold against the exact photons.
+const PAPER: &str = "the paper's estimator at 70°, 6 iterations";
 
 /// Of the photons that enter the water the share that enters more than [`CONVERGED_M`] from the exact place, or not at all.
 fn enter_wrong(entries: impl Iterator<Item = Option<DVec3>>, landings: &[Landing]) -> f64 {
-    let off = entries.zip(landings).filter_map(|(entry, landing)| {
+    share(entries.zip(landings).filter_map(|(entry, landing)| {
         let exact = match landing {
             Landing::Landed(landed) => landed.entry.position,
             Landing::Leaves { entry, .. } => entry.position,
             Landing::Blocked | Landing::MissesWater => return None,
         };
-        Some(entry.is_none_or(|entry| (entry - exact).length() > CONVERGED_M))
-    });
-    let off: Vec<bool> = off.collect();
-    off.iter().filter(|off| **off).count() as f64 / off.len() as f64
+        Some(entry.is_none_or(|entry| entry.distance(exact) > CONVERGED_M))
+    }))
 }
 
 /// Where three steps of Newton's method from the resting water take a ray.
@@ -302,8 +264,9 @@ fn three_newton_steps(water: &Water, (origin, direction): (DVec3, DVec3)) -> DVe
     origin + t * direction
 }
 
-fn least(numbers: impl Iterator<Item = f64>) -> f64 {
-    numbers.fold(f64::INFINITY, f64::min)
+/// The largest of a figure.
+fn most(ends: &[Ends], figure: fn(&Ends) -> f64) -> f64 {
+    largest(ends.iter().map(figure))
 }
 
 /// Photons that land within the light's frustum, against exact ones.
@@ -319,26 +282,23 @@ struct Ends {
 }
 
 impl Ends {
-    fn new(photons: &[StoredPhoton], landings: &[Landing], frame: &LightFrame) -> Ends {
-        let held = photons.iter().zip(landings).filter_map(|(photon, landing)| {
+    fn new(traced: &Traced, landings: &[Landing]) -> Ends {
+        let held = traced.photons.iter().zip(landings).filter_map(|(photon, landing)| {
             let end = landing.landed()?.hit.position;
-            in_frustum(frame, end).then_some((photon, (photon.hit - end).length()))
+            in_frustum(&traced.frame, end).then_some((photon, photon.hit.distance(end)))
         });
         let held: Vec<(&StoredPhoton, f64)> = held.collect();
-        let share = |of: &dyn Fn(&StoredPhoton, f64) -> bool| {
-            let counted = held.iter().filter(|(photon, error_m)| of(photon, *error_m));
-            counted.count() as f64 / held.len() as f64
+        let of = |what: fn(&StoredPhoton, f64) -> bool| {
+            share(held.iter().map(|(photon, error_m)| what(photon, *error_m)))
         };
         let landed = held.iter().filter(|(photon, _)| photon.landed());
-        let mut errors: Vec<f64> = landed.map(|(_, error_m)| *error_m).collect();
+        let errors: Vec<f64> = landed.map(|(_, error_m)| *error_m).collect();
         Ends {
-            median_m: quantile(&mut errors, 0.5),
-            p99_m: quantile(&mut errors, 0.99),
-            lost: share(&|photon, _| !photon.landed()),
-            unconverged: share(&|photon, _| photon.landed() && !photon.converged()),
-            falsely_converged: share(&|photon, error_m| {
-                photon.converged() && error_m > CONVERGED_M
-            }),
+            median_m: median(errors.iter().copied()),
+            p99_m: p99(errors),
+            lost: of(|photon, _| !photon.landed()),
+            unconverged: of(|photon, _| photon.landed() && !photon.converged()),
+            falsely_converged: of(|photon, error_m| photon.converged() && error_m > CONVERGED_M),
             count: held.len(),
         }
     }

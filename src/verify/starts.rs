@@ -1,13 +1,8 @@
 //! `photons/query`: photons from given starts against exact refraction and ray casting.
 
-use glam::{DVec3, Vec3};
-
-use super::{Case, Check, Checks, Random, Result, Rig, largest, rig};
+use crate::prelude::*;
 use fathom_pipelines::underwater::{Params, photons_at, view};
-use fathom_reference::optics::{fresnel_reflectance, refract};
-use fathom_reference::photons::{Landing, land_ray};
-use fathom_reference::rays::Tracer;
-use fathom_scene::{LightKind, Scene, SceneFile, Water};
+use fathom_reference::photons::land_ray;
 use fathom_stages::photons::query::{Answer, INFO, Start};
 
 /// As of the tracing stages over a plane: what is left is f32 and the depth map's bits.
@@ -62,33 +57,25 @@ fn landings(rig: &Rig<'_>, kind: LightKind, aimed: bool, what: &str) -> Result<C
     let answers = photons_at(rig.gpu, &scene, &params, &starts)?;
     let light = view(&params, &scene).light_frame();
     let tracer = Tracer::new(&scene.objects)?;
-    let exact = |refractive_index: f64| -> Vec<Landing> {
+    let error = |refractive_index: f64| {
         let water = Water { refractive_index, ..scene.water.clone() };
-        let land = |start: &Start| {
+        largest(answers.iter().zip(&starts).filter_map(|(answer, start)| {
             let origin = start.position_m.as_dvec3();
             let incident = match (aimed, kind) {
                 (true, _) => start.direction.as_dvec3(),
                 (false, LightKind::Directional) => light.forward,
                 (false, LightKind::Point) => (origin - light.position).normalize(),
             };
-            land_ray(&water, &tracer, origin, incident)
-        };
-        starts.iter().map(land).collect()
+            let exact = land_ray(&water, &tracer, origin, incident).landed()?.hit;
+            let apart = answer.photon.hit_m.as_dvec3().distance(exact.position);
+            // Not a number where a photon is lost that lands exactly.
+            let landed = answer.photon.residual_m >= 0.0;
+            Some(if landed { apart / exact.distance_m } else { f64::NAN })
+        }))
     };
-    Ok(Check::of(INFO.name, format!("{what}: largest |hit − exact| / path"))
-        .within((RELATIVE, "1"), largest_error(&answers, &exact(1.33)))
-        .control("refractive index 1.34", largest_error(&answers, &exact(1.34))))
-}
-
-/// Largest error of a landing point relative to its path; not a number where a photon is lost that lands exactly.
-fn largest_error(answers: &[Answer], landings: &[Landing]) -> f64 {
-    let error = |(answer, landing): (&Answer, &Landing)| {
-        let exact = landing.landed()?;
-        let landed = answer.photon.residual_m >= 0.0;
-        let apart = (answer.photon.hit_m.as_dvec3() - exact.hit.position).length();
-        Some(if landed { apart / exact.hit.distance_m } else { f64::NAN })
-    };
-    largest(answers.iter().zip(landings).filter_map(error))
+    Ok(Check::of(rig, format!("{what}: largest |hit − exact| / path"))
+        .within((RELATIVE, "1"), error(1.33))
+        .control("refractive index 1.34", error(1.34)))
 }
 
 /// Weights and directions over flat water from 0° to 89°: T + R = 1 with the exact R, and Snell's law.
@@ -98,8 +85,8 @@ fn energy_law(rig: &Rig<'_>) -> Checks {
     let angles: Vec<f64> = (0..90).map(|degrees| f64::from(degrees).to_radians()).collect();
     let incident = |angle: f64| DVec3::new(0.6 * angle.sin(), -angle.cos(), 0.8 * angle.sin());
     let start = |angle: &f64| {
-        let direction = incident(*angle);
-        Start { position_m: (-direction).as_vec3(), aimed: 1, direction: direction.as_vec3() }
+        let direction = incident(*angle).as_vec3();
+        Start { position_m: -direction, aimed: 1, direction }
     };
     let starts: Vec<Start> = angles.iter().map(start).collect();
     let answers = photons_at(rig.gpu, &scene, &params, &starts)?;
@@ -112,16 +99,17 @@ fn energy_law(rig: &Rig<'_>) -> Checks {
     let bent = |n: f64| {
         largest(pairs().map(|(answer, angle)| {
             let exact = refract(incident(*angle), DVec3::Y, 1.0, n).unwrap_or(DVec3::NAN);
-            (answer.direction.as_dvec3() - exact).length()
+            answer.direction.as_dvec3().distance(exact)
         }))
     };
+    let weight = |answer: Option<&Answer>| answer.map_or(f64::NAN, |answer| answer.weight.into());
     Ok(vec![
-        Check::of(INFO.name, "Fresnel over 0° to 89°: largest |T + R − 1|")
+        Check::of(rig, "Fresnel over 0° to 89°: largest |T + R − 1|")
             .within((1e-4, "1"), energy(1.33))
             .control("refractive index 1.34", energy(1.34))
-            .with("transmittance_at_0_deg", answers.first().map_or(f64::NAN, |a| a.weight.into()))
-            .with("transmittance_at_89_deg", answers.last().map_or(f64::NAN, |a| a.weight.into())),
-        Check::of(INFO.name, "refraction over 0° to 89°: largest |direction − exact|")
+            .with("transmittance_at_0_deg", weight(answers.first()))
+            .with("transmittance_at_89_deg", weight(answers.last())),
+        Check::of(rig, "refraction over 0° to 89°: largest |direction − exact|")
             .within((1e-4, "1"), bent(1.33))
             .control("refractive index 1.34", bent(1.34)),
     ])

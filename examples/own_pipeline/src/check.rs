@@ -25,16 +25,12 @@ fn rings(rig: &Rig<'_>) -> Result<Check> {
     let mut params = Params::from(&SceneFile::load("plane")?);
     params.ripples.rings = 5;
     let stage = draw::Draw::new(&Resources::new(rig.gpu), SIZE, &params)?;
-    rig.run(&[&stage])?;
-    let drawn = rig.channel(stage.texture(), 0)?;
+    let drawn = rig.drawn(&[&stage], stage.texture(), 0)?;
     let wavelength = params.water.wavelength_m / params.water.half_size_m[0];
     let error = |wavelength: f64| {
-        let off = |(x, y): (u32, u32)| {
-            (drawn.clamped(x.into(), y.into()) - height([x, y], wavelength, 5)).abs()
-        };
-        largest(pixels(SIZE).map(off))
+        largest(pixels(SIZE).map(|(x, y)| (drawn.at((x, y)) - height([x, y], wavelength, 5)).abs()))
     };
-    Ok(Check::of(draw::INFO.name, "largest error of the height")
+    Ok(Check::of(rig, "largest error of the height")
         .within((TOLERANCE, "1"), error(wavelength))
         .control("wavelength 2 % longer", error(1.02 * wavelength)))
 }
@@ -51,15 +47,13 @@ fn squares(rig: &Rig<'_>) -> Result<Check> {
     let source = noise(SIZE, 3);
     let resources = Resources::new(rig.gpu);
     let stage = blur::Blur::new(&resources, &rig.grey(&source), RADIUS_PX)?;
-    rig.run(&[&stage])?;
-    let blurred = rig.channel(stage.texture(), 0)?;
+    let blurred = rig.drawn(&[&stage], stage.texture(), 0)?;
     let error = |radius: u32| {
-        let off = |(x, y): (u32, u32)| {
-            (blurred.clamped(x.into(), y.into()) - mean(&source, [x, y], radius)).abs()
-        };
-        largest(pixels(SIZE).map(off))
+        largest(
+            pixels(SIZE).map(|(x, y)| (blurred.at((x, y)) - mean(&source, [x, y], radius)).abs()),
+        )
     };
-    Ok(Check::of(blur::INFO.name, "largest error of the mean")
+    Ok(Check::of(rig, "largest error of the mean")
         .within((TOLERANCE, "1"), error(RADIUS_PX))
         .control("a square two pixels narrower", error(RADIUS_PX - 1)))
 }

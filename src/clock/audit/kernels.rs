@@ -35,12 +35,10 @@ impl Kernels {
             Ok(Self {
                 compute: compute_pipeline(gpu, &module),
                 render: render_pipeline(gpu, &module),
-                results: buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE),
+                results: gpu.buffer("audit", u64::from(INVOCATIONS) * 4, Usage::STORAGE),
                 target: target(gpu, TARGET_EDGE),
-                copied: [
-                    buffer(gpu, copy_bytes, Usage::COPY_SRC),
-                    buffer(gpu, copy_bytes, Usage::COPY_DST),
-                ],
+                copied: [Usage::COPY_SRC, Usage::COPY_DST]
+                    .map(|usage| gpu.buffer("audit", copy_bytes, usage)),
             })
         })
     }
@@ -59,8 +57,8 @@ impl Kernels {
             PassKind::Copy | PassKind::Host => None,
         };
         let bindings = layout.map(|layout| {
-            let uniform =
-                buffer(gpu, 16, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST);
+            use wgpu::BufferUsages as Usage;
+            let uniform = gpu.buffer("audit", 16, Usage::UNIFORM | Usage::COPY_DST);
             gpu.queue.write_buffer(&uniform, 0, &work.to_le_bytes());
             let resources = [&uniform, &self.results].map(wgpu::Buffer::as_entire_binding);
             let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
@@ -74,16 +72,6 @@ impl Kernels {
         });
         Kernel { kernels: self, kind, bindings, work, calls }
     }
-}
-
-pub(crate) fn buffer(gpu: &WatchedDevice, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
-    let label = Some("audit");
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label,
-        size,
-        usage,
-        mapped_at_creation: false,
-    })
 }
 
 /// A picture of so many pixels along an edge.

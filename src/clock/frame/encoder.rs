@@ -19,14 +19,14 @@ impl FrameTimer {
         gpu: &WatchedDevice,
         encoder: &mut wgpu::CommandEncoder,
         (stage, kind): (usize, PassKind),
-    ) -> Option<(&wgpu::QuerySet, u32)> {
+    ) -> Option<Query<'_>> {
         self.close(gpu, encoder);
         if self.mode().fences(kind) {
             self.cut(gpu, encoder, false);
         }
         let sets = self.queries.as_ref().map_or(&[][..], |queries| &queries.sets);
         let mode = Mode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
-        self.recorder.add(mode, stage, kind).map(|Query { set, first }| (set, first))
+        self.recorder.add(mode, stage, kind)
     }
 
     /// The pass that was opened last has ended. Where it is alone in a submission, the encoder is replaced.

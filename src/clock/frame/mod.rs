@@ -26,6 +26,6 @@ pub use host_clock::HostClock;
 pub use meter::CostMeter;
 pub(super) use probe::Probe;
 pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
-pub(super) use scope::{Mode, Recorder};
+pub(super) use scope::{Mode, Query, Recorder};
 pub use stage::TimedStage;
 pub use timer::{Fault, FrameSample, FrameTimer, StageSample};

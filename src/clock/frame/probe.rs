@@ -1,7 +1,7 @@
 //! The smallest pass of each kind. The host time of a submission that holds nothing else is the cost of a submission.
 
 use super::host_clock::HostClock;
-use crate::audit::kernels::{GROUP_SIZE, buffer, compute_pipeline, module, target};
+use crate::audit::kernels::{GROUP_SIZE, compute_pipeline, module, target};
 use crate::{DeviceError, WatchedDevice};
 use fathom_record::PassKind;
 
@@ -24,16 +24,16 @@ impl Probe {
         use wgpu::BufferUsages as Usage;
         gpu.scoped(|| {
             let compute = compute_pipeline(gpu, &module(gpu));
-            let iterations = buffer(gpu, UNIFORM_BYTES, Usage::UNIFORM | Usage::COPY_DST);
+            let iterations = gpu.buffer("probe", UNIFORM_BYTES, Usage::UNIFORM | Usage::COPY_DST);
             gpu.queue.write_buffer(&iterations, 0, &ITERATIONS.to_le_bytes());
-            let results = buffer(gpu, RESULT_BYTES, Usage::STORAGE);
+            let results = gpu.buffer("probe", RESULT_BYTES, Usage::STORAGE);
             let bindings = bind(gpu, &compute, [&iterations, &results]);
             Ok(Self {
                 compute,
                 bindings,
                 target: target(gpu, 1),
                 copied: [Usage::COPY_SRC, Usage::COPY_DST]
-                    .map(|usage| buffer(gpu, wgpu::COPY_BUFFER_ALIGNMENT, usage)),
+                    .map(|usage| gpu.buffer("probe", wgpu::COPY_BUFFER_ALIGNMENT, usage)),
             })
         })
     }

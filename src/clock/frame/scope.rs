@@ -309,14 +309,23 @@ impl Span {
 
 /// The query that times or counts a pass.
 #[derive(Clone, Copy)]
-pub(super) struct Query<'a> {
-    pub(super) set: &'a wgpu::QuerySet,
-    pub(super) first: u32,
+pub(crate) struct Query<'a> {
+    pub(crate) set: &'a wgpu::QuerySet,
+    pub(crate) first: u32,
 }
 
 impl<'a> Query<'a> {
-    /// Timestamps of a pass that is the first of a series, the last, or both.
-    fn of_series(self, first: bool, last: bool) -> wgpu::RenderPassTimestampWrites<'a> {
+    /// Timestamps of a compute pass.
+    pub(crate) fn of_compute(self) -> wgpu::ComputePassTimestampWrites<'a> {
+        wgpu::ComputePassTimestampWrites {
+            query_set: self.set,
+            beginning_of_pass_write_index: Some(self.first),
+            end_of_pass_write_index: Some(self.first + 1),
+        }
+    }
+
+    /// Timestamps of a render pass that is the first of a series, the last, or both.
+    pub(crate) fn of_render(self, first: bool, last: bool) -> wgpu::RenderPassTimestampWrites<'a> {
         wgpu::RenderPassTimestampWrites {
             query_set: self.set,
             beginning_of_pass_write_index: first.then_some(self.first),
@@ -338,13 +347,7 @@ impl<'a> StageScope<'a> {
         let timestamps = query.filter(|_| !counted);
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label,
-            timestamp_writes: timestamps.map(|Query { set, first }| {
-                wgpu::ComputePassTimestampWrites {
-                    query_set: set,
-                    beginning_of_pass_write_index: Some(first),
-                    end_of_pass_write_index: Some(first + 1),
-                }
-            }),
+            timestamp_writes: timestamps.map(Query::of_compute),
         });
         let statistics = query.filter(|_| counted);
         if let Some(Query { set, first }) = statistics {
@@ -362,7 +365,7 @@ impl<'a> StageScope<'a> {
     pub fn render(&mut self, targets: &Targets<'_>, f: impl FnOnce(&mut wgpu::RenderPass<'_>)) {
         let (name, counted) = (self.name, self.counted());
         let (encoder, query) = self.begin(PassKind::Render);
-        let timestamps = query.filter(|_| !counted).map(|query| query.of_series(true, true));
+        let timestamps = query.filter(|_| !counted).map(|query| query.of_render(true, true));
         let mut pass = open(encoder, name, targets, timestamps);
         let statistics = query.filter(|_| counted);
         if let Some(Query { set, first }) = statistics {
@@ -396,7 +399,7 @@ impl<'a> StageScope<'a> {
         let (encoder, query) = self.begin(PassKind::Render);
         for (number, targets) in passes.iter().enumerate() {
             let query = query.filter(|_| number == 0 || number == last);
-            let timestamps = query.map(|query| query.of_series(number == 0, number == last));
+            let timestamps = query.map(|query| query.of_render(number == 0, number == last));
             f(number, &mut open(encoder, name, targets, timestamps));
         }
         self.end(PassKind::Render);

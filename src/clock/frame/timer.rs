@@ -5,10 +5,10 @@ use std::fmt;
 use super::clock::ClockPlan;
 use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
+use crate::queries::{QueryResults, RESULT_BYTES};
 use crate::{DeviceError, TimedStage, WatchedDevice};
 use fathom_record::{Clock, FaultKind, PassKind};
 
-const TICK_BYTES: u64 = size_of::<u64>() as u64;
 /// A timestamp duration may exceed its segment's wall time by this factor: two clocks differ by about as much.
 const WALL_TOLERANCE: f64 = 1.01;
 
@@ -95,11 +95,10 @@ pub struct FrameTimer {
     pub(super) refused: Option<DeviceError>,
 }
 
-/// Timestamp queries and the buffers they are resolved to.
+/// Timestamp queries.
 pub(super) struct Queries {
     pub(super) sets: Vec<wgpu::QuerySet>,
-    resolved: wgpu::Buffer,
-    read_back: wgpu::Buffer,
+    results: QueryResults,
 }
 
 impl FrameTimer {
@@ -192,7 +191,9 @@ impl FrameTimer {
         self.ticks.clear();
         match &self.queries {
             Some(queries) if self.recorder.queries > 0 => {
-                queries.read(gpu, self.recorder.queries, &mut self.ticks)
+                let ticks = queries.read(gpu, self.recorder.queries)?;
+                self.ticks.extend(ticks.as_chunks::<2>().0);
+                Ok(())
             }
             _ => Ok(()),
         }
@@ -369,7 +370,6 @@ impl Account {
 impl Queries {
     fn new(gpu: &WatchedDevice, max_passes: u32) -> Result<Self, DeviceError> {
         let count = max_passes * QUERIES_PER_PASS;
-        let bytes = u64::from(count.next_multiple_of(QUERIES_PER_SET)) * TICK_BYTES;
         let set = |first: u32| {
             gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: Some("timestamps"),
@@ -377,48 +377,23 @@ impl Queries {
                 count: (count - first).min(QUERIES_PER_SET),
             })
         };
-        let buffer = |label, usage| {
-            gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: bytes,
-                usage,
-                mapped_at_creation: false,
-            })
-        };
-        use wgpu::BufferUsages as Usage;
         gpu.scoped(|| {
+            let room = count.next_multiple_of(QUERIES_PER_SET).into();
             Ok(Self {
                 sets: (0..count).step_by(QUERIES_PER_SET as usize).map(set).collect(),
-                resolved: buffer("ticks", Usage::QUERY_RESOLVE | Usage::COPY_SRC),
-                read_back: buffer("ticks read back", Usage::MAP_READ | Usage::COPY_DST),
+                results: QueryResults::new(gpu, "ticks", room),
             })
         })
     }
 
-    /// Appends the ticks of the first `passes` passes.
-    fn read(
-        &self,
-        gpu: &WatchedDevice,
-        passes: u32,
-        ticks: &mut Vec<Ticks>,
-    ) -> Result<(), DeviceError> {
+    /// The ticks of the first `passes` passes, two of each.
+    fn read(&self, gpu: &WatchedDevice, passes: u32) -> Result<Vec<u64>, DeviceError> {
         let count = passes * QUERIES_PER_PASS;
-        let bytes = u64::from(count) * TICK_BYTES;
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        for (index, set) in self.sets.iter().enumerate() {
-            let first = index as u32 * QUERIES_PER_SET;
-            if first < count {
+        self.results.read(gpu, count.into(), |encoder, resolved| {
+            for (first, set) in (0..count).step_by(QUERIES_PER_SET as usize).zip(&self.sets) {
                 let here = (count - first).min(QUERIES_PER_SET);
-                let offset = u64::from(first) * TICK_BYTES;
-                encoder.resolve_query_set(set, 0..here, &self.resolved, offset);
+                encoder.resolve_query_set(set, 0..here, resolved, u64::from(first) * RESULT_BYTES);
             }
-        }
-        encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.read_back, 0, bytes);
-        gpu.queue.submit([encoder.finish()]);
-        gpu.map(&self.read_back, bytes, |raw| {
-            let tick = |raw: &[u8]| u64::from_le_bytes(std::array::from_fn(|byte| raw[byte]));
-            let pair = |raw: &[u8]| [tick(&raw[..8]), tick(&raw[8..])];
-            ticks.extend(raw.chunks_exact(16).map(pair));
         })
     }
 }

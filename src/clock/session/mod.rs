@@ -13,6 +13,7 @@ pub use sampled::Sampling;
 use std::time::Instant;
 
 use self::sampled::Sampled;
+use super::frame::Query;
 use super::{Audit, ClockError, DeviceError, FrameTimer, MachineReader, WatchedDevice, audit_all};
 use fathom_record::{Cell, PassKind};
 
@@ -159,7 +160,8 @@ impl Frame<'_> {
         name: &'static str,
         f: impl FnOnce(&mut wgpu::CommandEncoder),
     ) {
-        let query = self.open(encoder, name, PassKind::Copy).map(|(set, at)| (set.clone(), at));
+        let query = self.open(encoder, name, PassKind::Copy);
+        let query = query.map(|Query { set, first }| (set.clone(), first));
         if let Some((set, first)) = &query {
             encoder.write_timestamp(set, *first);
         }
@@ -177,12 +179,7 @@ impl Frame<'_> {
         encoder: &mut wgpu::CommandEncoder,
         name: &'static str,
     ) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
-        let (query_set, first) = self.open(encoder, name, PassKind::Compute)?;
-        Some(wgpu::ComputePassTimestampWrites {
-            query_set,
-            beginning_of_pass_write_index: Some(first),
-            end_of_pass_write_index: Some(first + 1),
-        })
+        self.open(encoder, name, PassKind::Compute).map(Query::of_compute)
     }
 
     /// The same for a render pass.
@@ -191,12 +188,7 @@ impl Frame<'_> {
         encoder: &mut wgpu::CommandEncoder,
         name: &'static str,
     ) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
-        let (query_set, first) = self.open(encoder, name, PassKind::Render)?;
-        Some(wgpu::RenderPassTimestampWrites {
-            query_set,
-            beginning_of_pass_write_index: Some(first),
-            end_of_pass_write_index: Some(first + 1),
-        })
+        self.open(encoder, name, PassKind::Render).map(|query| query.of_render(true, true))
     }
 
     /// Submits the encoder's commands in place of [`wgpu::Queue::submit`], waits for them, and samples the frame.
@@ -227,7 +219,7 @@ impl Frame<'_> {
         encoder: &mut wgpu::CommandEncoder,
         name: &'static str,
         kind: PassKind,
-    ) -> Option<(&wgpu::QuerySet, u32)> {
+    ) -> Option<Query<'_>> {
         if !self.timed {
             return None;
         }

@@ -2,12 +2,14 @@ use super::*;
 use crate::catalog::Catalog;
 use crate::plan::{self, Request};
 use crate::shard;
+use fathom_experiments::Experiment;
 use fathom_record::output::{RECORDS, picture_path};
 use fathom_record::{
-    Definition, End, Measured, Outcome, Picture, PictureKind, Profile, SCHEMA, Writer,
+    Cell, Definition, End, Measured, Outcome, Picture, PictureKind, Profile, SCHEMA, Writer,
 };
 
 const OF: u32 = 3;
+const EXPERIMENTS: [&str; 4] = ["uw-photons", "uw-buffers", "vao-samples", "vao-view"];
 
 /// A run of built-in experiments in three shards, whose cells have no figures.
 struct Shards {
@@ -15,25 +17,22 @@ struct Shards {
     parts: Vec<Vec<Record>>,
 }
 
-fn end() -> End {
-    End {
-        measuring_wall_s: 1.0,
-        measured_gpu_s: 0.5,
-        set_up_s: 0.25,
-        set_up_parts_s: Default::default(),
-        peak_memory_bytes: Some(3),
-        interrupted: false,
-    }
-}
-
 fn measured(pictures: Vec<Picture>) -> Outcome {
     Outcome::Measured(Box::new(Measured { pictures, ..Measured::default() }))
 }
 
+fn picture(path: &str) -> Picture {
+    Picture { path: path.to_owned(), shows: PictureKind::Image, scale: None }
+}
+
+fn path_of(cell: &Cell) -> String {
+    picture_path(&cell.experiment, &cell.cell, PictureKind::Image)
+}
+
 impl Shards {
     fn new() -> Self {
-        let names = ["uw-photons", "uw-buffers", "vao-samples", "vao-view"].map(str::to_owned);
-        let request = Request { experiments: names.into(), ..Request::default() };
+        let experiments = EXPERIMENTS.map(str::to_owned).into();
+        let request = Request { experiments, ..Request::default() };
         let catalog = Catalog::builtin();
         let experiments = request.load(&catalog).unwrap();
         let part = |number| {
@@ -50,7 +49,7 @@ impl Shards {
                 shard: Some(shard),
                 ..Run::default()
             };
-            let definition = |experiment: &fathom_experiments::Experiment| {
+            let definition = |experiment: &Experiment| {
                 let (id, toml) = (experiment.id.clone(), experiment.text.clone());
                 Record::Experiment(Definition { id, toml })
             };
@@ -58,7 +57,8 @@ impl Shards {
             let mut records = vec![Record::Run(Box::new(header))];
             records.extend(experiments.iter().map(definition));
             records.extend(expanded.iter().flatten().map(cell));
-            records.push(Record::End(end()));
+            let end = End { measuring_wall_s: 1.0, peak_memory_bytes: Some(3), ..End::default() };
+            records.push(Record::End(end));
             records
         };
         let parts = (1..=OF).map(part).collect();
@@ -77,18 +77,11 @@ impl Shards {
     }
 
     fn header(&mut self, part: usize) -> &mut Run {
-        match &mut self.parts[part][0] {
-            Record::Run(run) => run,
-            other => panic!("{other:?}"),
-        }
+        self.parts[part][0].try_as_run_mut().unwrap()
     }
 
-    fn cell(&mut self, part: usize) -> &mut fathom_record::Cell {
-        let cell = self.parts[part].iter_mut().find_map(|record| match record {
-            Record::Cell(cell) => Some(&mut **cell),
-            _ => None,
-        });
-        cell.unwrap()
+    fn cell(&mut self, part: usize) -> &mut Cell {
+        self.parts[part].iter_mut().find_map(Record::try_as_cell_mut).unwrap()
     }
 
     fn out(&self) -> PathBuf {
@@ -115,12 +108,8 @@ impl Shards {
     }
 }
 
-fn cells(records: &[Record]) -> Vec<&fathom_record::Cell> {
-    let cells = records.iter().filter_map(|record| match record {
-        Record::Cell(cell) => Some(&**cell),
-        _ => None,
-    });
-    cells.collect()
+fn cells(records: &[Record]) -> Vec<&Cell> {
+    records.iter().filter_map(Record::try_as_cell_ref).map(Box::as_ref).collect()
 }
 
 #[test]
@@ -142,15 +131,10 @@ fn shards_with_one_header_are_one_sitting() {
     assert_eq!(merged.counts.measured, all);
     let Some(Record::End(end)) = records.last() else { panic!("{:?}", records.last()) };
     assert_eq!((end.measuring_wall_s, end.peak_memory_bytes), (3.0, Some(3)));
-    let headers = records.iter().filter(|record| matches!(record, Record::Run(_)));
-    assert_eq!(headers.count(), 1);
+    assert_eq!(records.iter().filter_map(Record::try_as_run_ref).count(), 1);
     // The order of the plan, as in a run of all cells.
-    let order: Vec<&str> = cells(&records).iter().map(|cell| cell.experiment.as_str()).collect();
-    let mut sorted = order.clone();
-    sorted.sort_by_key(|id| {
-        ["uw-photons", "uw-buffers", "vao-samples", "vao-view"].iter().position(|known| known == id)
-    });
-    assert_eq!(order, sorted);
+    let place = |cell: &&Cell| EXPERIMENTS.iter().position(|known| *known == cell.experiment);
+    assert!(cells(&records).iter().map(place).is_sorted());
 }
 
 #[test]
@@ -159,9 +143,8 @@ fn what_headers_say_stays_with_their_cells() {
     shards.header(1).submit_cost_ns = [(fathom_record::PassKind::Copy, 7.0)].into();
     let mine = cells(&shards.parts[1]).len();
     let (_, records) = shards.merged(&shards.folders());
-    let second = records.iter().rposition(|record| matches!(record, Record::Run(_))).unwrap();
-    let Record::Run(run) = &records[second] else { unreachable!() };
-    assert_eq!(run.submit_cost_ns.len(), 1);
+    let second = records.iter().rposition(|record| record.try_as_run_ref().is_some()).unwrap();
+    assert_eq!(records[second].try_as_run_ref().unwrap().submit_cost_ns.len(), 1);
     assert_eq!(cells(&records[second..]).len(), mine);
 }
 
@@ -171,17 +154,17 @@ fn missing_cells_are_listed() {
     let folders = shards.folders();
     let lost = cells(&shards.parts[1]).len();
     let (merged, records) = shards.merged(&[folders[0].clone(), folders[2].clone()]);
-    let Record::Run(header) = &records[0] else { panic!("{:?}", records[0]) };
-    let [note] = &header.notes[..] else { panic!("{:?}", header.notes) };
+    let notes = &records[0].try_as_run_ref().unwrap().notes;
+    let [note] = &notes[..] else { panic!("{notes:?}") };
     assert_eq!(note.text, format!("merged with {lost} cells missing; not there: shard 2/3"));
     assert_eq!(merged.absent, [Part { number: 2, of: OF }]);
     assert_eq!(merged.missing.len(), lost);
     // A cell of a shard that is there.
     std::fs::remove_dir_all(shards.out()).unwrap();
-    let position = shards.parts[0].iter().position(|r| matches!(r, Record::Cell(_))).unwrap();
-    let Record::Cell(removed) = shards.parts[0].remove(position) else { unreachable!() };
+    let removed = shards.cell(0).clone();
+    shards.parts[0].retain(|record| record.try_as_cell_ref().is_none_or(|cell| **cell != removed));
     let (merged, _) = shards.merged(&shards.folders());
-    assert_eq!(merged.missing, [(removed.experiment.clone(), removed.cell.clone())]);
+    assert_eq!(merged.missing, [(removed.experiment, removed.cell)]);
 }
 
 #[test]
@@ -189,16 +172,13 @@ fn a_measured_cell_counts_before_one_that_failed_later() {
     let mut shards = Shards::new();
     let good = shards.cell(0).clone();
     let failed = Outcome::Failed { reason: "lost".to_owned() };
-    let bad = fathom_record::Cell { outcome: failed, ..good.clone() };
+    let bad = Cell { outcome: failed, ..good.clone() };
     shards.parts[0].push(Record::Cell(Box::new(bad)));
     let (merged, records) = shards.merged(&shards.folders());
     assert_eq!(merged.counts.failed, 0);
-    let of_name =
-        |cell: &&&fathom_record::Cell| cell.experiment == good.experiment && cell.cell == good.cell;
-    let all = cells(&records);
-    let found: Vec<_> = all.iter().filter(of_name).collect();
-    assert_eq!(found.len(), 1);
-    assert!(found[0].measured().is_some());
+    let of_name = |cell: &Cell| cell.experiment == good.experiment && cell.cell == good.cell;
+    let found: Vec<_> = cells(&records).into_iter().filter(|cell| of_name(cell)).collect();
+    assert!(matches!(found[..], [cell] if cell.measured().is_some()), "{found:?}");
     assert_eq!(merged.notes.len(), 1, "{:?}", merged.notes);
 }
 
@@ -282,9 +262,7 @@ fn adapters_are_kept_apart() {
 fn only_pictures_by_their_own_names_are_copied() {
     let mut shards = Shards::new();
     let [good, other] = [0, 1].map(|part| shards.cell(part).clone());
-    let picture =
-        |path: &str| Picture { path: path.to_owned(), shows: PictureKind::Image, scale: None };
-    let path = picture_path(&good.experiment, &good.cell, PictureKind::Image);
+    let path = path_of(&good);
     shards.cell(0).outcome = measured(vec![picture(&path)]);
     let bad = ["../../secret", "/etc/hostname", path.as_str()].map(picture);
     shards.cell(1).outcome = measured(bad.into());
@@ -307,14 +285,9 @@ fn a_folder_that_holds_something_is_not_touched() {
         let error = Staging::begin(&place).err().unwrap().to_string();
         assert!(error.contains("is there already"), "{error}");
     }
-    // An empty folder is taken, and nothing is removed that was there before.
+    // An empty folder is taken.
     std::fs::create_dir(shards.out()).unwrap();
-    let left = shards.folder.path().join(".merged.merging");
-    std::fs::create_dir_all(left.join("renders")).unwrap();
-    std::fs::write(left.join("renders/half"), "").unwrap();
     shards.merged(&folders);
-    assert!(left.join("renders/half").exists());
-    assert!(!shards.out().join("renders/half").exists());
 }
 
 #[cfg(unix)]
@@ -324,9 +297,8 @@ fn no_link_is_followed_and_an_empty_folder_may_be_named_by_one() {
     let mut shards = Shards::new();
     let [linked, beneath] = [0, 1].map(|part| {
         let cell = shards.cell(part);
-        let path = picture_path(&cell.experiment, &cell.cell, PictureKind::Image);
-        let picture = Picture { path: path.clone(), shows: PictureKind::Image, scale: None };
-        cell.outcome = measured(vec![picture]);
+        let path = path_of(cell);
+        cell.outcome = measured(vec![picture(&path)]);
         path
     });
     let folders = shards.folders();

@@ -3,6 +3,7 @@
 use itertools::Itertools;
 use maud::{Markup, html};
 
+use super::table::{numbers, table, words};
 use super::{Page, PageRun, PageSection};
 use crate::ceilings::{Bound, bounds};
 use crate::format::{percent, si, three};
@@ -38,30 +39,20 @@ fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
         bounds(run.view).into_iter().unique_by(|bound| bound.stage.stage.as_str()).collect();
     let (open, folded) = nearest.split_at(nearest.len().min(OPEN_STAGES));
     html! {
-        (table(page, open))
+        (shares(page, open))
         @if !folded.is_empty() {
-            details { summary { (folded.len()) " more stages" } (table(page, folded)) }
+            details { summary { (folded.len()) " more stages" } (shares(page, folded)) }
         }
         details { summary { "The limits" } (limits(run)) }
     }
 }
 
-fn table(page: &Page<'_>, bounds: &[Bound<'_>]) -> Markup {
-    html! {
-        div.scroll tabindex="0" role="region" aria-label="Shares of limits" {
-            table {
-                thead { tr {
-                    th scope="col" { "Stage" }
-                    th scope="col" { "Share of its limit" }
-                    th.number scope="col" { "(interval)" }
-                    th scope="col" { "Limit" }
-                    th scope="col" { "Work in a frame" }
-                    th scope="col" { "Cell" }
-                } }
-                tbody { @for bound in bounds { (row(page, bound)) } }
-            }
-        }
-    }
+fn shares(page: &Page<'_>, bounds: &[Bound<'_>]) -> Markup {
+    let heads = html! {
+        (words(&["Stage", "Share of its limit"])) (numbers(&["(interval)"])) (words(&["Limit", "Work in a frame", "Cell"]))
+    };
+    let rows = html! { @for bound in bounds { (row(page, bound)) } };
+    table("Shares of limits", "", &heads, &rows)
 }
 
 fn row(page: &Page<'_>, Bound { cell, stage, share }: &Bound<'_>) -> Markup {
@@ -95,52 +86,35 @@ fn limits(run: &PageRun<'_>) -> Markup {
     // Those of the latest sitting, as rooflines have them.
     let measured = run.view.runs.iter().rev().find(|run| !run.ceilings.is_empty());
     let ceilings: &[Ceiling] = measured.map_or(&[], |run| &run.ceilings);
-    html! {
-        div.scroll tabindex="0" role="region" aria-label="Limits" {
-            table {
-                thead { tr {
-                    th scope="col" { "Limit" }
-                    th.number scope="col" { "Rate" }
-                    th.number scope="col" { "(interval)" }
-                    th.number scope="col" { "n" }
-                    th.number scope="col" { "2 N / N" }
-                } }
-                tbody {
-                    @for ceiling in ceilings {
-                        @let rate = ceiling.rate;
-                        tr {
-                            th scope="row" { (ceiling.limit.name()) }
-                            td.number { (si(rate.median)) " " (ceiling.limit.unit()) }
-                            td.number { @if let Some(ends) = rate.interval { "(" (si(ends.low)) " – " (si(ends.high)) ")" } }
-                            td.number { (rate.n) }
-                            td.number { (three(ceiling.doubling)) @if !ceiling.is_sound() { " unusable" } }
-                        }
-                    }
-                }
+    let heads = html! { (words(&["Limit"])) (numbers(&["Rate", "(interval)", "n", "2 N / N"])) };
+    let rows = html! {
+        @for ceiling in ceilings {
+            @let rate = ceiling.rate;
+            tr {
+                th scope="row" { (ceiling.limit.name()) }
+                td.number { (si(rate.median)) " " (ceiling.limit.unit()) }
+                td.number { @if let Some(ends) = rate.interval { "(" (si(ends.low)) " – " (si(ends.high)) ")" } }
+                td.number { (rate.n) }
+                td.number { (three(ceiling.doubling)) @if !ceiling.is_sound() { " unusable" } }
             }
         }
-    }
+    };
+    table("Limits", "", &heads, &rows)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::written;
     use super::*;
     use crate::ReportView;
     use crate::ceilings::tests::run as limited;
     use fathom_experiments::fixtures;
-    use fathom_record::Record;
-
-    fn section(records: &[Record]) -> Option<String> {
-        let view = ReportView::new(records, None);
-        let page = Page::new(vec![PageRun { label: "a".into(), view: &view }]);
-        write(&page).map(Markup::into_string)
-    }
 
     #[test]
     fn each_stage_stands_once_with_its_largest_share() {
-        assert_eq!(section(&fixtures::run()), None);
+        assert_eq!(written(write, &fixtures::run()), "");
         let records = limited();
-        let text = section(&records).unwrap();
+        let text = written(write, &records);
         let view = ReportView::new(&records, None);
         let nearest = bounds(&view)[0];
         assert_eq!(text.matches(&format!("{}</th>", nearest.stage.stage)).count(), 1);

@@ -4,12 +4,13 @@ use itertools::Itertools;
 use maud::{Markup, html};
 use serde_json::Value;
 
+use super::table::{self, numbers, words};
 use super::{Page, PageRun, PageSection};
 use crate::Entry;
 use crate::format::{NS_PER_MS, percent, three};
 use fathom_base::text;
 use fathom_experiments::label_text;
-use fathom_experiments::words;
+use fathom_experiments::words::parameter;
 use fathom_record::{Cell, Estimate, Measured, Outcome, Run, StageRecord, Throttling};
 
 pub const SECTION: PageSection = PageSection { id: "cells", title: "Cells", write };
@@ -47,15 +48,11 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         div.scroll tabindex="0" role="region" aria-label="Cells" {
             table #cell-table {
                 thead { tr {
-                    @if page.is_overlay() { th scope="col" { "Run" } }
-                    th scope="col" { "Experiment" }
-                    th scope="col" { "Cell" }
-                    th.number scope="col" { "Frame (ms)" }
-                    th.number scope="col" { "± %" }
-                    th.number scope="col" { "n" }
-                    th.number scope="col" { "Cost of timing" }
-                    th scope="col" { "Slowest stage" }
-                    th.number scope="col" { "Its share" }
+                    (table::run(page.is_overlay()))
+                    (words(&["Experiment", "Cell"]))
+                    (numbers(&["Frame (ms)", "± %", "n", "Cost of timing"]))
+                    (words(&["Slowest stage"]))
+                    (numbers(&["Its share"]))
                     th.script-only scope="col" { "Look closer" }
                 } }
                 tbody {
@@ -118,7 +115,7 @@ fn name(cell: &Cell) -> String {
         return cell.cell.clone();
     }
     let value = |(axis, value): (&String, &Value)| {
-        format!("{} {}", words::parameter(axis).words, label_text(value))
+        format!("{} {}", parameter(axis).words, label_text(value))
     };
     cell.axes.iter().map(value).join(", ")
 }
@@ -190,16 +187,13 @@ fn kept(command: &[String]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fathom_experiments::fixtures;
+    use fathom_record::{MachineState, ThrottleReason};
 
     #[test]
     fn a_throttled_cell_is_marked() {
-        use fathom_record::{MachineState, Record, ThrottleReason};
-        let mut records = fathom_experiments::fixtures::run();
-        let measured = records.iter_mut().find_map(|record| match record {
-            Record::Cell(cell) => cell.measured_mut(),
-            _ => None,
-        });
-        let measured = measured.unwrap();
+        let mut records = fixtures::run();
+        let measured = fixtures::cells(&mut records).find_map(Cell::measured_mut).unwrap();
         assert!(!figures(measured).0.contains("throttled"));
         let throttle = vec![ThrottleReason::PowerLimit];
         measured.frame.machine = vec![MachineState { throttle, ..MachineState::default() }];

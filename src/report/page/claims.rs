@@ -3,7 +3,8 @@
 use indexmap::IndexMap;
 use maud::{Markup, html};
 
-use super::{Page, PageSection};
+use super::table::{numbers, table, words};
+use super::{Page, PageSection, Tone};
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{three, trim_zeros};
 use fathom_experiments::schema::Claim;
@@ -61,32 +62,21 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             ". "
             a href="#experiments" { "Experiments" } " has the plots."
         }
-        @if !open.is_empty() { (table(page, &open, "Claims that are not supported")) }
+        @if !open.is_empty() { (table_of(page, &open, "Claims that are not supported")) }
         @if !supported.is_empty() {
             details.supported {
                 summary { (supported.len()) " supported claims" }
-                (table(page, &supported, "Supported claims"))
+                (table_of(page, &supported, "Supported claims"))
             }
         }
     })
 }
 
-fn table(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Markup {
-    html! {
-        div.scroll tabindex="0" role="region" aria-label=(about) {
-            table.claims {
-                thead { tr {
-                    th scope="col" { "Verdict" }
-                    th scope="col" { "Claim" }
-                    th.number scope="col" { "Measured (interval)" }
-                    th scope="col" { "Against its band" }
-                    th.number scope="col" { "Band" }
-                    th.number scope="col" { "Published" }
-                } }
-                tbody { @for row in rows { (row_markup(page, row)) } }
-            }
-        }
-    }
+fn table_of(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Markup {
+    let heads = html! {
+        (words(&["Verdict", "Claim"])) (numbers(&["Measured (interval)"])) (words(&["Against its band"])) (numbers(&["Band", "Published"]))
+    };
+    table(about, "claims", &heads, &html! { @for row in rows { (row_markup(page, row)) } })
 }
 
 /// Claims in the order of their experiments, each once.
@@ -141,13 +131,13 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
 
 /// A verdict, told by a word, a mark and a colour.
 pub fn chip(verdict: Verdict) -> Markup {
-    let (class, mark) = match verdict {
-        Verdict::Contradicted => ("bad", "✕"),
-        Verdict::Inconclusive => ("open", "?"),
-        Verdict::NotRun => ("none", "–"),
-        Verdict::Supported => ("good", "✓"),
+    let tone = match verdict {
+        Verdict::Contradicted => Tone::Bad,
+        Verdict::Inconclusive => Tone::Open,
+        Verdict::NotRun => Tone::Neutral,
+        Verdict::Supported => Tone::Good,
     };
-    html! { span.chip.(class) { span aria-hidden="true" { (mark) " " } (verdict.to_string()) } }
+    tone.chip(&verdict.to_string())
 }
 
 /// `1.38 (1.30 – 1.46)`

@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 
+use super::table::{table, words};
 use super::{Page, PageSection};
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::trim_zeros;
@@ -95,17 +96,9 @@ fn one(comparison: &ComparisonOnPage) -> Markup {
             "Change of the head's time against the base's, with its interval. Within the shaded part, "
             (percent(-comparison.threshold)) " to " (percent(comparison.threshold)) ", a change counts as none."
         }
-        div.scroll tabindex="0" role="region" aria-label="Compared cells" {
-            table.sortable {
-                thead { tr {
-                    th scope="col" { "Cell" }
-                    th scope="col" { "Verdict" }
-                    th scope="col" { "Change" }
-                    @for column in &comparison.columns { th scope="col" { (column) } }
-                } }
-                tbody { @for row in &comparison.rows { (row_markup(comparison, row)) } }
-            }
-        }
+        @let heads = html! { (words(&["Cell", "Verdict", "Change"])) (words(&comparison.columns)) };
+        @let rows = html! { @for row in &comparison.rows { (row_markup(comparison, row)) } };
+        (table("Compared cells", "sortable", &heads, &rows))
         details { summary { "Notes" } ul { @for note in &comparison.notes { li { (note) } } } }
     }
 }

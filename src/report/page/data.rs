@@ -183,8 +183,7 @@ mod tests {
     fn every_measured_cell_is_packed_with_its_samples() {
         let records = fixtures::run();
         let view = ReportView::new(&records, None);
-        let page = Page::new(vec![PageRun { label: "one".into(), view: &view }]);
-        let bytes = BASE64.decode(packed(&page)).unwrap();
+        let bytes = BASE64.decode(packed(&super::super::testing::page(&[&view]))).unwrap();
         let mut json = String::new();
         flate2::read::GzDecoder::new(bytes.as_slice()).read_to_string(&mut json).unwrap();
         let data: serde_json::Value = serde_json::from_str(&json).unwrap();

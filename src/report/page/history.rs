@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 
+use super::table::{table, words};
 use super::{Page, PageSection, Tone};
 use crate::axis::{Axis, tenth};
 use crate::svg;
@@ -107,18 +108,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 }
 
 fn changes(name: &str, rows: &[&ChangeRow]) -> Markup {
-    html! {
-        div.scroll tabindex="0" role="region" aria-label=(name) {
-            table.sortable.changes {
-                thead { tr {
-                    @for column in ["Figure", "Change", "Between the commits", "Days", "Runs", "Where"] {
-                        th scope="col" { (column) }
-                    }
-                } }
-                tbody { @for row in rows { (row_markup(row)) } }
-            }
-        }
-    }
+    let heads = words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
+    table(name, "sortable changes", &heads, &html! { @for row in rows { (row_markup(row)) } })
 }
 
 fn row_markup(row: &ChangeRow) -> Markup {

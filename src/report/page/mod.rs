@@ -16,6 +16,9 @@ mod published;
 mod quality;
 mod scaling;
 mod setting;
+mod table;
+#[cfg(test)]
+mod testing;
 mod time;
 mod trust;
 
@@ -128,6 +131,11 @@ impl<'a> Page<'a> {
     /// Several runs are compared: marks and rows name theirs.
     pub fn is_overlay(&self) -> bool {
         self.runs.len() > 1
+    }
+
+    /// The name of a run and what stands behind it, where there are several.
+    fn naming(&self, run: usize, end: &str) -> String {
+        if self.is_overlay() { self.runs[run].label.clone() + end } else { String::new() }
     }
 
     pub fn file(&self) -> Artifact {

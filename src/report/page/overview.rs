@@ -6,7 +6,6 @@ use super::claims::chip;
 use super::{Page, PageRun, PageSection};
 use crate::format::{NS_PER_MS, percent, three};
 use crate::{facts, trust};
-use fathom_experiments::Verdict;
 use fathom_record::Run;
 
 pub const SECTION: PageSection = PageSection { id: "overview", title: "At a glance", write };
@@ -61,16 +60,10 @@ fn device(run: &Run) -> Markup {
 }
 
 fn verdicts(run: &PageRun<'_>) -> Markup {
-    let tally = facts::tally(run.view);
-    let counts = [
-        (Verdict::Supported, tally.supported),
-        (Verdict::Contradicted, tally.contradicted),
-        (Verdict::Inconclusive, tally.inconclusive),
-        (Verdict::NotRun, tally.not_run),
-    ];
+    let counts = facts::tally(run.view);
     html! {
         article.card {
-            h3 { "What holds: " (tally.all()) " claims" }
+            h3 { "What holds: " (counts.iter().map(|(_, count)| count).sum::<usize>()) " claims" }
             @for (verdict, count) in counts {
                 p.tally { a href="#claims" { (chip(verdict)) } " " b { (count) } }
             }
@@ -108,23 +101,8 @@ fn how_far(run: &PageRun<'_>) -> Markup {
             @for note in facts::incomplete(run.view) {
                 p { span.chip.open { "incomplete" } " " (note.text) }
             }
-            @if let Some(few) = facts::few_samples(run.view) {
-                p {
-                    (percent(few.cells as f64 / few.timed as f64)) " of " (few.timed)
-                    " timed cells have fewer than the " (few.needed) " samples that a verdict needs; the fewest are " (few.fewest) "."
-                }
-            }
-            @if let Some(precision) = facts::precision(run.view) {
-                p {
-                    "Half a 95 % interval of the frame time is " (percent(precision.median)) " in the median cell, "
-                    (percent(precision.worst)) " at worst."
-                }
-            }
-            @if let Some((cell, cost)) = facts::worst_timing_cost(run.view) {
-                p {
-                    "Timing by stage costs " (percent(facts::timing_cost(run.view).median - 1.0)) " over all cells; at worst "
-                    (percent(cost.median - 1.0)) " (" (cell.experiment) ", n = " (cost.n) ")."
-                }
+            @for fact in trust::facts(run.view) {
+                p.fact { b { (fact.about) } ": " (fact.words) "." }
             }
         }
     }

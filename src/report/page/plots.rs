@@ -1,6 +1,6 @@
 //! Each experiment with its plot: what was done, after what publication, what its claims came to, and what to know of its cells.
 
-use indexmap::IndexSet;
+use indexmap::{IndexMap, IndexSet};
 use maud::{Markup, html};
 
 use super::claims::chip;
@@ -107,16 +107,16 @@ fn plot(page: &Page<'_>, (run, section): &Part<'_>) -> Markup {
     }
 }
 
-/// Notes of one kind, each with its cell.
-struct Notes<'n> {
-    kind: NoteKind,
-    of_cells: Vec<(&'n str, &'n str)>,
-}
-
 /// Each kind of note is told once, with the cells that have it folded away.
 fn notes(section: &Section<'_>) -> Markup {
+    let mut kinds = IndexMap::<NoteKind, Vec<(&str, &str)>>::new();
+    for (cell, measured) in section.measured() {
+        for note in &measured.notes {
+            kinds.entry(note.kind).or_default().push((&cell.cell, &note.text));
+        }
+    }
     html! {
-        @for Notes { kind, of_cells } in notes_by_kind(section) {
+        @for (kind, of_cells) in kinds {
             details.notes {
                 summary { (counted(of_cells.len())) ": " (meaning(kind)) }
                 ul { @for (cell, note) in of_cells { li { (cell) ": " (note) } } }
@@ -125,20 +125,6 @@ fn notes(section: &Section<'_>) -> Markup {
         (rejected(section))
         @for stand_in in stand_ins(section) { p.faint { (stand_in) } }
     }
-}
-
-fn notes_by_kind<'n>(section: &'n Section<'_>) -> Vec<Notes<'n>> {
-    let mut kinds: Vec<Notes<'n>> = Vec::new();
-    for (cell, measured) in section.measured() {
-        for note in &measured.notes {
-            let entry = (cell.cell.as_str(), note.text.as_str());
-            match kinds.iter_mut().find(|notes| notes.kind == note.kind) {
-                Some(notes) => notes.of_cells.push(entry),
-                None => kinds.push(Notes { kind: note.kind, of_cells: vec![entry] }),
-            }
-        }
-    }
-    kinds
 }
 
 fn counted(notes: usize) -> String {
@@ -175,21 +161,14 @@ fn stand_ins<'n>(section: &'n Section<'_>) -> IndexSet<&'n str> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::{overlaid, written};
     use super::*;
-    use crate::ReportView;
     use fathom_experiments::fixtures;
-    use fathom_record::{Note, Record};
-
-    fn written(records: &[Record], labels: &[&str]) -> String {
-        let view = ReportView::new(records, None);
-        let runs = labels.iter().map(|label| PageRun { label: (*label).to_owned(), view: &view });
-        let page = Page::new(runs.collect());
-        write(&page).map_or_else(String::new, Markup::into_string)
-    }
+    use fathom_record::{Cell, Note};
 
     #[test]
     fn every_experiment_has_a_target_for_the_links_of_its_claims() {
-        let text = written(&fixtures::run(), &["one"]);
+        let text = written(write, &fixtures::run());
         for id in Experiment::builtin_ids() {
             assert!(text.contains(&format!("id=\"plot-{id}\"")), "{id}");
             assert!(text.contains(&format!("href=\"{id}.svg\"")), "{id}");
@@ -199,23 +178,20 @@ mod tests {
     #[test]
     fn a_kind_of_note_is_told_once() {
         let mut records = fixtures::run();
-        let cells = records.iter_mut().filter_map(|record| match record {
-            Record::Cell(cell) if cell.experiment == "uw-photons" => cell.measured_mut(),
-            _ => None,
-        });
-        for (number, measured) in cells.take(3).enumerate() {
+        let cells = fixtures::cells(&mut records).filter(|cell| cell.experiment == "uw-photons");
+        for (number, measured) in cells.filter_map(Cell::measured_mut).take(3).enumerate() {
             measured.notes.push(Note::new(NoteKind::Imprecise, format!("at {number} %")));
         }
-        let text = written(&records, &["one"]);
+        let text = written(write, &records);
         assert_eq!(text.matches(meaning(NoteKind::Imprecise)).count(), 1);
         assert!(text.contains("3 notes: ") && text.contains("at 2 %"));
     }
 
     #[test]
     fn an_overlay_names_the_run_of_each_plot_and_links_no_file() {
-        let text = written(&fixtures::run(), &["old", "new"]);
+        let text = overlaid(write, &fixtures::run());
         assert_eq!(text.matches("id=\"plot-uw-photons\"").count(), 1);
-        for label in ["old", "new"] {
+        for label in ["one", "two"] {
             assert!(text.contains(&format!("data-run=\"{label}\" data-plot=\"uw-photons\"")));
         }
         assert!(!text.contains(".svg\""));
@@ -223,6 +199,6 @@ mod tests {
 
     #[test]
     fn no_records_have_no_plots() {
-        assert_eq!(written(&[], &["one"]), "");
+        assert_eq!(written(write, &[]), "");
     }
 }

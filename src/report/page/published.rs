@@ -6,11 +6,13 @@ use indexmap::IndexSet;
 use maud::{Markup, html};
 use serde_json::Value;
 
+use super::scaling::runs;
+use super::table::{self, numbers, table, words};
 use super::{Page, PageRun, PageSection};
 use crate::Section;
-use crate::axis::{Axis, ScaleKind, tenth};
+use crate::axis::{Axis, ScaleKind};
 use crate::format::three;
-use crate::svg::{chart, x_axis, y_axis};
+use crate::svg::{Shape, chart, x_axis, y_axis};
 use fathom_experiments::schema::{Comparison, Published};
 use fathom_experiments::words;
 use fathom_experiments::{RuledFigure, fits, flatten, fps, label_text};
@@ -38,13 +40,9 @@ struct Pair {
 
 impl Pair {
     fn tip(&self, page: &Page<'_>) -> String {
-        let run = if page.is_overlay() {
-            format!("{}, ", page.runs[self.run].label)
-        } else {
-            String::new()
-        };
         format!(
-            "{run}{}: measured {}, published {}",
+            "{}{}: measured {}, published {}",
+            page.naming(self.run, ", "),
             self.what,
             three(self.measured),
             three(self.published)
@@ -194,7 +192,7 @@ fn scatter(page: &Page<'_>, what: &str, pairs: &[Pair]) -> Markup {
             @if let (Some(x), Some(y)) = (across.px(pair.published), up.px(pair.measured)) {
                 g.mark data-tip=(pair.tip(page)) {
                     line.whisker x1=(x) x2=(x) y1=(up.px_within(pair.ends[0])) y2=(up.px_within(pair.ends[1])) {}
-                    path.ink d=(shape(pair.run, [x, y])) { title { (pair.tip(page)) } }
+                    path.ink d=(Shape::of(pair.run).path([x, y])) { title { (pair.tip(page)) } }
                 }
             }
         }
@@ -202,52 +200,18 @@ fn scatter(page: &Page<'_>, what: &str, pairs: &[Pair]) -> Markup {
     html! {
         figure {
             (chart([SIDE_PX, SIDE_PX], &format!("Measured against published {what}"), &content))
-            figcaption { (legend(page)) }
-        }
-    }
-}
-
-/// Runs of a page are told apart by the shape of their marks.
-const SHAPES: [(&str, &str); 4] = [
-    ("square", "m-4 -4h8v8h-8z"),
-    ("diamond", "m0 -6l6 6l-6 6l-6 -6z"),
-    ("triangle", "m0 -6l6 11h-12z"),
-    ("cross", "m-6 -2h4v-4h4v4h4v4h-4v4h-4v-4h-4z"),
-];
-
-fn shape(run: usize, [x, y]: [f64; 2]) -> String {
-    let (_, path) = SHAPES[run % SHAPES.len()];
-    format!("M{} {}{path}", tenth(x), tenth(y))
-}
-
-fn legend(page: &Page<'_>) -> Markup {
-    html! {
-        @if page.is_overlay() {
-            @for (place, run) in page.runs.iter().enumerate() {
-                (SHAPES[place % SHAPES.len()].0) ": " (run.label) br;
-            }
+            figcaption { @if page.is_overlay() { (runs(page)) } }
         }
     }
 }
 
 /// The exact numbers of the marks.
 fn pairs_table(page: &Page<'_>, pairs: &[Pair]) -> Markup {
-    html! {
-        @if !pairs.is_empty() {
-            div.scroll tabindex="0" role="region" aria-label="Published and measured ratios" {
-                table {
-                    thead { tr {
-                        @if page.is_overlay() { th scope="col" { "Run" } }
-                        th scope="col" { "What" }
-                        th.number scope="col" { "Published" }
-                        th.number scope="col" { "Measured (interval)" }
-                        th.number scope="col" { "Measured / published" }
-                    } }
-                    tbody { @for pair in pairs { (pair_row(page, pair)) } }
-                }
-            }
-        }
-    }
+    let heads = html! {
+        (table::run(page.is_overlay())) (words(&["What"])) (numbers(&["Published", "Measured (interval)", "Measured / published"]))
+    };
+    let rows = html! { @for pair in pairs { (pair_row(page, pair)) } };
+    html! { @if !pairs.is_empty() { (table("Published and measured ratios", "", &heads, &rows)) } }
 }
 
 fn pair_row(page: &Page<'_>, pair: &Pair) -> Markup {
@@ -291,38 +255,33 @@ fn listed<'p>(page: &'p Page<'p>) -> IndexSet<Listed<'p>> {
 
 fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
     let software = page.runs.iter().any(|run| run.view.sections.iter().any(Section::software));
-    html! {
-        details {
-        summary { (listed.len()) " published frame rates, each with its hardware" }
-        @if software {
-            p.faint { "They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none stands here." }
-        }
-        div.scroll tabindex="0" role="region" aria-label="Published frame rates" {
-            table {
-                thead { tr {
-                    th scope="col" { "Experiment" }
-                    th.number scope="col" { "Frames per second" }
-                    th scope="col" { "Of" }
-                    th scope="col" { "Hardware" }
-                } }
-                tbody {
-                    @for one in listed {
-                        tr {
-                            td { (one.experiment) }
-                            td.number { (one.figure) }
-                            td.claim { (one.conditions) @if !one.note.is_empty() { "; " (one.note) } }
-                            td { (one.hardware) }
-                        }
-                    }
-                }
+    let heads = html! {
+        (words(&["Experiment"])) (numbers(&["Frames per second"])) (words(&["Of", "Hardware"]))
+    };
+    let rows = html! {
+        @for one in listed {
+            tr {
+                td { (one.experiment) }
+                td.number { (one.figure) }
+                td.claim { (one.conditions) @if !one.note.is_empty() { "; " (one.note) } }
+                td { (one.hardware) }
             }
         }
+    };
+    html! {
+        details {
+            summary { (listed.len()) " published frame rates, each with its hardware" }
+            @if software {
+                p.faint { "They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none stands here." }
+            }
+            (table("Published frame rates", "", &heads, &rows))
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing;
     use super::*;
     use crate::ReportView;
     use fathom_experiments::fixtures;
@@ -340,8 +299,12 @@ mod tests {
     }
 
     fn with_page<T>(records: &[Record], read: impl Fn(&Page<'_>) -> T) -> T {
-        let view = ReportView::new(records, None);
-        read(&Page::new(vec![PageRun { label: "one".into(), view: &view }]))
+        read(&testing::page(&[&ReportView::new(records, None)]))
+    }
+
+    fn section<'p>(page: &'p Page<'p>, id: &str) -> &'p Section<'p> {
+        let mut sections = page.runs[0].view.sections.iter();
+        sections.find(|section| section.id == id).unwrap()
     }
 
     #[test]
@@ -360,33 +323,23 @@ mod tests {
     #[test]
     fn ratios_of_published_rates_are_those_of_the_measured_cells() {
         with_page(&records(true), |page| {
-            let section =
-                page.runs[0].view.sections.iter().find(|section| section.id == "spt-refraction");
-            let section = section.unwrap();
-            let pairs: Vec<Pair> = of_rates(0, section);
-            let all = matched(section);
+            let section = section(page, "spt-refraction");
+            let (pairs, all) = (of_rates(0, section), matched(section));
             // The teapot in the larger viewport, traced, differs in both sides from all before.
             assert!(pairs.len() + 2 == all.len() && pairs.len() >= 8, "{}", pairs.len());
             let (trace, two_interface) = (all[0], all[1]);
             assert_eq!(pairs[0].published, two_interface.published.fps / trace.published.fps);
             assert_eq!(pairs[0].measured, trace.frame.median / two_interface.frame.median);
-            assert!(
-                pairs
-                    .iter()
-                    .all(|pair| pair.ends[0] <= pair.measured && pair.measured <= pair.ends[1])
-            );
+            for Pair { ends: [low, high], measured, .. } in &pairs {
+                assert!(low <= measured && measured <= high);
+            }
         });
     }
 
     #[test]
     fn bounds_and_ranges_have_no_ratio() {
         with_page(&records(true), |page| {
-            let section = page.runs[0]
-                .view
-                .sections
-                .iter()
-                .find(|section| section.id == "uw-photons")
-                .unwrap();
+            let section = section(page, "uw-photons");
             assert!(matched(section).len() >= 2);
             assert_eq!(of_rates(0, section).len(), 0);
         });
@@ -395,12 +348,8 @@ mod tests {
     #[test]
     fn claims_stand_beside_what_they_publish() {
         with_page(&records(true), |page| {
-            let claims: Vec<Pair> = page.runs[0]
-                .view
-                .sections
-                .iter()
-                .flat_map(|section| of_claims(0, section))
-                .collect();
+            let sections = page.runs[0].view.sections.iter();
+            let claims: Vec<Pair> = sections.flat_map(|section| of_claims(0, section)).collect();
             assert!(claims.len() >= 2, "{}", claims.len());
             let text = write(page).unwrap().into_string();
             assert!(claims.iter().all(|pair| text.contains(&three(pair.published))));
@@ -409,6 +358,6 @@ mod tests {
 
     #[test]
     fn a_run_without_published_figures_has_no_section() {
-        assert!(with_page(&[], |page| write(page).is_none()));
+        assert_eq!(testing::written(write, &[]), "");
     }
 }

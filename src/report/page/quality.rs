@@ -8,11 +8,12 @@ use itertools::Itertools;
 use maud::{Markup, html};
 use serde_json::Value;
 
+use super::table::{self, numbers, table, words};
 use super::{Page, PageRun, PageSection, setting};
 use crate::axis::{Axis, ScaleKind};
 use crate::format::{NS_PER_MS, three};
 use crate::svg::{self, Paint, Shape};
-use fathom_experiments::words::{self, Unit};
+use fathom_experiments::words::{Unit, figure as label};
 use fathom_experiments::{flatten, label_text};
 use fathom_record::{Cell, ErrorFigure, Estimate, Measured};
 
@@ -87,9 +88,9 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         div.controls.script-only {
             label { "At most " input #quality-limit type="number" min="0" step="any" value=(LIMIT_MS) size="6"; " ms per frame" }
         }
-        (table(page, &told))
+        (best_settings(page, &told))
         @if !folded.is_empty() {
-            details { summary { (folded.len()) " tasks with two settings" } (table(page, &folded)) }
+            details { summary { (folded.len()) " tasks with two settings" } (best_settings(page, &folded)) }
         }
         div.multiples {
             @for (place, one) in &told {
@@ -108,21 +109,16 @@ fn count(one: &Comparison<'_>) -> usize {
     one.settings.iter().map(|setting| setting.cell.cell.as_str()).unique().count()
 }
 
-fn table(page: &Page<'_>, comparisons: &[(usize, &Comparison<'_>)]) -> Markup {
-    html! {
-        div.scroll tabindex="0" role="region" aria-label="Best settings" {
-            table.quality-table {
-                thead { tr {
-                    @if page.is_overlay() { th scope="col" { "Run" } }
-                    th scope="col" { "Task" }
-                    th scope="col" { "Best setting of at most " span.quality-limit { (three(LIMIT_MS)) } " ms" }
-                    th scope="col" { "Its error and time" }
-                    th.number scope="col" { "Settings" }
-                } }
-                tbody { @for (place, one) in comparisons { (rows(page, *place, one)) } }
-            }
-        }
-    }
+fn best_settings(page: &Page<'_>, comparisons: &[(usize, &Comparison<'_>)]) -> Markup {
+    let heads = html! {
+        (table::run(page.is_overlay()))
+        (words(&["Task"]))
+        th scope="col" { "Best setting of at most " span.quality-limit { (three(LIMIT_MS)) } " ms" }
+        (words(&["Its error and time"]))
+        (numbers(&["Settings"]))
+    };
+    let rows = html! { @for (place, one) in comparisons { (rows(page, *place, one)) } };
+    table("Best settings", "quality-table", &heads, &rows)
 }
 
 /// Those of many settings first within a pipeline.
@@ -230,25 +226,25 @@ fn best<'s, 'a>(one: &'s Comparison<'a>, run: usize, limit_ms: f64) -> Option<&'
 
 /// From the record to what is shown: the table of words may show a share as per cent.
 fn factor(error: &ErrorFigure) -> f64 {
-    words::figure(&error.name).unit.factor()
+    label(&error.name).unit.factor()
 }
 
 /// `RMS error of occlusion 0.031`, `caustic photons lost 3.1 %`
 fn error_text(error: &ErrorFigure, shown: f64) -> String {
-    let label = words::figure(&error.name);
+    let label = label(&error.name);
     format!("{} {} {}", label.words, three(shown), unit(error)).trim_end().to_owned()
 }
 
 /// The unit shown: that of the words, else the record's.
 fn unit(error: &ErrorFigure) -> &str {
-    match words::figure(&error.name).unit {
+    match label(&error.name).unit {
         Unit::One if error.unit != "1" => &error.unit,
         unit => unit.symbol(),
     }
 }
 
 fn error_title(error: &ErrorFigure) -> String {
-    let label = words::figure(&error.name);
+    let label = label(&error.name);
     match unit(error) {
         "" => label.words,
         unit => format!("{} ({unit})", label.words),
@@ -447,12 +443,11 @@ impl<'s, 'a> Scatter<'s, 'a> {
     }
 
     fn tip(&self, setting: &Setting<'_>) -> String {
-        let run =
-            self.page.is_overlay().then(|| format!("{}\n", self.page.runs[setting.run].label));
+        let run = self.page.naming(setting.run, "\n");
         let [low, high] = setting.time_ms.ends().map(three);
         format!(
             "{}{}\n{}\nframe {} ms ({low} – {high}), n = {}{}",
-            run.unwrap_or_default(),
+            run,
             setting_text(self.one, setting),
             error_text(self.one.error, setting.error),
             three(setting.time_ms.median),
@@ -472,6 +467,7 @@ fn kind(values: &[f64]) -> ScaleKind {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::page;
     use super::*;
     use crate::ReportView;
     use fathom_experiments::fixtures;
@@ -480,21 +476,13 @@ mod tests {
     /// Invented errors and times of the cells of an experiment: error and ms by the number of the cell.
     fn records(experiment: &str, figures: fn(usize) -> (f64, f64)) -> Vec<Record> {
         let mut records = fixtures::run();
-        let cells = records.iter_mut().filter_map(|record| match record {
-            Record::Cell(cell) if cell.experiment == experiment => cell.measured_mut(),
-            _ => None,
-        });
-        for (number, measured) in cells.enumerate() {
+        let cells = fixtures::cells(&mut records).filter(|cell| cell.experiment == experiment);
+        for (number, measured) in cells.filter_map(Cell::measured_mut).enumerate() {
             let (error, ms) = figures(number);
             measured.errors = vec![ErrorFigure::new("ao_rmse", error, "1", "ao/march")];
             measured.frame.untimed.median = ms * NS_PER_MS;
         }
         records
-    }
-
-    fn page<'a>(views: &[&'a ReportView<'a>]) -> Page<'a> {
-        let labels = ["one", "two"].into_iter().zip(views);
-        Page::new(labels.map(|(label, view)| PageRun { label: label.into(), view }).collect())
     }
 
     /// Better settings take longer.

@@ -92,7 +92,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 }
 
 /// Shapes of the runs' marks.
-fn runs(page: &Page<'_>) -> Markup {
+pub fn runs(page: &Page<'_>) -> Markup {
     html! {
         p { @for (place, run) in page.runs.iter().enumerate() {
             (Shape::of(place).symbol()) " " (run.label) "  "
@@ -232,9 +232,9 @@ fn series<'a>(
     // Of many points some, spread over all.
     let step = series.points.len().div_ceil(MOST_POINTS);
     series.points = series.points.into_iter().step_by(step).collect();
-    let label = page.is_overlay().then(|| format!("{}\n", page.runs[run].label));
+    let label = page.naming(run, "\n");
     for point in &mut series.points {
-        point.tip = Some(tip(label.as_deref().unwrap_or_default(), &series.name, y, point));
+        point.tip = Some(tip(&label, &series.name, y, point));
     }
     Some(series)
 }
@@ -401,15 +401,10 @@ fn label(page: &Page<'_>, series: &Series<'_>) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::{overlaid, page, written};
     use super::*;
     use crate::ReportView;
     use fathom_experiments::fixtures;
-
-    fn shown(views: &[&ReportView<'_>]) -> String {
-        let labels = ["one", "two"].into_iter().zip(views);
-        let runs = labels.map(|(label, view)| PageRun { label: label.into(), view }).collect();
-        write(&Page::new(runs)).map_or_else(String::new, Markup::into_string)
-    }
 
     fn figures<'h>(html: &'h str, title: &str) -> Vec<&'h str> {
         let figures = html.split("<figure").skip(1);
@@ -418,8 +413,7 @@ mod tests {
 
     #[test]
     fn a_scaling_chart_tells_its_exponent_and_its_axes() {
-        let records = fixtures::run();
-        let html = shown(&[&ReportView::new(&records, None)]);
+        let html = written(write, &fixtures::run());
         let figure = figures(&html, "Caustic photons")[0];
         let fit = figure.split("caustics/trace <b>∝ x^").nth(1).unwrap();
         let exponent: f64 = fit.split(' ').next().unwrap().parse().unwrap();
@@ -433,8 +427,7 @@ mod tests {
 
     #[test]
     fn a_linear_chart_says_so_and_has_no_guides() {
-        let records = fixtures::run();
-        let html = shown(&[&ReportView::new(&records, None)]);
+        let html = written(write, &fixtures::run());
         let figure = figures(&html, "Frame against the number of objects")[0];
         assert!(figure.contains("crates, linear") && !figure.contains("class=\"guide\""));
         assert!(figure.contains("<polyline"));
@@ -444,7 +437,7 @@ mod tests {
     fn categories_are_not_joined() {
         let records = fixtures::run();
         let view = ReportView::new(&records, None);
-        let page = Page::new(vec![PageRun { label: "one".into(), view: &view }]);
+        let page = page(&[&view]);
         for (id, experiment) in experiments(&page) {
             for spec in specs(experiment) {
                 let category = spec.over.is_some_and(|over| experiment.is_category(over));
@@ -459,9 +452,7 @@ mod tests {
 
     #[test]
     fn runs_differ_by_the_shape_of_their_marks() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
-        let html = shown(&[&view, &view]);
+        let html = overlaid(write, &fixtures::run());
         assert!(html.contains("● one") && html.contains("■ two"));
         let figure = figures(&html, "Caustic photons")[0];
         let square = Shape::Square.path([0.0, 0.0]);
@@ -492,7 +483,6 @@ mod tests {
 
     #[test]
     fn nothing_is_written_where_nothing_was_measured() {
-        let records = fixtures::all_skipped();
-        assert!(shown(&[&ReportView::new(&records, None)]).is_empty());
+        assert_eq!(written(write, &fixtures::all_skipped()), "");
     }
 }

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 use maud::{Markup, html};
 
+use super::table::{numbers, table, words};
 use super::{Page, PageRun, PageSection};
 use crate::axis::tenth;
 use crate::facts::{self, Representative, StageShare};
@@ -77,7 +78,7 @@ fn same_frame(page: &Page<'_>, frame: &SameFrame<'_>) -> Markup {
                 span { "Frame: " b { (frame_ms(frame)) } " ms, n = " (frame.measured.frame.untimed.n) }
             }
             (bar(page, frame))
-            (table(page, frame))
+            (every_stage(page, frame))
         }
     }
 }
@@ -121,34 +122,26 @@ fn about(frame: &Representative<'_>) -> String {
     }
 }
 
-fn table(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
+fn every_stage(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
     let gaps_ns = statistics::median(&frame.measured.frame.gap_samples_ns);
     html! {
         details.stage-table {
             summary { "every stage" }
-            div.scroll tabindex="0" role="region" aria-label={ "Stages of " (frame.cell.pipeline) } {
-                table {
-                    thead { tr {
-                        th scope="col" { "Stage" }
-                        th.number scope="col" { "Time, ms (95 %)" }
-                        th.number scope="col" { "Share (95 %)" }
-                        th scope="col" { "Clock" }
-                    } }
-                    tbody {
-                        @for StageShare { stage, share } in &frame.stages() {
-                            tr {
-                                th scope="row" { span.swatch style={ "background:" (page.colors.of(&stage.stage).hex()) } {} (stage.stage) }
-                                td.number { (format::stage_ms(stage)) }
-                                td.number { @if stage.is_resolved() { (facts::share(share)) } @else { "–" } }
-                                td { (stage.clock.name()) }
-                            }
-                        }
-                        @if gaps_ns.is_finite() {
-                            tr { th scope="row" { "gaps between passes" } td.number { (three(gaps_ns / NS_PER_MS)) } td.number { "–" } td { "–" } }
-                        }
+            @let heads = html! { (words(&["Stage"])) (numbers(&["Time, ms (95 %)", "Share (95 %)"])) (words(&["Clock"])) };
+            @let rows = html! {
+                @for StageShare { stage, share } in &frame.stages() {
+                    tr {
+                        th scope="row" { span.swatch style={ "background:" (page.colors.of(&stage.stage).hex()) } {} (stage.stage) }
+                        td.number { (format::stage_ms(stage)) }
+                        td.number { @if stage.is_resolved() { (facts::share(share)) } @else { "–" } }
+                        td { (stage.clock.name()) }
                     }
                 }
-            }
+                @if gaps_ns.is_finite() {
+                    tr { th scope="row" { "gaps between passes" } td.number { (three(gaps_ns / NS_PER_MS)) } td.number { "–" } td { "–" } }
+                }
+            };
+            (table(&format!("Stages of {}", frame.cell.pipeline), "", &heads, &rows))
         }
     }
 }
@@ -164,7 +157,7 @@ struct Step {
 
 fn waterfall(page: &Page<'_>, run: &PageRun<'_>, frame: &Representative<'_>) -> Markup {
     let samples = &frame.measured.frame.envelope_samples_ns;
-    let Some(index) = nearest_to_median(samples) else {
+    let Some(index) = statistics::nearest_to_median(samples) else {
         return html! { p.faint { "No frame of it was timed by stage." } };
     };
     let steps = steps(page, frame, index);
@@ -193,13 +186,6 @@ fn step_markup(step: &Step) -> Markup {
             span.step-time { (step.text) }
         }
     }
-}
-
-/// The place of the sample nearest to the median; the first of several.
-fn nearest_to_median(samples_ns: &[f64]) -> Option<usize> {
-    let median = statistics::median(samples_ns);
-    let distances = samples_ns.iter().map(|ns| (ns - median).abs()).enumerate();
-    distances.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(place, _)| place)
 }
 
 /// The stages of a frame, then its gaps.
@@ -256,16 +242,11 @@ fn of_clock(clock: Clock, stages: &[&StageRecord]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::{overlaid, page, written};
     use super::*;
     use crate::ReportView;
     use fathom_experiments::fixtures;
-    use fathom_record::Record;
-
-    fn shown(views: &[&ReportView<'_>]) -> String {
-        let labels = ["one", "two"].into_iter().zip(views);
-        let runs = labels.map(|(label, view)| PageRun { label: label.into(), view }).collect();
-        write(&Page::new(runs)).map_or_else(String::new, Markup::into_string)
-    }
+    use fathom_record::Cell;
 
     /// Widths of the parts of the first bar, per cent.
     fn widths(html: &str) -> Vec<f64> {
@@ -277,8 +258,7 @@ mod tests {
     #[test]
     fn the_default_frame_comes_first_and_its_parts_fill_the_bar() {
         let records = fixtures::run();
-        let view = ReportView::new(&records, None);
-        let html = shown(&[&view]);
+        let html = written(write, &records);
         let first = html.split("<h3").nth(1).unwrap();
         assert!(first.contains("uw-default") && first.contains("caustics/trace"), "{first}");
         let sum: f64 = widths(&html).iter().sum();
@@ -288,8 +268,7 @@ mod tests {
     #[test]
     fn the_same_frame_of_two_runs_stands_together() {
         let records = fixtures::run();
-        let view = ReportView::new(&records, None);
-        let html = shown(&[&view, &view]);
+        let html = overlaid(write, &records);
         let first = html.split("<h3").nth(1).unwrap();
         assert_eq!(first.matches("class=\"stack").count(), 2);
         assert!(first.contains(">one<") && first.contains(">two<"));
@@ -298,11 +277,8 @@ mod tests {
     #[test]
     fn a_stage_below_the_resolution_has_no_part_and_no_share() {
         let mut records = fixtures::run();
-        let cells = records.iter_mut().filter_map(|record| match record {
-            Record::Cell(cell) if cell.pipeline == "underwater" => cell.measured_mut(),
-            _ => None,
-        });
-        for measured in cells {
+        let cells = fixtures::cells(&mut records).filter(|cell| cell.pipeline == "underwater");
+        for measured in cells.filter_map(Cell::measured_mut) {
             let stage = measured.stages.iter_mut().find(|s| s.stage == "caustics/trace").unwrap();
             let [wall, cost] = [vec![2e6; 15], vec![1e6; 15]];
             stage.fenced = Some(fathom_record::Fenced {
@@ -311,7 +287,7 @@ mod tests {
                 resolution_ns: 1e12,
             });
         }
-        let html = shown(&[&ReportView::new(&records, None)]);
+        let html = written(write, &records);
         let frame = html.split("<h3").find(|part| part.contains("uw-default")).unwrap();
         let bar = frame.split("<details").next().unwrap();
         assert!(!bar.contains("caustics/trace:"), "{bar}");
@@ -323,7 +299,7 @@ mod tests {
     fn steps_of_a_waterfall_follow_each_other_to_the_end() {
         let records = fixtures::run();
         let view = ReportView::new(&records, None);
-        let page = Page::new(vec![PageRun { label: "one".into(), view: &view }]);
+        let page = page(&[&view]);
         let frame = facts::default_frame(&view).unwrap();
         let steps = steps(&page, &frame, 3);
         assert!(steps.is_sorted_by(|a, b| (a.start + a.length - b.start).abs() < 0.2));
@@ -333,20 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sample_nearest_to_the_median_is_found() {
-        assert_eq!(nearest_to_median(&[5.0, 1.0, 3.0, 9.0, 3.5]), Some(4));
-        assert_eq!(nearest_to_median(&[]), None);
-    }
-
-    #[test]
     fn nothing_is_written_where_nothing_was_timed() {
-        let records = fixtures::all_skipped();
-        assert!(
-            write(&Page::new(vec![PageRun {
-                label: "one".into(),
-                view: &ReportView::new(&records, None)
-            }]))
-            .is_none()
-        );
+        assert_eq!(written(write, &fixtures::all_skipped()), "");
     }
 }

@@ -3,10 +3,10 @@
 use itertools::Itertools;
 use maud::{Markup, html};
 
+use super::table::{numbers, table, words};
 use super::{Page, PageRun, PageSection};
 use crate::ReportView;
 use crate::axis::{Axis, ScaleKind, tenth};
-use crate::facts::{self, Precision};
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::svg::{chart, x_axis, y_axis};
 use crate::trust::{self, TimedSample};
@@ -52,32 +52,24 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 
 /// What each sitting of a run that was resumed or merged was timed by.
 fn sittings(view: &ReportView<'_>) -> Markup {
-    let entries = view.sections.iter().flat_map(|section| &section.entries);
-    let cells = entries.filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
+    let cells = view.entries().filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
     html! {
         p.faint { "The run was measured in " (view.runs.len()) " sittings. The audit and the costs below are those of the one whose clocks can be trusted least." }
-        div.scroll tabindex="0" role="region" aria-label="Sittings" {
-            table {
-                thead { tr {
-                    th scope="col" { "Started" }
-                    th scope="col" { "Machine" }
-                    th.number scope="col" { "Cells" }
-                    th scope="col" { "Clock" }
-                    th scope="col" { "Can it be trusted?" }
-                } }
-                tbody {
-                    @for run in &view.runs {
-                        tr {
-                            th scope="row" { (run.started_at) }
-                            td { (run.conditions.host.as_deref().unwrap_or("–")) }
-                            td.number { (cells.get(&std::ptr::from_ref(*run)).copied().unwrap_or(0)) }
-                            td { (trust::conditions(run)) }
-                            td { (trust::verdict(run)) }
-                        }
-                    }
+        @let heads = html! {
+            (words(&["Started", "Machine"])) (numbers(&["Cells"])) (words(&["Clock", "Can it be trusted?"]))
+        };
+        @let rows = html! {
+            @for run in &view.runs {
+                tr {
+                    th scope="row" { (run.started_at) }
+                    td { (run.conditions.host.as_deref().unwrap_or("–")) }
+                    td.number { (cells.get(&std::ptr::from_ref(*run)).copied().unwrap_or(0)) }
+                    td { (trust::conditions(run)) }
+                    td { (trust::verdict(run)) }
                 }
             }
-        }
+        };
+        (table("Sittings", "", &heads, &rows))
     }
 }
 
@@ -85,22 +77,12 @@ fn audit(run: &Run) -> Markup {
     html! {
         @if !run.audit.is_empty() {
             p.faint { "Each clock beside the host clock, for a kernel of N and of 2 N work:" }
-            div.scroll tabindex="0" role="region" aria-label="Clock audit" {
-                table {
-                    thead { tr {
-                        th scope="col" { "Clock" }
-                        th scope="col" { "Pass" }
-                        th scope="col" { "In its command buffer" }
-                        th.number scope="col" { "Clock (ms)" }
-                        th.number scope="col" { "Host (ms)" }
-                        th.number scope="col" { "Clock / host" }
-                        th.number scope="col" { "2 N / N" }
-                        th scope="col" { "Verdict" }
-                        th scope="col" { "Why" }
-                    } }
-                    tbody { @for row in &run.audit { (audit_row(row)) } }
-                }
-            }
+            @let heads = html! {
+                (words(&["Clock", "Pass", "In its command buffer"]))
+                (numbers(&["Clock (ms)", "Host (ms)", "Clock / host", "2 N / N"]))
+                (words(&["Verdict", "Why"]))
+            };
+            (table("Clock audit", "", &heads, &html! { @for row in &run.audit { (audit_row(row)) } }))
         }
     }
 }
@@ -297,17 +279,10 @@ fn spans(samples: &[TimedSample], last_s: f64) -> Vec<Span> {
 fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
     let costs = run.submit_cost_ns.iter();
     let costs = costs.map(|(kind, ns)| submission(*kind, *ns)).join(", ");
-    let throttled = trust::throttled(view);
     html! {
         ul.facts {
-            @if view.timed().next().is_some() {
-                li { (timing_cost(&facts::timing_cost(view))) }
-                @if let Some(throttled) = &throttled {
-                    li { "Heat or power held clocks down while cells were measured: " (trust::throttled_words(throttled)) "." }
-                }
-                @if let Some(found) = facts::precision(view) { li { (precision(&found, view)) } }
-                li { (accounting(view)) }
-            }
+            @for fact in trust::facts(view) { li { (fact.about) ": " (fact.words) "." } }
+            @if view.timed().next().is_some() { li { (accounting(view)) } }
             @if let Some(drift) = trust::drift(view) { li { (drift_words(&drift)) } }
             li { (rejected(view)) }
             @if !costs.is_empty() { li { "Cost of a submission as the audit measured it: " (costs) "." } }
@@ -323,23 +298,6 @@ fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
 
 fn submission(kind: PassKind, ns: f64) -> String {
     format!("{} {} ms", kind.name(), three(ns / NS_PER_MS))
-}
-
-fn timing_cost(cost: &Estimate) -> String {
-    let [low, high] = cost.ends().map(|ratio| percent(ratio - 1.0));
-    format!(
-        "Cost of timing over all cells: {} ({low} – {high}) of the untimed frame, n = {} pairs of frames in alternation.",
-        percent(cost.median - 1.0),
-        cost.n
-    )
-}
-
-fn precision(precision: &Precision<'_>, view: &ReportView<'_>) -> String {
-    let fewest = facts::few_samples(view).map_or(0, |few| few.fewest);
-    format!(
-        "Half width of the frame times' 95 % intervals: {} in the median cell; the fewest samples of a cell are {fewest}.",
-        percent(precision.median)
-    )
 }
 
 fn accounting(view: &ReportView<'_>) -> String {
@@ -399,15 +357,10 @@ fn set_up(view: &ReportView<'_>) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::written;
     use super::*;
     use fathom_experiments::fixtures;
-    use fathom_record::{FaultKind, Profile, Record, RejectedFrames};
-
-    fn written(records: &[Record]) -> String {
-        let view = ReportView::new(records, None);
-        let page = Page::new(vec![PageRun { label: "one".into(), view: &view }]);
-        write(&page).map_or_else(String::new, Markup::into_string)
-    }
+    use fathom_record::{FaultKind, Profile, RejectedFrames};
 
     #[test]
     fn the_first_sentence_says_whether_the_clocks_can_be_trusted() {
@@ -426,7 +379,7 @@ mod tests {
 
     #[test]
     fn the_section_holds_audit_charts_and_facts() {
-        let text = written(&fixtures::run());
+        let text = written(write, &fixtures::run());
         for expected in [
             "✕ unusable",
             "begins late",
@@ -435,6 +388,7 @@ mod tests {
             "Time since the first sample (min)",
             "% per minute (",
             "Frames rejected: none",
+            "half width of the frame times",
             "set-up 21.0 s: pipelines 20.0 s, audit 1.00 s",
         ] {
             assert!(text.contains(expected), "{expected}");
@@ -454,12 +408,9 @@ mod tests {
 
     #[test]
     fn strips_are_cut_at_the_largest_and_say_so() {
-        let cell = fixtures::run().into_iter().find_map(|record| match record {
-            Record::Cell(cell) => Some(cell),
-            _ => None,
-        });
-        let cell = cell.unwrap();
-        let marks = (0..400).map(|i| share_mark(&cell, f64::from(i) / 100.0));
+        let mut records = fixtures::run();
+        let cell = fixtures::cells(&mut records).next().unwrap();
+        let marks = (0..400).map(|i| share_mark(cell, f64::from(i) / 100.0));
         let text = strip("x (%)", "x", marks.collect()).into_string();
         assert_eq!(text.matches("<circle").count(), MOST_CELLS);
         assert!(text.contains("160 of 400 cells") && text.contains(": 399 %"), "{text}");
@@ -468,15 +419,11 @@ mod tests {
     #[test]
     fn rejected_frames_are_added_up_by_reason() {
         let mut records = fixtures::run();
-        let cells = records.iter_mut().filter_map(|record| match record {
-            Record::Cell(cell) => cell.measured_mut(),
-            _ => None,
-        });
-        for measured in cells.take(3) {
+        for measured in fixtures::cells(&mut records).filter_map(Cell::measured_mut).take(3) {
             let of = |fault: FaultKind| RejectedFrames { rejection: fault.into(), frames: 2 };
             measured.rejected = vec![of(FaultKind::Stale), of(FaultKind::Zero)];
         }
-        let text = written(&records);
+        let text = written(write, &records);
         assert!(
             text.contains("Frames rejected: 6 (zero duration), 6 (stale timestamps)."),
             "{text}"

@@ -5,13 +5,12 @@ use std::fmt::Write as _;
 use indexmap::IndexSet;
 use itertools::Itertools;
 
-use super::super::facts::{self, SlowStage, Tally};
-use super::super::format::{self, Table, percent};
+use super::super::facts::{self, SlowStage};
+use super::super::format::{self, Table};
 use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
 use fathom_base::text;
-use fathom_experiments::{CHANCE, Verdict};
-use fathom_record::{Cell, Estimate, Outcome, Run};
+use fathom_record::{Outcome, Run};
 
 /// Stages that the first screen names.
 pub const SLOWEST: usize = 5;
@@ -31,7 +30,11 @@ pub fn write(view: &ReportView<'_>, text: &mut String) {
     let mut table = Table::new(["", ""]);
     device(run, &mut table);
     results(view, &mut table);
-    how_far(view, &mut table);
+    if let Some(run) = trust::worst(view) {
+        let clock = format!("{}. {}", trust::conditions(run), trust::verdict(run));
+        table.row(["clock", &clock]);
+    }
+    trust::facts(view).iter().for_each(|fact| table.row([fact.about, &fact.words]));
     *text += &table.markdown();
     for finding in facts::findings(view) {
         let _ = writeln!(text, "- {}", text::markdown(&finding));
@@ -70,7 +73,7 @@ fn device(run: &Run, table: &mut Table) {
 
 fn results(view: &ReportView<'_>, table: &mut Table) {
     table.row(["cells".to_owned(), cells(view)]);
-    table.row(["claims".to_owned(), tally(&facts::tally(view))]);
+    table.row(["claims".to_owned(), tally(view)]);
     let slowest = facts::slowest_stages(view, SLOWEST);
     if !slowest.is_empty() {
         table.row(["slowest stages".to_owned(), slowest.iter().map(slow).join("; ")]);
@@ -78,9 +81,8 @@ fn results(view: &ReportView<'_>, table: &mut Table) {
 }
 
 fn cells(view: &ReportView<'_>) -> String {
-    let outcomes = view.sections.iter().flat_map(|section| &section.entries);
     let mut counts = [0; 3];
-    for entry in outcomes {
+    for entry in view.entries() {
         counts[match entry.cell.outcome {
             Outcome::Measured(_) => 0,
             Outcome::Skipped { .. } => 1,
@@ -92,12 +94,10 @@ fn cells(view: &ReportView<'_>) -> String {
 }
 
 /// `65 supported, 19 contradicted, 2 inconclusive, 10 not run, of 96`
-pub fn tally(tally: &Tally) -> String {
-    let Tally { supported, contradicted, inconclusive, not_run } = tally;
-    format!(
-        "{supported} supported, {contradicted} contradicted, {inconclusive} inconclusive, {not_run} not run, of {}",
-        tally.all()
-    )
+pub fn tally(view: &ReportView<'_>) -> String {
+    let counts = facts::tally(view);
+    let each = counts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
+    format!("{each}, of {}", counts.iter().map(|(_, count)| count).sum::<usize>())
 }
 
 /// `caustics/splat 76.2 ms, 41 % (39 – 43) of underwater`
@@ -112,85 +112,10 @@ pub fn slow(slow: &SlowStage<'_>) -> String {
     )
 }
 
-fn how_far(view: &ReportView<'_>, table: &mut Table) {
-    if let Some(run) = trust::worst(view) {
-        let clock = format!("{}. {}", trust::conditions(run), trust::verdict(run));
-        table.row(["clock".to_owned(), clock]);
-    }
-    if let Some(few) = facts::few_samples(view) {
-        table.row([
-            "cells with few samples".to_owned(),
-            format!(
-                "{} of {} timed cells have fewer than {}, which a verdict needs; the fewest are {}",
-                few.cells, few.timed, few.needed, few.fewest
-            ),
-        ]);
-    }
-    if let Some(precision) = facts::precision(view) {
-        table.row([
-            "half width of the frame times' 95 % intervals".to_owned(),
-            format!(
-                "{} in the median cell, at worst {} ({})",
-                percent(precision.median),
-                percent(precision.worst),
-                place(precision.cell)
-            ),
-        ]);
-    }
-    if let Some((cell, worst)) = facts::worst_timing_cost(view) {
-        table.row([
-            "cost of timing".to_owned(),
-            format!(
-                "{} over all pairs of frames; at worst {} ({})",
-                cost(&facts::timing_cost(view)),
-                cost(worst),
-                place(cell)
-            ),
-        ]);
-    }
-    if let Some(throttled) = trust::throttled(view) {
-        table.row([
-            "clocks held down by heat or power".to_owned(),
-            trust::throttled_words(&throttled),
-        ]);
-    }
-    by_chance(view, table);
-}
-
-fn place(cell: &Cell) -> String {
-    format!("{} {}", cell.experiment, cell.cell)
-}
-
-/// The cost of timing as a share of the untimed frame: `1.2 % (1.1 – 1.3)`.
-fn cost(ratio: &Estimate) -> String {
-    let of = |ratio: f64| ratio - 1.0;
-    let interval =
-        ratio.interval.map(|i| fathom_record::Interval { low: of(i.low), high: of(i.high) });
-    facts::share(&Estimate { median: of(ratio.median), interval, n: ratio.n })
-}
-
-/// How many verdicts chance alone would bring about.
-fn by_chance(view: &ReportView<'_>, table: &mut Table) {
-    let rulings = view.sections.iter().flat_map(|section| section.rulings());
-    let tested = rulings.filter(|ruling| ruling.verdict != Verdict::NotRun);
-    let sampled = tested.filter(|ruling| ruling.n.is_some()).count();
-    if sampled > 0 {
-        let expected = CHANCE * sampled as f64;
-        table.row([
-            "verdicts by chance".to_owned(),
-            format!(
-                "{sampled} claims rest on samples: at most {expected:.1} of them would be supported by chance, \
-                 and as many contradicted, if the figures of all lay exactly at their bounds"
-            ),
-        ]);
-    }
-}
-
 /// Notes on the run, and the stand-ins that cells ran on, once each.
 fn notes(view: &ReportView<'_>, text: &mut String) {
     let of_runs = view.runs.iter().flat_map(|run| &run.notes).map(|note| &note.text);
-    let entries = view.sections.iter().flat_map(|section| &section.entries);
-    let stand_ins = entries.flat_map(|entry| &entry.cell.stand_ins);
+    let stand_ins = view.entries().flat_map(|entry| &entry.cell.stand_ins);
     let mut all: IndexSet<String> = of_runs.chain(stand_ins).cloned().collect();
     all.extend(
         view.left_out.iter().map(|LeftOut { what, reason }| format!("left out: {what}: {reason}")),

@@ -1,10 +1,7 @@
 //! Where the first sample of a ray lies beyond another surface: points near the edge of two half planes. VAO §6.1, Fig. 10.
 
-use glam::DVec3;
-
 use super::orientations::{Body, Turned, defaults, half_planes, orientation, shift};
-use super::{Case, Random, Result, largest, mean};
-use crate::{Check, Rig};
+use crate::prelude::*;
 use fathom_stages::ao::query::INFO;
 
 /// Distances from the edge, voxels.
@@ -34,7 +31,7 @@ pub fn cases() -> Vec<Case> {
                     largest(worst.iter().zip(bounds).map(|(error, bound)| -error - bound))
                 };
                 let what = format!("{what}: A less than documented");
-                let check = Check::of(INFO.name, what)
+                let check = Check::of(rig, what)
                     .within((ROUNDING, "1"), beyond(0))
                     .control("held against the figures of the next distance", beyond(1));
                 let with = |check: Check, (error, voxels): (&f64, f64)| {
@@ -77,7 +74,7 @@ mod tests {
     #[ignore = "a map of a minute: cargo test -p fathom-verify map_of_edges -- --ignored --nocapture"]
     fn map_of_edges() {
         let gpu = Gpu::open(&Options::default()).unwrap();
-        let rig = Rig::new(&gpu);
+        let rig = Rig::new(&gpu, INFO.name);
         println!("| angle | {} |", VOXELS.map(|voxels| voxels.to_string()).join(" | "));
         for (angle_deg, _) in TOO_SMALL {
             let row = worst(&rig, angle_deg).unwrap();

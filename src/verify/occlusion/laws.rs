@@ -1,9 +1,9 @@
 //! `ao/query` against closed forms: a plane, a corner, a ball overhead.
 
-use glam::DVec3;
-
-use super::{Case, MarchedVolume, VOXEL_M, largest, marching, mean, query};
-use crate::{Check, Checks, Result, Rig};
+use super::{MarchedVolume, VOXEL_M, marching, query};
+use crate::prelude::*;
+use fathom_reference::horizon::beside_wall;
+use fathom_reference::occlusion as reference;
 use fathom_stages::ao::query::INFO;
 use fathom_stages::marching::{Attenuation, Guard, Hit, Marching};
 
@@ -44,38 +44,38 @@ fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
     (0..16).map(|i| (point(i), DVec3::Y)).collect()
 }
 
-/// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
-fn plane(rig: &Rig<'_>) -> Result<Check> {
-    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, is_floor)?;
-    let run = |guard| {
-        let settings = Marching { guard, ..marching(settings) };
-        query(rig, &subject.voxels, &floor_points(0.0), &settings)
-    };
-    let voxel = largest(run(Guard::Voxel)?);
-    let check = Check::of(INFO.name, "largest A of a plane")
-        .within((1e-6, "1"), largest(run(Guard::Variable)?))
-        .control("constant guard of a voxel's diagonal", voxel);
-    let seven = mean(run(Guard::SevenVoxels)?);
-    let none = mean(run(Guard::None)?);
-    Ok(check.with("mean_with_guard_of_seven_voxels", seven).with("mean_without_guard", none))
+/// A of these points over a volume.
+fn found(
+    rig: &Rig<'_>,
+    inside: impl Fn(DVec3) -> bool,
+    points: &[(DVec3, DVec3)],
+    settings: &Marching,
+) -> Result<Vec<f64>> {
+    query(rig, &MarchedVolume::new(rig, SIDE, OPAQUE, inside)?.voxels, points, settings)
 }
 
-/// A of a floor beside a wall that is far higher than r_max, at x = c r_max: the wall is met in directions with
-/// sin θ cos φ > c, so that A = (φ₀ − c² tan φ₀) / π with cos φ₀ = c. At c → 0 it is ½.
-fn beside_wall(c: f64) -> f64 {
-    let angle = c.acos();
-    (angle - c * c * angle.tan()) / std::f64::consts::PI
+/// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
+fn plane(rig: &Rig<'_>) -> Result<Check> {
+    let run = |guard| {
+        let settings = Marching { guard, ..marching(settings) };
+        found(rig, is_floor, &floor_points(0.0), &settings)
+    };
+    Ok(Check::of(rig, "largest A of a plane")
+        .within((1e-6, "1"), largest(run(Guard::Variable)?))
+        .control("constant guard of a voxel's diagonal", largest(run(Guard::Voxel)?))
+        .with("mean_with_guard_of_seven_voxels", mean(run(Guard::SevenVoxels)?))
+        .with("mean_without_guard", mean(run(Guard::None)?)))
 }
 
 fn corner(rig: &Rig<'_>) -> Checks {
     let is_wall = |p: DVec3| (p.x - 0.03 * VOXEL_M).abs() < 0.5 * VOXEL_M;
-    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
+    let is_corner = |p| is_floor(p) || is_wall(p);
     let check = |(x_voxels, tolerance): (f64, f64)| {
-        let expected = beside_wall((x_voxels - 0.03) / R_MAX);
-        let other = beside_wall((x_voxels + 6.0) / R_MAX);
-        let points = floor_points(x_voxels);
-        let measured = mean(query(rig, &subject.voxels, &points, &marching(settings))?);
-        Ok(Check::of(INFO.name, format!("A in a corner, {x_voxels} voxels from the wall"))
+        // Of a floor beside a wall that is far higher than r_max.
+        let beside = |x_voxels: f64| beside_wall(x_voxels / R_MAX, reference::Attenuation::Hard);
+        let (expected, other) = (beside(x_voxels - 0.03), beside(x_voxels + 6.0));
+        let measured = mean(found(rig, is_corner, &floor_points(x_voxels), &marching(settings))?);
+        Ok(Check::of(rig, format!("A in a corner, {x_voxels} voxels from the wall"))
             .within((tolerance, "1"), (measured - expected).abs())
             .control("the wall six voxels away", (measured - other).abs())
             .with("expected", expected))
@@ -89,16 +89,15 @@ fn ball(rig: &Rig<'_>) -> Result<Check> {
     let center = DVec3::new(0.0, 24.0, 0.0) * VOXEL_M;
     let radius = 12.0 * VOXEL_M;
     let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
-    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_ball(p))?;
     let points = [(DVec3::new(0.0, 0.03 * VOXEL_M, 0.0), DVec3::Y)];
-    let a = query(rig, &subject.voxels, &points, &marching(settings))?;
+    let a = found(rig, |p| is_floor(p) || is_ball(p), &points, &marching(settings))?[0];
     let law = |radius: f64| (radius / center.y).powi(2);
     // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
     let tolerance = law(radius + VOXEL_M) - law(radius);
-    let check = Check::of(INFO.name, "A below a ball")
-        .within((tolerance, "1"), (a[0] - law(radius)).abs())
-        .control("radius 1.3 times", (a[0] - law(1.3 * radius)).abs());
-    Ok(check.with("expected", law(radius)))
+    Ok(Check::of(rig, "A below a ball")
+        .within((tolerance, "1"), (a - law(radius)).abs())
+        .control("radius 1.3 times", (a - law(1.3 * radius)).abs())
+        .with("expected", law(radius)))
 }
 
 /// A ceiling of one voxel along an axis, by the defaults: no ray passes through it, wherever between two voxels the points lie. Rays that
@@ -108,7 +107,6 @@ fn ceiling(rig: &Rig<'_>) -> Result<Check> {
     const SHIFTS: u32 = 16;
     let layer = 12.5;
     let is_ceiling = |p: DVec3| (p.y - layer * VOXEL_M).abs() < 0.25 * VOXEL_M;
-    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, is_ceiling)?;
     let heights: Vec<f64> = (0..SHIFTS).map(|i| f64::from(i) / f64::from(SHIFTS)).collect();
     let points: Vec<_> =
         heights.iter().map(|y| (DVec3::new(0.3, *y, 0.7) * VOXEL_M, DVec3::Y)).collect();
@@ -122,13 +120,10 @@ fn ceiling(rig: &Rig<'_>) -> Result<Check> {
         // V reaches the threshold before the layer's middle.
         let before = 1.0 - settings.threshold + settings.offset_voxels;
         let law = |y: &f64| 1.0 - ((layer - before - y) / R_MAX).powi(2);
-        let found = query(rig, &subject.voxels, &points, &settings)?;
+        let found = found(rig, is_ceiling, &points, &settings)?;
         Ok(largest(found.iter().zip(&heights).map(|(a, y)| (a - law(y)).abs())))
     };
-    Ok(Check::of(
-        INFO.name,
-        "A below a ceiling of a voxel, largest error at 16 places within a voxel",
-    )
-    .within((0.02, "1"), errors(None)?)
-    .control("hits between whole steps only", errors(Some(Hit::Between))?))
+    Ok(Check::of(rig, "A below a ceiling of a voxel, largest error at 16 places within a voxel")
+        .within((0.02, "1"), errors(None)?)
+        .control("hits between whole steps only", errors(Some(Hit::Between))?))
 }

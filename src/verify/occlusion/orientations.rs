@@ -1,18 +1,10 @@
 //! Volume ambient occlusion with the pipeline's defaults against ray casting: simple bodies in many orientations, voxelized and
 //! marched as a user's scene would be.
 
-use std::f64::consts::{PI, TAU};
-
-use glam::{DMat3, DQuat, DVec3, EulerRot};
-
-use super::{Case, Random, Result, largest, mean};
-use crate::{Check, Rig};
-use fathom_gpu::GpuError;
+use crate::prelude::*;
 use fathom_pipelines::settings::{Method, R_MAX_SHARE};
 use fathom_pipelines::volume_ao::{Params, occlusion_at};
 use fathom_reference::occlusion::{Attenuation, occlusion};
-use fathom_reference::rays::Tracer;
-use fathom_scene::{Grid, Mesh, Object, Scene, SceneFile};
 use fathom_stages::ao::query::{INFO, SurfacePoint};
 use fathom_stages::marching::{Guard, Hit};
 
@@ -31,9 +23,9 @@ const ORIENTATIONS: u32 = 15;
 const OF_CONTROL: std::ops::Range<usize> = 4..9;
 
 /// Triangles of a body at rest, and points on it with their normals.
-pub(super) struct Body {
-    pub(super) mesh: Mesh,
-    pub(super) points: Vec<(DVec3, DVec3)>,
+pub struct Body {
+    pub mesh: Mesh,
+    pub points: Vec<(DVec3, DVec3)>,
 }
 
 type Make = fn(&mut Random) -> Body;
@@ -76,7 +68,7 @@ pub fn cases() -> Vec<Case> {
             Case::new(INFO.name, format!("orientations, {name}"), move |rig| {
                 let [default, other, mean] = worst(rig, make, control)?;
                 let what = format!("{name}, {ORIENTATIONS} orientations: largest RMS error of A");
-                let check = Check::of(INFO.name, what)
+                let check = Check::of(rig, what)
                     .within((tolerance, "1"), default)
                     .control(control.name, other);
                 Ok(vec![check.with("over_all_orientations", mean)])
@@ -91,17 +83,17 @@ fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3]> {
     let mut other = default.clone();
     (control.change)(&mut other);
     let turned = turned(make)?;
-    let rms = |params: &Params, turned: &[Turned]| {
+    let errors = |params: &Params, turned: &[Turned]| {
         let errors = turned.iter().map(|turned| turned.rms_error(rig, params));
         errors.collect::<Result<Vec<f64>>>()
     };
-    let [default, other] = [rms(&default, &turned)?, rms(&other, &turned[OF_CONTROL])?];
-    let all = mean(default.iter().map(|error| error * error)).sqrt();
+    let [default, other] = [errors(&default, &turned)?, errors(&other, &turned[OF_CONTROL])?];
+    let all = rms(default.iter().copied());
     Ok([largest(default), largest(other), all])
 }
 
 /// The pipeline's defaults with 64 rays.
-pub(super) fn defaults() -> Result<Params> {
+pub fn defaults() -> Result<Params> {
     let mut params = Params::from(&SceneFile::load("plane")?);
     params.ao.rays = 64;
     Ok(params)
@@ -120,7 +112,7 @@ fn turned(make: Make) -> Result<Vec<Turned>> {
 }
 
 /// As it is four times, turned by 45° about an axis, its y brought to (1, 1, 1), and then at random.
-pub(super) fn orientation(number: u32, random: &mut Random) -> DMat3 {
+pub fn orientation(number: u32, random: &mut Random) -> DMat3 {
     match number {
         0..=3 => DMat3::IDENTITY,
         4 => DMat3::from_rotation_z(PI / 4.0),
@@ -133,12 +125,12 @@ pub(super) fn orientation(number: u32, random: &mut Random) -> DMat3 {
 }
 
 /// Where a grid begins before a body, voxels.
-pub(super) fn shift(random: &mut Random) -> DVec3 {
+pub fn shift(random: &mut Random) -> DVec3 {
     DVec3::from([(); 3].map(|()| random.number()))
 }
 
 /// A body in one orientation: points on it, and A there by ray casting.
-pub(super) struct Turned {
+pub struct Turned {
     scene: Scene,
     points: Vec<SurfacePoint>,
     exact: Vec<f64>,
@@ -146,7 +138,7 @@ pub(super) struct Turned {
 
 impl Turned {
     /// `shift` moves the grid against the body, voxels.
-    pub(super) fn new(body: &Body, turn: DMat3, shift: DVec3) -> Result<Self> {
+    pub fn new(body: &Body, turn: DMat3, shift: DVec3) -> Result<Self> {
         let mut mesh = body.mesh.clone();
         for p in &mut mesh.positions {
             *p = (turn * DVec3::from(p.map(f64::from))).as_vec3().to_array();
@@ -168,19 +160,19 @@ impl Turned {
     }
 
     /// Edge of a voxel.
-    pub(super) fn voxel_m(&self, params: &Params) -> Result<f64> {
+    pub fn voxel_m(&self, params: &Params) -> Result<f64> {
         let grid = Grid::fit(&self.scene.solid_bounds(), params.voxel.resolution);
         Ok(grid.map_err(GpuError::Limit)?.voxel_m)
     }
 
     /// Of A at each point.
-    pub(super) fn errors(&self, rig: &Rig<'_>, params: &Params) -> Result<Vec<f64>> {
+    pub fn errors(&self, rig: &Rig<'_>, params: &Params) -> Result<Vec<f64>> {
         let found = occlusion_at(rig.gpu, &self.scene, params, &self.points)?;
         Ok(found.iter().zip(&self.exact).map(|(a, b)| f64::from(*a) - b).collect())
     }
 
     fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64> {
-        Ok(mean(self.errors(rig, params)?.iter().map(|error| error * error)).sqrt())
+        Ok(rms(self.errors(rig, params)?))
     }
 }
 
@@ -260,7 +252,7 @@ fn wedge(random: &mut Random, angle_deg: f64) -> Body {
 }
 
 /// From the z axis, one of them along x.
-pub(super) fn half_planes(angle_deg: f64) -> Mesh {
+pub fn half_planes(angle_deg: f64) -> Mesh {
     let (sin, cos) = angle_deg.to_radians().sin_cos();
     let mut mesh = Mesh::default();
     for along in [DVec3::X, DVec3::new(cos, sin, 0.0)] {
@@ -329,7 +321,7 @@ mod tests {
     #[ignore = "a map of some minutes: cargo test -p fathom-verify map_of_settings -- --ignored --nocapture"]
     fn map_of_settings() {
         let gpu = Gpu::open(&Options::default()).unwrap();
-        let rig = Rig::new(&gpu);
+        let rig = Rig::new(&gpu, INFO.name);
         let bodies = BODIES.map(|(_, _, _, make)| turned(make).unwrap());
         let names = BODIES.map(|(name, ..)| name).join(" | ");
         println!("| volume | threshold | offset | hit | {names} |");

@@ -1,19 +1,10 @@
 //! `ao/march`: pixel by pixel against the f64 twin, from the depth and normals of a rendered scene.
 
-use glam::{DMat4, DVec3};
-
-use super::{
-    Case, MANY_RAYS, MarchedVolume, Marching, beyond, density_error, largest, marching, twin,
-};
-use crate::{Check, Checks, Result, Rig};
-use fathom_gpu::GpuError;
-use fathom_reference::image::{Image, pixels};
+use super::{MANY_RAYS, MarchedVolume, Marching, beyond, density_error, marching, twin};
+use crate::prelude::*;
+use fathom_reference::image::behind;
 use fathom_reference::march::{HostVolume, March};
-use fathom_reference::rays::PixelRays;
-use fathom_scene::{Bounds, Grid, Scene};
 use fathom_stages::ao::march::{self, INFO};
-use fathom_stages::frame::Shared;
-use fathom_stages::gbuffer::GbufferTextures;
 
 /// A ball over a plane, and background.
 const SCENE: &str = "ball";
@@ -38,40 +29,33 @@ pub fn cases() -> Vec<Case> {
 
 /// A small G-buffer and its content on the host.
 struct DrawnSurface {
-    shared: Shared,
+    stand: Stand,
     gbuffer: GbufferTextures,
     view_projection: DMat4,
-    rays: PixelRays,
     depth: Image,
     normal: [Image; 3],
 }
 
 impl DrawnSurface {
-    fn new(rig: &Rig<'_>, scene: &Scene) -> Result<Self> {
-        let stand = rig.stand(scene, SIZE);
+    fn new(rig: &Rig<'_>) -> Result<Self> {
+        let stand = rig.stand(Scene::load(SCENE)?, SIZE)?;
         let gbuffer = rig.gbuffer(&stand)?;
         let channel = |i| rig.channel(&gbuffer.normal, i);
         Ok(Self {
-            rays: PixelRays::new(&scene.camera, SIZE[0], SIZE[1]),
             depth: rig.channel(&gbuffer.depth, 0)?,
             normal: [channel(0)?, channel(1)?, channel(2)?],
             view_projection: stand.view.camera.view_projection(stand.view.aspect()),
             gbuffer,
-            shared: stand.shared,
+            stand,
         })
     }
 
     /// Surface behind a pixel of a buffer of `size_px`, none on the background.
-    fn surface(&self, x: u32, y: u32, size_px: [u32; 2]) -> Option<(DVec3, DVec3)> {
-        // As `texel_behind` in shaders/shared/screen.wgsl.
-        let behind = |pixel: u32, own: u32, size: u32| {
-            let place = (f64::from(pixel) + 0.5) * f64::from(size) / f64::from(own) + 1e-3;
-            (place as i64).min(i64::from(size) - 1)
-        };
-        let (tx, ty) = (behind(x, size_px[0], SIZE[0]), behind(y, size_px[1], SIZE[1]));
+    fn surface(&self, (x, y): (u32, u32), size_px: [u32; 2]) -> Option<(DVec3, DVec3)> {
+        let [tx, ty] = behind([x.into(), y.into()], size_px, SIZE);
         let z = self.depth.clamped(tx, ty);
         let normal = [0, 1, 2].map(|i| self.normal[i].clamped(tx, ty));
-        let place = self.rays.unproject(tx as f64 + 0.5, ty as f64 + 0.5, z);
+        let place = self.stand.rays.unproject(tx as f64 + 0.5, ty as f64 + 0.5, z);
         (z < 1.0).then(|| (place, DVec3::from(normal).normalize()))
     }
 }
@@ -109,9 +93,8 @@ fn settings(volumes: &[MarchedVolume]) -> Marching {
 }
 
 fn compare(rig: &Rig<'_>, per_object: bool, rays: u32, sizes: &[[u32; 2]]) -> Checks {
-    let scene = Scene::load(SCENE)?;
-    let seen = DrawnSurface::new(rig, &scene)?;
-    let subjects = volumes(rig, &scene, per_object)?;
+    let seen = DrawnSurface::new(rig)?;
+    let subjects = volumes(rig, &seen.stand.scene, per_object)?;
     let voxels: Vec<_> = subjects.iter().map(|s| s.voxels.clone()).collect();
     // Not 0, which draws nothing else.
     let settings = Marching { seed: 3, rays, ..settings(&subjects) };
@@ -119,17 +102,15 @@ fn compare(rig: &Rig<'_>, per_object: bool, rays: u32, sizes: &[[u32; 2]]) -> Ch
     let twins: Vec<(&HostVolume, March)> =
         subjects.iter().map(|s| (&s.host, twin(&settings, &s.host.grid))).collect();
     let check = |size_px: [u32; 2]| {
-        let surface = (&seen.gbuffer, seen.view_projection);
-        let stage =
-            march::March::new(&rig.resources, &seen.shared, &voxels, surface, &settings, size_px)?;
-        rig.run(&[&stage])?;
-        let image = rig.channel(stage.texture(), 0)?;
+        let (shared, surface) = (&seen.stand.shared, (&seen.gbuffer, seen.view_projection));
+        let stage = march::March::new(rig, shared, &voxels, surface, &settings, size_px)?;
+        let image = rig.drawn(&[&stage], stage.texture(), 0)?;
         // As `seed_of` in shaders/shared/marching.wgsl.
         let own = settings.seed.wrapping_mul(0x9E37_79B9);
         let measure = |moved_by: u32, share: f64| {
             largest(pixels(size_px).map(|(x, y)| {
-                let value = share * (1.0 - image.clamped(x.into(), y.into()));
-                let Some((p, n)) = seen.surface(x, y, size_px) else {
+                let value = share * (1.0 - image.at((x, y)));
+                let Some((p, n)) = seen.surface((x, y), size_px) else {
                     return value.abs();
                 };
                 // Thresholds of all volumes move together.
@@ -144,43 +125,39 @@ fn compare(rig: &Rig<'_>, per_object: bool, rays: u32, sizes: &[[u32; 2]]) -> Ch
             }))
         };
         let ([w, h], count) = (size_px, voxels.len());
-        let what = format!("largest |GPU − f64 twin| of A, {count} volumes, {w}×{h}, {rays} rays");
         // Many rays see the same from any pixel.
-        let (what_else, otherwise) = if rays == MANY_RAYS {
+        let (perturbed, control) = if rays == MANY_RAYS {
             ("a fifth of what the rays meet left out", measure(0, 0.8))
         } else {
             ("directions of the neighbouring pixel", measure(1, 1.0))
         };
-        Ok(Check::of(INFO.name, what)
+        let what = format!("{count} volumes, {w}×{h}, {rays} rays");
+        Ok(Check::of(rig, format!("largest |GPU − f64 twin| of A, {what}"))
             .within((TOLERANCE, "1"), measure(0, 1.0))
-            .control(what_else, otherwise))
+            .control(perturbed, control))
     };
     sizes.iter().copied().map(check).collect()
 }
 
 fn counts(rig: &Rig<'_>) -> Result<Check> {
-    let scene = Scene::load(SCENE)?;
-    let seen = DrawnSurface::new(rig, &scene)?;
-    let subjects = volumes(rig, &scene, false)?;
+    let seen = DrawnSurface::new(rig)?;
+    let subjects = volumes(rig, &seen.stand.scene, false)?;
     let settings = settings(&subjects);
     let (surface, voxels) = ((&seen.gbuffer, seen.view_projection), [subjects[0].voxels.clone()]);
-    let counted = march::count(rig.gpu, &seen.shared, &voxels, surface, &settings, SIZE)?;
-    let expected = |r_max_scale: f64| {
+    let counted = march::count(rig.gpu, &seen.stand.shared, &voxels, surface, &settings, SIZE)?;
+    let off = |r_max_scale: f64| {
         let host = &subjects[0].host;
         let mut march = twin(&settings, &host.grid);
         march.r_max *= r_max_scale;
         let samples = pixels(SIZE).filter_map(|(x, y)| {
-            let (p, n) = seen.surface(x, y, SIZE)?;
+            let (p, n) = seen.surface((x, y), SIZE)?;
             Some(march.from(host, p, n, x + 65536 * y).samples)
         });
-        samples.sum::<u64>() as f64
+        relative_error(counted.samples as f64, samples.sum::<u64>() as f64)
     };
-    let off = |expected: f64| (counted.samples as f64 / expected - 1.0).abs();
     // Rays that rounding of V ends a sample earlier or later.
-    let tolerance = (2e-3, "1");
-    let check = Check::of(INFO.name, "samples counted over those of the f64 twin, less 1")
-        .within(tolerance, off(expected(1.0)))
-        .control("r_max 1.1 times", off(expected(1.1)));
-    let per_fragment = counted.samples as f64 / counted.fragments.max(1) as f64;
-    Ok(check.with("samples_per_fragment", per_fragment))
+    Ok(Check::of(rig, "samples counted over those of the f64 twin, less 1")
+        .within((2e-3, "1"), off(1.0))
+        .control("r_max 1.1 times", off(1.1))
+        .with("samples_per_fragment", counted.samples as f64 / counted.fragments.max(1) as f64))
 }

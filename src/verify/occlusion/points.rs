@@ -1,10 +1,10 @@
 //! `ao/query`: point by point against the f64 twin, and variants that must agree.
 
 use super::{
-    Case, HostVolume, MANY_RAYS, MarchedVolume, Marching, beyond, density_error, furnished,
+    HostVolume, MANY_RAYS, MarchedVolume, Marching, beyond, density_error, furnished,
+    furnished_points, marching, query, twin,
 };
-use super::{furnished_points, largest, marching, mean, query, twin};
-use crate::{Check, Checks, Result, Rig};
+use crate::prelude::*;
 use fathom_reference::march::March;
 use fathom_stages::ao::query::INFO;
 use fathom_stages::marching::{
@@ -59,92 +59,102 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
-    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
-    let points = furnished_points();
-    let settings = marching(change);
-    let occlusion = query(rig, &subject.voxels, &points, &settings)?;
-    let march = twin(&settings, &subject.host.grid);
-    let error = density_error(settings.storage);
-    let measure = |values: &[f64], nudge: f64| {
-        largest((0..).zip(&points).zip(values).map(|((i, (p, n)), value)| {
-            beyond(*value, &march, error, |march| {
-                march.from(&subject.host, *p + *n * nudge, *n, i).occlusion
+/// Points of the furnished volume: A as the stage finds it, and what its twin needs.
+struct Marched {
+    host: HostVolume,
+    points: Vec<(DVec3, DVec3)>,
+    found: Vec<f64>,
+    march: March,
+    /// How exact V is.
+    error: f64,
+}
+
+impl Marched {
+    fn new(rig: &Rig<'_>, level: u8, count: usize, settings: &Marching) -> Result<Self> {
+        let subject = MarchedVolume::new(rig, SIDE, level, furnished)?;
+        let mut points = furnished_points();
+        points.truncate(count);
+        let found = query(rig, &subject.voxels, &points, settings)?;
+        let march = twin(settings, &subject.host.grid);
+        let error = density_error(settings.storage);
+        Ok(Self { host: subject.host, points, found, march, error })
+    }
+
+    /// Largest distance of a share of A from the twin's, from points moved along the normals, beyond what rounding of V explains.
+    fn beyond(&self, share: f64, nudge_m: f64) -> f64 {
+        let found = (0..).zip(&self.points).zip(&self.found);
+        largest(found.map(|((i, (p, n)), value)| {
+            beyond(share * value, &self.march, self.error, |march| {
+                march.from(&self.host, *p + *n * nudge_m, *n, i).occlusion
             })
         }))
-    };
-    let nudge = 0.3 * subject.host.grid.voxel_m;
-    let check = Check::of(INFO.name, format!("largest |GPU − f64 twin| of A, {name}"))
-        .within((TOLERANCE, "1"), measure(&occlusion, 0.0))
-        .control("the twin's points 0.3 voxels higher", measure(&occlusion, nudge));
-    Ok(check.with("mean", mean(occlusion)))
+    }
+
+    /// RMS of the difference from another twin, over this volume.
+    fn rms(&self, march: &March, host: &HostVolume) -> f64 {
+        let found = (0..).zip(&self.points).zip(&self.found);
+        rms(found.map(|((i, (p, n)), value)| value - march.from(host, *p, *n, i).occlusion))
+    }
+
+    fn mean(&self) -> f64 {
+        mean(self.found.iter().copied())
+    }
+}
+
+fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
+    let marched = Marched::new(rig, OPAQUE, usize::MAX, &marching(change))?;
+    Ok(Check::of(rig, format!("largest |GPU − f64 twin| of A, {name}"))
+        .within((TOLERANCE, "1"), marched.beyond(1.0, 0.0))
+        .control(
+            "the twin's points 0.3 voxels higher",
+            marched.beyond(1.0, 0.3 * marched.host.grid.voxel_m),
+        )
+        .with("mean", marched.mean()))
 }
 
 fn many_rays(rig: &Rig<'_>) -> Result<Check> {
-    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
-    let points = &furnished_points()[..12];
     let settings = Marching { rays: MANY_RAYS, ..marching(|_| ()) };
-    let occlusion = query(rig, &subject.voxels, points, &settings)?;
-    let march = twin(&settings, &subject.host.grid);
-    let error = density_error(settings.storage);
-    let measure = |share: f64| {
-        largest((0..).zip(points).zip(&occlusion).map(|((i, (p, n)), value)| {
-            beyond(share * value, &march, error, |march| {
-                march.from(&subject.host, *p, *n, i).occlusion
-            })
-        }))
-    };
-    Ok(Check::of(INFO.name, format!("largest |GPU − f64 twin| of A, {MANY_RAYS} rays"))
-        .within((TOLERANCE, "1"), measure(1.0))
-        .control("a fifth of what the rays meet left out", measure(0.8))
-        .with("mean", mean(occlusion.iter().copied())))
+    let marched = Marched::new(rig, OPAQUE, 12, &settings)?;
+    Ok(Check::of(rig, format!("largest |GPU − f64 twin| of A, {MANY_RAYS} rays"))
+        .within((TOLERANCE, "1"), marched.beyond(1.0, 0.0))
+        .control("a fifth of what the rays meet left out", marched.beyond(0.8, 0.0))
+        .with("mean", marched.mean()))
+}
+
+/// A sample of falling opacity that rounding makes a rising one changes a ray by up to its opacity, 0.35: the share of such samples is that
+/// of V's error, 1 / 64, of which 32 rays take the mean.
+const OPACITY_RMS: f64 = 5e-3;
+
+fn glass(rig: &Rig<'_>, step_voxels: Option<f64>) -> Result<Marched> {
+    let settings = marching(|m| {
+        m.occluder = Occluder::Opacity;
+        m.threshold = 1.0;
+        m.step_voxels = step_voxels.unwrap_or(m.step_voxels);
+    });
+    Marched::new(rig, GLASS, usize::MAX, &settings)
 }
 
 fn opacities(rig: &Rig<'_>) -> Result<Check> {
-    let subject = MarchedVolume::new(rig, SIDE, GLASS, furnished)?;
-    let points = furnished_points();
-    let settings = Marching { occluder: Occluder::Opacity, threshold: 1.0, ..marching(|_| ()) };
-    let occlusion = query(rig, &subject.voxels, &points, &settings)?;
-    let march = twin(&settings, &subject.host.grid);
+    let marched = glass(rig, None)?;
     let rms = |alpha_scale: f64| {
-        let values = subject.host.values.iter().map(|v| v * alpha_scale).collect();
-        let host = HostVolume { grid: subject.host.grid, values };
-        let squares = (0..)
-            .zip(&points)
-            .zip(&occlusion)
-            .map(|((i, (p, n)), value)| (value - march.from(&host, *p, *n, i).occlusion).powi(2));
-        mean(squares).sqrt()
+        let values = marched.host.values.iter().map(|v| v * alpha_scale).collect();
+        marched.rms(&marched.march, &HostVolume { grid: marched.host.grid, values })
     };
-    // A sample of falling opacity that rounding makes a rising one changes a ray by up to its opacity, 0.35: the share of
-    // such samples is that of V's error, 1 / 64, of which 32 rays take the mean.
-    Ok(Check::of(INFO.name, "RMS of GPU − f64 twin of A, opacities")
-        .within((5e-3, "1"), rms(1.0))
+    Ok(Check::of(rig, "RMS of GPU − f64 twin of A, opacities")
+        .within((OPACITY_RMS, "1"), rms(1.0))
         .control("the twin's opacities 1.1 times", rms(1.1)))
 }
 
 /// Eq. 7's exponent is the step over the voxel: steps of other lengths than a voxel show whether it is there.
 fn opacity_steps(rig: &Rig<'_>) -> Checks {
-    let subject = MarchedVolume::new(rig, SIDE, GLASS, furnished)?;
-    let points = furnished_points();
     let check = |step_voxels: f64| {
-        let occluder = Occluder::Opacity;
-        let settings = Marching { occluder, threshold: 1.0, step_voxels, ..marching(|_| ()) };
-        let occlusion = query(rig, &subject.voxels, &points, &settings)?;
-        let march = twin(&settings, &subject.host.grid);
-        let rms = |exponent: f64| {
-            let march = March { exponent, ..march.clone() };
-            let squares = (0..).zip(&points).zip(&occlusion).map(|((i, (p, n)), value)| {
-                (value - march.from(&subject.host, *p, *n, i).occlusion).powi(2)
-            });
-            mean(squares).sqrt()
-        };
-        Ok(Check::of(
-            INFO.name,
-            format!("RMS of GPU − f64 twin of A, opacities, steps of {step_voxels}"),
-        )
-        .within((5e-3, "1"), rms(step_voxels))
-        .control("the twin's exponent 1", rms(1.0))
-        .with("mean", mean(occlusion)))
+        let marched = glass(rig, Some(step_voxels))?;
+        let rms =
+            |exponent| marched.rms(&March { exponent, ..marched.march.clone() }, &marched.host);
+        Ok(Check::of(rig, format!("RMS of GPU − f64 twin of A, opacities, steps of {step_voxels}"))
+            .within((OPACITY_RMS, "1"), rms(step_voxels))
+            .control("the twin's exponent 1", rms(1.0))
+            .with("mean", marched.mean()))
     };
     [0.5, 2.0].into_iter().map(check).collect()
 }
@@ -165,13 +175,11 @@ fn storages(rig: &Rig<'_>) -> Result<Check> {
         largest(bounds.zip(values).map(|((low, high), v)| (low - v).max(v - high)))
     };
     let bits = run(Storage::Bits, 0.6)?;
-    let equal = texture.iter().zip(&bits).filter(|(a, b)| (*a - *b).abs() < 1e-3);
-    let equal_share = equal.count() as f64 / points.len() as f64;
-    let check =
-        Check::of(INFO.name, "largest difference of A by texture and by bits beyond V's rounding")
-            .within((TOLERANCE, "1"), outside(&texture))
-            .control("threshold 0.7 for the texture", outside(&run(Storage::Texture, 0.7)?));
-    Ok(check.with("share_equal_within_1e-3", equal_share))
+    let equal = texture.iter().zip(&bits).map(|(a, b)| (a - b).abs() < 1e-3);
+    Ok(Check::of(rig, "largest difference of A by texture and by bits beyond V's rounding")
+        .within((TOLERANCE, "1"), outside(&texture))
+        .control("threshold 0.7 for the texture", outside(&run(Storage::Texture, 0.7)?))
+        .with("share_equal_within_1e-3", share(equal)))
 }
 
 fn skipping(rig: &Rig<'_>) -> Checks {
@@ -183,7 +191,7 @@ fn skipping(rig: &Rig<'_>) -> Checks {
     };
     // The pyramid is not filled yet and says that all is empty.
     let blind = run(|_| (), true)?;
-    let mips = Mips::new(&rig.resources, std::slice::from_ref(&subject.voxels))?;
+    let mips = Mips::new(rig, std::slice::from_ref(&subject.voxels))?;
     rig.run(&[&mips])?;
     let variants: [(&str, Change); 3] = [
         ("defaults", |_| ()),
@@ -192,11 +200,8 @@ fn skipping(rig: &Rig<'_>) -> Checks {
     ];
     let check = |(name, change): (&str, Change)| {
         let (plain, skipping) = (run(change, false)?, run(change, true)?);
-        let differ = |values: &[f64]| {
-            let pairs = plain.iter().zip(values);
-            pairs.filter(|(a, b)| a.to_bits() != b.to_bits()).count() as f64
-        };
-        Ok(Check::of(INFO.name, format!("points whose A skipping changes, {name}"))
+        let differ = |values: &[f64]| differing(&plain, values);
+        Ok(Check::of(rig, format!("points whose A skipping changes, {name}"))
             .within((0.0, "1"), differ(&skipping))
             .control("the pyramid empty", differ(&blind)))
     };

@@ -1,15 +1,10 @@
 //! Photons behind mirrors and glass against exact ray casting.
 
-use glam::{DMat3, DMat4, DVec3, EulerRot};
-
-use super::{HitTest, LAYERS, METHODS, Method, SIZE, Setup, WRONG_M};
-use crate::{Case, Check, Checks, Result, Rig, largest, rig};
-use fathom_reference::quantities::{StoredPhoton, quantile};
-use fathom_reference::rays::{Hit, PixelRays, Tracer};
+use super::{HitTest, LAYERS, METHODS, Method, Setup, WRONG_M};
+use crate::prelude::*;
 use fathom_reference::specular::{End, Surfaces};
-use fathom_scene::{Camera, LightKind, Material, Mesh, Object, Optics, Scene};
+use fathom_scene::Material;
 use fathom_stages::rays::march;
-use fathom_stages::screen_ray::{NEVER, Transfer};
 use fathom_stages::transfer::bounce;
 
 /// Mirrors and surfaces of glass that a photon may leave.
@@ -99,30 +94,25 @@ struct Exact {
 }
 
 impl Exact {
-    fn all(setup: &Setup, optics: Optics) -> Result<Vec<Exact>> {
-        let tracer = Tracer::new(&setup.scene.objects)?;
-        let pixels = PixelRays::new(&setup.stand.view.camera, SIZE[0], SIZE[1]);
+    fn all(setup: &Setup, optics: Optics) -> Vec<Exact> {
+        let stand = &setup.stand;
         let surfaces = Surfaces {
-            tracer: &tracer,
-            objects: &setup.scene.objects,
-            outside: setup.scene.water.refractive_index,
+            tracer: &stand.tracer,
+            objects: &stand.scene.objects,
+            outside: stand.scene.water.refractive_index,
             top_m: 0.0,
-        };
-        let in_view = |place: DVec3| {
-            let Some(on) = pixels.project(place) else { return false };
-            let inside = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
-            inside(on.x_px, SIZE[0]) && inside(on.y_px, SIZE[1])
         };
         let exact = |(number, transfer): (usize, &Transfer)| {
             let [origin, along] = [transfer.position_m, transfer.direction].map(|v| v.as_dvec3());
             let ray = surfaces.ray(origin, along.normalize());
             let first = surfaces.meet(&ray)?;
             let End::Diffuse(hit) = surfaces.follow(ray, BOUNCES) else { return None };
-            let meets = setup.scene.objects[first.object].material.optics == optics;
-            (meets && in_view(hit.position)).then_some(Exact { number, first, end: hit.position })
+            let meets = stand.scene.objects[first.object].material.optics == optics;
+            let is_judged = meets && stand.in_view(hit.position);
+            is_judged.then_some(Exact { number, first, end: hit.position })
         };
         let alive = setup.stored.iter().enumerate().filter(|(_, t)| t.state > NEVER);
-        Ok(alive.filter_map(exact).collect())
+        alive.filter_map(exact).collect()
     }
 }
 
@@ -134,32 +124,26 @@ fn bounced(rig: &Rig<'_>, view: View, stage: &str, method: Method) -> Checks {
     let mut checks = Vec::new();
     // Rasterizers move corners by up to 1/32 of a pixel; on the ball normals are interpolated between pixels.
     for (optics, tolerance_m) in [(Optics::Mirror, 2e-3), (Optics::Glass, 0.02)] {
-        let exact = Exact::all(&setup, optics)?;
-        let landed = || exact.iter().filter(|photon| found[photon.number].landed());
-        let median = |end: fn(&Exact) -> DVec3| {
-            let off = landed().map(|photon| found[photon.number].hit.distance(end(photon)));
-            quantile(&mut off.collect::<Vec<_>>(), 0.5)
+        let exact = Exact::all(&setup, optics);
+        let off = |end: fn(&Exact) -> DVec3| {
+            let landed = exact.iter().filter(|photon| found[photon.number].landed());
+            median(landed.map(|photon| found[photon.number].hit.distance(end(photon))))
         };
         // On the first surface, and not near the end: as if it were diffuse.
         let stays = |found: &[StoredPhoton]| {
-            let stays = exact.iter().filter(|photon| {
+            share(exact.iter().map(|photon| {
                 let found = &found[photon.number];
                 let off = |place: DVec3| found.hit.distance(place);
                 found.landed() && off(photon.first.position) < WRONG_M && off(photon.end) > WRONG_M
-            });
-            stays.count() as f64 / exact.len() as f64
+            }))
         };
-        let lost = 1.0 - landed().count() as f64 / exact.len() as f64;
-        let of = |what: &str| {
-            Check::of(bounce::INFO.name, format!("{optics:?}, {view:?} view, by {stage}: {what}"))
-        };
+        let lost = share(exact.iter().map(|photon| !found[photon.number].landed()));
+        let of =
+            |what: &str| Check::of(rig, format!("{optics:?}, {view:?} view, by {stage}: {what}"));
         checks.push(
             of("median |end − exact end|")
-                .within((tolerance_m, "m"), median(|photon| photon.end))
-                .control(
-                    "photons that end where they meet it",
-                    median(|photon| photon.first.position),
-                )
+                .within((tolerance_m, "m"), off(|photon| photon.end))
+                .control("photons that end where they meet it", off(|photon| photon.first.position))
                 .with("photons", exact.len() as f64)
                 .with("lost_share", lost),
         );
@@ -181,7 +165,7 @@ fn tilted_mirrors(rig: &Rig<'_>) -> Checks {
         let setup = Setup::of(rig, tilted_mirror(tilt)?, LAYERS)?;
         let found = setup.trace_ways(rig, Method::March, HitTest::Crossing, 2)?;
         let behind: Vec<Transfer> = rig.read(&setup.transfers.buffer)?;
-        for photon in Exact::all(&setup, Optics::Mirror)? {
+        for photon in Exact::all(&setup, Optics::Mirror) {
             let before = setup.stored[photon.number].direction.as_dvec3().normalize();
             let after = behind[photon.number].direction.as_dvec3();
             let reflected = |normal: DVec3| before - 2.0 * before.dot(normal) * normal;
@@ -199,7 +183,7 @@ fn tilted_mirrors(rig: &Rig<'_>) -> Checks {
     let photons = turned.len() as f64;
     // Ends also depend on how far the rasterizer moves corners.
     Ok(vec![
-        Check::of(bounce::INFO.name, what)
+        Check::of(rig, what)
             .within((1e-5, "1"), largest(turned))
             .control("normals of 16-bit floats", largest(turned_half))
             .with("photons", photons)

@@ -1,16 +1,11 @@
 //! `scalar/direct` and `scalar/positional` against closed forms and f64 marching.
 
-use glam::DVec3;
-
 use super::{
     ScalarPicture, Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings,
 };
-use crate::{Case, Check, Checks, Random, Result, Rig, VerifyError, largest};
+use crate::prelude::*;
 use fathom_pipelines::scalar_ao::{Law, Mode, Scalar};
-use fathom_reference::image::{Image, pixels};
 use fathom_reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
-use fathom_reference::rays::PixelRays;
-use fathom_scene::{Bounds, Volume};
 
 const DIRECT: &str = "scalar/direct";
 const POSITIONAL: &str = "scalar/positional";
@@ -31,10 +26,8 @@ pub fn cases() -> Vec<Case> {
         Case::new(POSITIONAL, "occlusion inside a ball and under a face", ball_and_face),
         Case::new(POSITIONAL, "occlusion in a rough field of long cells", rough_sphere),
         Case::new(POSITIONAL, "strata of two voxels in the average pyramid", pyramid),
-        Case::new(DIRECT, "rays of several passes", |rig| many_rays(rig, Mode::Direct, DIRECT)),
-        Case::new(POSITIONAL, "rays of several passes", |rig| {
-            many_rays(rig, Mode::Positional, POSITIONAL)
-        }),
+        Case::new(DIRECT, "rays of several passes", |rig| many_rays(rig, Mode::Direct)),
+        Case::new(POSITIONAL, "rays of several passes", |rig| many_rays(rig, Mode::Positional)),
         Case::new(POSITIONAL, "laws: rejection and empty fields", laws),
     ]
 }
@@ -58,6 +51,8 @@ fn measured(rig: &Rig<'_>, volume: &Volume, scalar: &Scalar, point: DVec3) -> Re
     Ok(1.0 - setup.run(rig)?.visibility.mean())
 }
 
+const LAWS: [Law; 2] = [Law::Opacity, Law::Beer];
+
 fn name(law: Law) -> &'static str {
     match law {
         Law::Opacity => "opacities (Eq. 7)",
@@ -65,65 +60,60 @@ fn name(law: Law) -> &'static str {
     }
 }
 
+/// A homogeneous block, seen from outside.
+fn seen_block(scalar: Scalar, side_px: u32) -> Setup {
+    Setup {
+        volume: field([20, 16, 12], DVec3::new(0.1, 0.12, 0.15), |_| BLOCK),
+        scalar,
+        camera: looking(DVec3::new(2.0, 1.5, 4.0), DVec3::ZERO),
+        size_px: [side_px; 2],
+    }
+}
+
 fn block(rig: &Rig<'_>) -> Checks {
-    [Law::Opacity, Law::Beer]
-        .map(|law| {
-            let setup = Setup {
-                volume: field([20, 16, 12], DVec3::new(0.1, 0.12, 0.15), |_| BLOCK),
-                scalar: marched(Mode::Direct, law, 0.3, 2),
-                camera: looking(DVec3::new(2.0, 1.5, 4.0), DVec3::ZERO),
-                size_px: [48, 48],
-            };
-            let opacity = setup.run(rig)?.opacity;
-            let law = reference_law(&setup.scalar, &setup.volume);
-            let error = |value: f64| {
-                let rays = PixelRays::new(&setup.camera, 48, 48);
-                let difference = |(x, y): (u32, u32)| {
-                    let (origin, direction, _) = rays.ray(x, y);
-                    let exact =
-                        law.opacity(value, chord_m(&setup.volume.bounds(), origin, direction));
-                    (opacity.clamped(x.into(), y.into()) - exact).abs()
-                };
-                largest(pixels([48, 48]).map(difference))
-            };
-            let name = name(setup.scalar.law);
-            Ok(Check::of(DIRECT, format!("{name}: largest error of opacity along the view"))
-                .within((1e-3, "1"), error(BLOCK))
-                .control("values 2 % higher", error(BLOCK * 1.02))
-                .with("opacity_most", largest(opacity.data().iter().copied())))
-        })
-        .into_iter()
-        .collect()
+    let check = |law: Law| {
+        let setup = seen_block(marched(Mode::Direct, law, 0.3, 2), 48);
+        let opacity = setup.run(rig)?.opacity;
+        let rays = PixelRays::new(&setup.camera, 48, 48);
+        let exact = reference_law(&setup.scalar, &setup.volume);
+        let error = |value: f64| {
+            largest(pixels([48, 48]).map(|(x, y)| {
+                let (origin, direction, _) = rays.ray(x, y);
+                let chord_m = chord_m(&setup.volume.bounds(), origin, direction);
+                (opacity.at((x, y)) - exact.opacity(value, chord_m)).abs()
+            }))
+        };
+        Ok(Check::of(rig, format!("{}: largest error of opacity along the view", name(law)))
+            .within((1e-3, "1"), error(BLOCK))
+            .control("values 2 % higher", error(BLOCK * 1.02))
+            .with("opacity_most", largest(opacity.data().iter().copied())))
+    };
+    LAWS.into_iter().map(check).collect()
 }
 
 /// More rays at the steps along a view ray than an adapter may make turns of an invocation's loops: the stages take several passes.
 const MANY_RAYS: u32 = 1024;
 
 /// The pass of few rays against the passes of many.
-fn many_rays(rig: &Rig<'_>, mode: Mode, stage: &'static str) -> Checks {
+fn many_rays(rig: &Rig<'_>, mode: Mode) -> Checks {
     let run = |rays: u32, r_max_m: f64| {
-        let setup = Setup {
-            volume: field([20, 16, 12], DVec3::new(0.1, 0.12, 0.15), |_| BLOCK),
-            scalar: Scalar { rays, ..marched(mode, Law::Beer, r_max_m, 8) },
-            camera: looking(DVec3::new(2.0, 1.5, 4.0), DVec3::ZERO),
-            size_px: [8, 8],
-        };
-        setup.run(rig)
+        seen_block(Scalar { rays, ..marched(mode, Law::Beer, r_max_m, 8) }, 8).run(rig)
     };
     let (many, few, longer) = (run(MANY_RAYS, 0.6)?, run(16, 0.6)?, run(16, 0.8)?);
     let apart =
         |a: &Image, b: &Image| largest(a.data().iter().zip(b.data()).map(|(a, b)| (a - b).abs()));
     let off = |other: &ScalarPicture| (many.visibility.mean() - other.visibility.mean()).abs();
     let black = Image::constant(8, 8, 0.0);
+    let check = |what: &str| Check::of(rig, format!("{MANY_RAYS} rays: {what}"));
     Ok(vec![
-        Check::of(stage, format!("{MANY_RAYS} rays: mean visibility against that with 16 rays"))
+        check("mean visibility against that with 16 rays")
             .within((TOLERANCE, "1"), off(&few))
             .control("16 rays of 4/3 of the length", off(&longer))
             .with("visibility", many.visibility.mean()),
-        Check::of(stage, format!("{MANY_RAYS} rays: largest change of opacity"))
+        check("largest change of opacity")
             .within((1e-6, "1"), apart(&many.opacity, &few.opacity))
             .control("no steps", apart(&many.opacity, &black)),
-        Check::of(stage, format!("{MANY_RAYS} rays: largest change of distance"))
+        check("largest change of distance")
             .within((1e-5, "m"), apart(&many.distance_m, &few.distance_m))
             .control("no steps", apart(&many.distance_m, &black)),
     ])
@@ -142,11 +132,13 @@ fn ramp(rig: &Rig<'_>) -> Result<Check> {
     let volume = cubes(32, |p| (128.0 - 60.0 * p.z) / 255.0);
     let a = measured(rig, &volume, &scalar, DVec3::ZERO)?;
     let (sigma, fall) = (4.0 * 128.0 / 255.0, 4.0 * 60.0 / 255.0);
-    let error = |exact: f64| (a / exact - 1.0).abs();
     let exact = on_ramp(sigma, fall, 1.0);
-    Ok(Check::of(DIRECT, "Eq. 3 against its integral: relative error")
-        .within((1e-2, "1"), error(exact))
-        .control("the sum without the factor 2 of uniform directions", error(exact / 2.0))
+    Ok(Check::of(rig, "Eq. 3 against its integral: relative error")
+        .within((1e-2, "1"), relative_error(a, exact))
+        .control(
+            "the sum without the factor 2 of uniform directions",
+            relative_error(a, exact / 2.0),
+        )
         .with("occlusion", exact))
 }
 
@@ -169,52 +161,43 @@ const ROUGH_POINT: DVec3 = DVec3::new(0.13, -0.07, 0.11);
 fn rough_hemisphere(rig: &Rig<'_>) -> Checks {
     let volume = rough();
     let normal = -gradient(&volume, ROUGH_POINT).normalize();
-    rough_checks(rig, DIRECT, Mode::Direct, |marching, rays| {
+    rough_checks(rig, Mode::Direct, |marching, rays| {
         marching.hemispherical(&volume, ROUGH_POINT, normal, rays)
     })
 }
 
 fn rough_sphere(rig: &Rig<'_>) -> Checks {
     let volume = rough();
-    rough_checks(rig, POSITIONAL, Mode::Positional, |marching, rays| {
+    rough_checks(rig, Mode::Positional, |marching, rays| {
         marching.positional(&volume, ROUGH_POINT, rays)
     })
 }
 
 /// Both laws, with rejection and with V_thres within the field's range.
-fn rough_checks(
-    rig: &Rig<'_>,
-    stage: &'static str,
-    mode: Mode,
-    exact: impl Fn(&Marching, u32) -> f64,
-) -> Checks {
+fn rough_checks(rig: &Rig<'_>, mode: Mode, exact: impl Fn(&Marching, u32) -> f64) -> Checks {
     let volume = rough();
-    [Law::Opacity, Law::Beer]
-        .map(|law| {
-            let mut scalar = marched(mode, law, 0.7, 8);
-            scalar.rejection = true;
-            // Beer's threshold is the opacity over a voxel of the value that ends rays.
-            let ends_at = 0.45;
-            scalar.threshold = match law {
-                Law::Opacity => ends_at,
-                Law::Beer => {
-                    reference_law(&scalar, &volume).opacity(ends_at, opacity_voxel_m(&volume))
-                }
-            };
-            let a = measured(rig, &volume, &scalar, ROUGH_POINT)?;
-            let mut marching = twin(&scalar, &volume);
-            marching.threshold = ends_at;
-            let error = |marching: &Marching| (a - exact(marching, TWIN_RAYS)).abs();
-            let all = Marching { rejection: false, ..marching.clone() };
-            let name = name(law);
-            let what = format!("{name}: A with rejection and V_thres against f64 marching");
-            Ok(Check::of(stage, what)
-                .within((TOLERANCE, "1"), error(&marching))
-                .control("no sample rejected", error(&all))
-                .with("occlusion", a))
-        })
-        .into_iter()
-        .collect()
+    let check = |law: Law| {
+        let mut scalar = Scalar { rejection: true, ..marched(mode, law, 0.7, 8) };
+        // Beer's threshold is the opacity over a voxel of the value that ends rays.
+        let ends_at = 0.45;
+        scalar.threshold = match law {
+            Law::Opacity => ends_at,
+            Law::Beer => reference_law(&scalar, &volume).opacity(ends_at, opacity_voxel_m(&volume)),
+        };
+        let a = measured(rig, &volume, &scalar, ROUGH_POINT)?;
+        let error = |rejection: bool| {
+            let twin = Marching { threshold: ends_at, rejection, ..twin(&scalar, &volume) };
+            (a - exact(&twin, TWIN_RAYS)).abs()
+        };
+        Ok(Check::of(
+            rig,
+            format!("{}: A with rejection and V_thres against f64 marching", name(law)),
+        )
+        .within((TOLERANCE, "1"), error(true))
+        .control("no sample rejected", error(false))
+        .with("occlusion", a))
+    };
+    LAWS.into_iter().map(check).collect()
 }
 
 /// Central differences one cell to each side, as the stage takes its normals.
@@ -231,25 +214,23 @@ fn gradient(volume: &Volume, p: DVec3) -> DVec3 {
 fn interior(rig: &Rig<'_>) -> Checks {
     let volume = cubes(32, |_| BLOCK);
     let mut checks = Vec::new();
-    for law in [Law::Opacity, Law::Beer] {
+    for law in LAWS {
         let at = |r_max_m: f64| {
             measured(rig, &volume, &marched(Mode::Positional, law, r_max_m, 8), DVec3::ZERO)
         };
         let (near, far) = (at(0.6)?, at(1.2)?);
-        let exact = |value: f64| {
-            let law = reference_law(&marched(Mode::Positional, law, 1.2, 8), &volume);
-            law.opacity(value, 1.2)
-        };
+        let exact = reference_law(&marched(Mode::Positional, law, 1.2, 8), &volume);
+        let error = |value: f64| (far - exact.opacity(value, 1.2)).abs();
         checks.push(
-            Check::of(POSITIONAL, format!("{}: A_P within a homogeneous block", name(law)))
-                .within((1e-4, "1"), (far - exact(BLOCK)).abs())
-                .control("values 1 % higher", (far - exact(BLOCK * 1.01)).abs())
+            Check::of(rig, format!("{}: A_P within a homogeneous block", name(law)))
+                .within((1e-4, "1"), error(BLOCK))
+                .control("values 1 % higher", error(BLOCK * 1.01))
                 .with("occlusion", far),
         );
-        let product = |near: f64| ((1.0 - far) / (1.0 - near).powi(2) - 1.0).abs();
+        let product = |near: f64| relative_error(1.0 - far, (1.0 - near).powi(2));
         let what = format!("{}: transmittance of twice the length is the square", name(law));
         checks.push(
-            Check::of(POSITIONAL, what)
+            Check::of(rig, what)
                 .within((1e-4, "1"), product(near))
                 .control("occlusion 1 % higher", product(near * 1.01)),
         );
@@ -259,35 +240,34 @@ fn interior(rig: &Rig<'_>) -> Checks {
 
 fn ball_and_face(rig: &Rig<'_>) -> Checks {
     let scalar = marched(Mode::Positional, Law::Beer, 1.5, 48);
-    let sigma = scalar.density_per_m;
-    // Cells that the border cuts hold the share within, so that radius and depth are right on average.
-    let within = |distance_m: f64| (0.5 - distance_m / VOXEL_M).clamp(0.0, 1.0) * 0.2;
-    let radius_m = 1.2;
-    let ball = cubes(36, |p| within(p.length() - radius_m));
-    let ball_a = measured(rig, &ball, &scalar, DVec3::ZERO)?;
-    let depth_m = 0.4;
-    let face = cubes(36, |p| within(p.z - depth_m));
-    let face_a = measured(rig, &face, &scalar, DVec3::ZERO)?;
-    let check = |what: &str, a: f64, exact: f64, (perturbed, control): (&str, f64)| {
-        Check::of(POSITIONAL, format!("{what}: error of A_P (Eq. 8)"))
+    let sigma = scalar.density_per_m * 51.0 / 255.0;
+    let (radius_m, depth_m) = (1.2, 0.4);
+    // From the surface of a field of 51 / 255. Cells that it cuts hold the share within, so that radius and depth are right on average.
+    let check = |what: &str,
+                 distance_m: &dyn Fn(DVec3) -> f64,
+                 exact: f64,
+                 other: (&str, f64)|
+     -> Result<Check> {
+        let volume = cubes(36, |p| (0.5 - distance_m(p) / VOXEL_M).clamp(0.0, 1.0) * 0.2);
+        let a = measured(rig, &volume, &scalar, DVec3::ZERO)?;
+        Ok(Check::of(rig, format!("{what}: error of A_P (Eq. 8)"))
             .within((TOLERANCE, "1"), (a - exact).abs())
-            .control(perturbed, (a - control).abs())
-            .with("occlusion", exact)
+            .control(other.0, (a - other.1).abs())
+            .with("occlusion", exact))
     };
-    let sigma = sigma * 51.0 / 255.0;
     Ok(vec![
         check(
             "middle of a ball",
-            ball_a,
+            &|p| p.length() - radius_m,
             in_ball(sigma, radius_m, 1.5),
             ("radius 3 % larger", in_ball(sigma, radius_m * 1.03, 1.5)),
-        ),
+        )?,
         check(
             "four voxels under a plane face",
-            face_a,
+            &|p| p.z - depth_m,
             under_face(sigma, depth_m, 1.5),
             ("half a voxel deeper", under_face(sigma, depth_m + VOXEL_M / 2.0, 1.5)),
-        ),
+        )?,
     ])
 }
 
@@ -300,7 +280,7 @@ fn pyramid(rig: &Rig<'_>) -> Result<Check> {
     let a = measured(rig, &volume, &scalar, ROUGH_POINT)?;
     let marching = twin(&scalar, &volume);
     let error = |volume: &Volume| (a - marching.positional(volume, ROUGH_POINT, TWIN_RAYS)).abs();
-    Ok(Check::of(POSITIONAL, "A_P from the next coarser level against f64 marching of means")
+    Ok(Check::of(rig, "A_P from the next coarser level against f64 marching of means")
         .within((TOLERANCE, "1"), error(&halved(&volume)))
         .control("the level below", error(&volume))
         .with("occlusion", a))
@@ -323,10 +303,10 @@ fn laws(rig: &Rig<'_>) -> Checks {
         Ok::<f64, VerifyError>(largest(dark.chain(seen.opacity.data().iter().copied())))
     };
     Ok(vec![
-        Check::of(POSITIONAL, "rejection never adds: largest excess of A in a pixel")
+        Check::of(rig, "rejection never adds: largest excess of A in a pixel")
             .within((1e-6, "1"), more(without.data(), with.data()))
             .control("exchanged", more(with.data(), without.data())),
-        Check::of(POSITIONAL, "an empty field hides nothing: largest A or opacity")
+        Check::of(rig, "an empty field hides nothing: largest A or opacity")
             .within((0.0, "1"), empty(0.0)?)
             .control("one step of 8 bits", empty(1.0 / 255.0)?),
     ])

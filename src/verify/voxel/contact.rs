@@ -1,9 +1,10 @@
 //! `voxel/overlap` and `voxel/alpha` against separating axes in f64.
 
 use super::subjects::{VoxelScene, voxels_of};
-use crate::{Case, Check, Checks, Result, Rig, VerifyError};
-use fathom_reference::voxel::{BORDERLINE_VOXELS, Contact, VoxelErrors, errors, gaps, triangles};
-use fathom_scene::{Grid, Object, Scene};
+use crate::prelude::*;
+use fathom_reference::voxel::{
+    BORDERLINE_VOXELS, Contact, Corners, VoxelErrors, errors, gaps, triangles,
+};
 use fathom_stages::voxel::{alpha, overlap};
 
 const OVERLAP: &str = "voxel/overlap";
@@ -35,17 +36,8 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
     ];
     let mut checks = Vec::new();
     for (name, subjects) in groups {
-        let [mut exact, mut perturbed] = [VoxelErrors::default(); 2];
-        for subject in &subjects {
-            let found = subject.voxelized(rig, |geometry, parts| {
-                overlap::new(&rig.resources, geometry, parts, thin)
-            })?;
-            let triangles = subject.triangles();
-            let against = |grid: &Grid| errors(&found, &gaps(&triangles, grid, contact));
-            exact += against(&subject.grid);
-            perturbed += against(&subject.moved(MOVED_VOXELS));
-        }
-        checks.extend(no_errors(&format!("{variant}, {name}"), exact, perturbed));
+        let subjects: Vec<_> = subjects.into_iter().map(|s| (s.triangles(), s)).collect();
+        checks.extend(no_errors(rig, &format!("{variant}, {name}"), &subjects, thin, contact)?);
     }
     Ok(checks)
 }
@@ -53,40 +45,49 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
 /// Copies of a huge triangle, more than an adapter may make turns of an invocation's loops for, and one other at the end.
 fn many_huge(rig: &Rig<'_>) -> Checks {
     let subject = VoxelScene::huge(HUGE)?;
-    let found = subject
-        .voxelized(rig, |geometry, parts| overlap::new(&rig.resources, geometry, parts, false))?;
     let triangles = subject.triangles();
-    let kinds = [triangles[0], triangles[triangles.len() - 1]];
-    let against = |grid: &Grid| errors(&found, &gaps(&kinds, grid, Contact::Cube));
-    let (exact, perturbed) = (against(&subject.grid), against(&subject.moved(MOVED_VOXELS)));
-    Ok(no_errors(&format!("{HUGE} huge triangles"), exact, perturbed))
+    let kinds = vec![triangles[0], triangles[triangles.len() - 1]];
+    let name = format!("{HUGE} huge triangles");
+    no_errors(rig, &name, &[(kinds, subject)], false, Contact::Cube)
 }
 
-/// No false negatives and no false positives outside the borderline band.
-fn no_errors(name: &str, exact: VoxelErrors, perturbed: VoxelErrors) -> Vec<Check> {
+/// No false negatives and no false positives outside the borderline band, over subjects with the triangles that count.
+fn no_errors(
+    rig: &Rig<'_>,
+    name: &str,
+    subjects: &[(Vec<Corners>, VoxelScene)],
+    thin: bool,
+    contact: Contact,
+) -> Checks {
+    let [mut exact, mut perturbed] = [VoxelErrors::default(); 2];
+    for (triangles, subject) in subjects {
+        let found =
+            subject.voxelized(rig, |geometry, parts| overlap::new(rig, geometry, parts, thin))?;
+        let against = |grid: &Grid| errors(&found, &gaps(triangles, grid, contact));
+        exact += against(&subject.grid);
+        perturbed += against(&subject.moved(MOVED_VOXELS));
+    }
     let control = "grid moved by 0.02 voxels";
-    vec![
-        Check::of(OVERLAP, format!("{name}: voxels missed"))
+    Ok(vec![
+        Check::of(rig, format!("{name}: voxels missed"))
             .within((0.0, "1"), exact.false_negatives as f64)
             .control(control, perturbed.false_negatives as f64)
             .with("occupied_voxels", exact.occupied as f64)
             .with("borderline_voxels", exact.borderline as f64),
-        Check::of(OVERLAP, format!("{name}: voxels too many"))
+        Check::of(rig, format!("{name}: voxels too many"))
             .within((0.0, "1"), exact.false_positives as f64)
             .control(control, perturbed.false_positives as f64),
-    ]
+    ])
 }
 
 fn alpha(rig: &Rig<'_>) -> Result<Check> {
     let mut subject = VoxelScene::soup()?;
     split(&mut subject.scene);
-    let (geometry, part) = subject.upload(&rig.resources);
+    let (geometry, part) = subject.upload(rig);
     let bits = part.voxels.bits.clone();
-    let stage = alpha::new(&rig.resources, &geometry, &[part])?;
+    let stage = alpha::new(rig, &geometry, &[part])?;
     rig.run(&[&stage])?;
-    let Some(alphas) = stage.alphas().next() else {
-        return Err(VerifyError::Empty { stage: ALPHA, what: "volumes".into() });
-    };
+    let alphas = stage.alphas().next().ok_or_else(|| rig.empty("volumes"))?;
     let (alphas, bits) = (rig.read::<u32>(alphas)?, voxels_of(&rig.read(&bits)?, &subject.grid));
     let [exact, perturbed] = [ALPHAS, [0.0, 0.3, 0.8]].map(|of| largest_alphas(&subject, of));
     let wrong = |twin: &[Option<u32>]| {
@@ -95,7 +96,7 @@ fn alpha(rig: &Rig<'_>) -> Result<Check> {
         known.filter(differs).count() as f64
     };
     let borderline = exact.iter().filter(|alpha| alpha.is_none()).count();
-    Ok(Check::of(ALPHA, "voxels with another alpha or bit")
+    Ok(Check::of(rig, "voxels with another alpha or bit")
         .within((0.0, "1"), wrong(&exact))
         .control("alphas of two objects exchanged", wrong(&perturbed))
         .with("borderline_voxels", borderline as f64))

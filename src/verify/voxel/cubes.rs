@@ -1,15 +1,8 @@
 //! `voxel/view` against rays through all cubes in f64.
 
-use glam::DVec3;
-
 use super::subjects::{cells, random_voxels};
-use crate::{Case, Check, Random, Result, Rig, rig};
-use fathom_reference::image::pixels;
-use fathom_reference::rays::PixelRays;
-use fathom_scene::{Grid, LightKind};
-use fathom_stages::frame::Shared;
+use crate::prelude::*;
 use fathom_stages::voxel::view::CubeView;
-use fathom_stages::voxels::Voxels;
 
 const STAGE: &str = "voxel/view";
 const SIZE: [u32; 2] = [64, 48];
@@ -25,13 +18,13 @@ pub fn cases() -> Vec<Case> {
 fn check(rig: &Rig<'_>) -> Result<Check> {
     let grid = Grid { cells: [9, 6, 7], origin_m: DVec3::new(-2.03, -2.57, -6.01), voxel_m: 0.5 };
     let voxels = random_voxels(&mut Random::new(17), &grid, 0.15);
-    let volume = Voxels::new(&rig.resources, "verify voxels", &grid, false);
+    let volume = Voxels::new(rig, "verify voxels", &grid, false);
     let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full)).collect();
-    volume.write(&rig.resources, &values);
+    volume.write(rig, &values);
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.camera = rig::level_camera();
-    let shared = Shared::new(&rig.resources, &rig::view(&scene, SIZE));
-    let stage = CubeView::new(&rig.resources, &shared, &[volume], SIZE)?;
+    let shared = Shared::new(rig, &rig::view(&scene, SIZE));
+    let stage = CubeView::new(rig, &shared, &[volume], SIZE)?;
     rig.run(&[&stage])?;
     let depth = rig.channel(stage.depth(), 0)?;
 
@@ -54,7 +47,7 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
         pixels(SIZE).filter(differs).count() as f64 / f64::from(SIZE[0] * SIZE[1])
     };
     let moved = Grid { origin_m: grid.origin_m + DVec3::new(0.01, 0.0, 0.0), ..grid };
-    Ok(Check::of(STAGE, "share of pixels that see another place")
+    Ok(Check::of(rig, "share of pixels that see another place")
         .within((SHARE, "1"), wrong(&grid))
         .control("cubes moved by a centimetre", wrong(&moved)))
 }

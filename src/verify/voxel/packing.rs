@@ -1,15 +1,12 @@
 //! `voxel/clear`, `voxel/combine` and `voxel/unpack` bit by bit, on random bits and on sizes that are no powers of two.
 
-use super::subjects::{cells, differing, plain, random_voxels, voxels_of};
-use crate::{Case, Check, Checks, Random, Result, Rig};
-use fathom_gpu::read_volume;
-use fathom_scene::Grid;
+use super::subjects::{cells, plain, random_voxels, voxels_of};
+use crate::prelude::*;
 use fathom_stages::kit::Buffer;
 use fathom_stages::voxel::clear::{Clear, Cleared};
 use fathom_stages::voxel::combine::Combine;
 use fathom_stages::voxel::slicemap::Axis;
 use fathom_stages::voxel::unpack::{Packed, Unpack};
-use fathom_stages::voxels::Voxels;
 
 /// Multiples of 32 and not, rows longer than a copy's alignment, and a single voxel.
 const SIZES: [[u32; 3]; 5] = [[64, 32, 96], [37, 20, 45], [5, 70, 33], [300, 3, 2], [1, 1, 1]];
@@ -31,7 +28,7 @@ fn clear(rig: &Rig<'_>) -> Result<Check> {
     let expected = [&[0], &full[1..]].concat();
     let wrong = differing(&rig.read(&all)?, &cleared) + differing(&rig.read(&head)?, &expected);
     let control = differing(&rig.read(&kept)?, &cleared);
-    Ok(Check::of("voxel/clear", "words that are not as they should be")
+    Ok(Check::of(rig, "words that are not as they should be")
         .within((0.0, "1"), wrong)
         .control("a buffer that is not cleared", control))
 }
@@ -56,11 +53,11 @@ fn combine(rig: &Rig<'_>) -> Result<Check> {
         let grid = plain(size);
         let maps = Axis::ALL.map(|_| random_voxels(&mut random, &grid, 0.2));
         let buffers = [0, 1, 2].map(|k| rig.words(&slicemap(&maps[k], &grid, Axis::ALL[k])));
-        let voxels = Voxels::new(&rig.resources, "verify voxels", &grid, false);
+        let voxels = Voxels::new(rig, "verify voxels", &grid, false);
         volumes.push((voxels, buffers));
         expected.push(maps);
     }
-    rig.run(&[&Combine::new(&rig.resources, &volumes)?])?;
+    rig.run(&[&Combine::new(rig, &volumes)?])?;
     for ((voxels, _), [x, y, z]) in volumes.iter().zip(&expected) {
         let found = voxels_of(&rig.read(&voxels.bits)?, &voxels.grid);
         let or = |maps: [&[bool]; 3]| -> Vec<bool> {
@@ -69,17 +66,15 @@ fn combine(rig: &Rig<'_>) -> Result<Check> {
         wrong += differing(&found, &or([x, y, z]));
         control += differing(&found, &or([x, y, y]));
     }
-    Ok(Check::of("voxel/combine", "voxels that differ from the OR")
+    Ok(Check::of(rig, "voxels that differ from the OR")
         .within((0.0, "1"), wrong)
         .control("z's slicemap left out", control))
 }
 
 fn unpack(rig: &Rig<'_>) -> Checks {
     let mut random = Random::new(5);
-    let volumes: Vec<Voxels> = SIZES
-        .iter()
-        .map(|size| Voxels::new(&rig.resources, "verify voxels", &plain(*size), false))
-        .collect();
+    let volumes: Vec<Voxels> =
+        SIZES.iter().map(|size| Voxels::new(rig, "verify voxels", &plain(*size), false)).collect();
     let mut checks = Vec::new();
     for alpha in [false, true] {
         let mut expected: Vec<Vec<u8>> = Vec::new();
@@ -92,12 +87,12 @@ fn unpack(rig: &Rig<'_>) -> Checks {
                 (true, true) => 1 + (random.number() * 254.0) as u8,
             };
             let values: Vec<u8> = full.iter().map(value).collect();
-            voxels.write(&rig.resources, &vec![0; values.len()]);
+            voxels.write(rig, &vec![0; values.len()]);
             alphas.push(load(rig, voxels, &values, alpha));
             expected.push(values);
         }
         let packed = if alpha { Packed::Alphas(alphas) } else { Packed::Bits };
-        rig.run(&[&Unpack::new(&rig.resources, &volumes, &packed)?])?;
+        rig.run(&[&Unpack::new(rig, &volumes, &packed)?])?;
         let (mut wrong, mut control) = (0.0, 0.0);
         for (voxels, values) in volumes.iter().zip(&mut expected) {
             let texels = read_volume(rig.gpu, &voxels.texture, 0)?.data;
@@ -108,7 +103,7 @@ fn unpack(rig: &Rig<'_>) -> Checks {
         }
         let name = if alpha { "alphas" } else { "bits" };
         checks.push(
-            Check::of("voxel/unpack", format!("texels that differ from the {name}"))
+            Check::of(rig, format!("texels that differ from the {name}"))
                 .within((0.0, "1"), wrong)
                 .control("voxels moved by one", control),
         );

@@ -1,11 +1,8 @@
 //! `voxel/mips`: against a twin that scatters voxels where the shader gathers them, and the law that an empty cell promises.
 
-use super::subjects::{cells, differing, plain, random_voxels};
-use crate::{Case, Check, Checks, Random, Result, Rig};
-use fathom_gpu::{GpuError, read_volume};
-use fathom_scene::Grid;
+use super::subjects::{cells, plain, random_voxels};
+use crate::prelude::*;
 use fathom_stages::voxel::mips::{Mips, level_cells};
-use fathom_stages::voxels::Voxels;
 
 const STAGE: &str = "voxel/mips";
 const SIZES: [[u32; 3]; 5] = [[64, 32, 32], [37, 20, 45], [5, 70, 33], [35, 3, 1], [1, 1, 1]];
@@ -30,10 +27,10 @@ fn check(rig: &Rig<'_>) -> Checks {
     let empty = |p: &Pyramid| p.levels.iter().flatten().filter(|full| !**full).count() as f64;
     let law = |reach: f64| sum(&|p| broken_promises(p, reach));
     Ok(vec![
-        Check::of(STAGE, "cells that differ from the twin")
+        Check::of(rig, "cells that differ from the twin")
             .within((0.0, "1"), all(1))
             .control("twin without the border", all(0)),
-        Check::of(STAGE, "samples above 0 within an empty cell")
+        Check::of(rig, "samples above 0 within an empty cell")
             .within((0.0, "1"), law(1.0))
             .control("samples up to two voxels outside the cell", law(3.0))
             .with("empty_cells", sum(&empty)),
@@ -50,13 +47,13 @@ fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
         if let Some(last) = voxels.last_mut() {
             *last = true;
         }
-        let volume = Voxels::new(&rig.resources, "verify voxels", &grid, true);
+        let volume = Voxels::new(rig, "verify voxels", &grid, true);
         let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full) * 255).collect();
-        volume.write(&rig.resources, &values);
+        volume.write(rig, &values);
         made.push((volume, voxels));
     }
     let volumes: Vec<Voxels> = made.iter().map(|(volume, _)| volume.clone()).collect();
-    rig.run(&[&Mips::new(&rig.resources, &volumes)?])?;
+    rig.run(&[&Mips::new(rig, &volumes)?])?;
     let pyramid = |(volume, voxels): (Voxels, Vec<bool>)| {
         let count = volume.texture.mip_level_count();
         let level = |level| {

@@ -2,16 +2,20 @@
 //! that the surface touches.
 
 use super::subjects::{VoxelScene, cells, voxels_of};
-use crate::{Case, Check, Checks, Result, Rig, VerifyError};
+use crate::prelude::*;
 use fathom_record::Adapter;
 use fathom_reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
-use fathom_scene::Grid;
 use fathom_stages::voxel::combine::Combine;
 use fathom_stages::voxel::slice::Slice;
 use fathom_stages::voxel::slicemap::{Axis, Slicemap};
 
 const COMBINE: &str = "voxel/combine";
 const SLICE: &str = "voxel/slice";
+
+/// How far the controls' grids are moved.
+const MOVED_VOXELS: f64 = 1.0 / 3.0;
+const MOVED: &str = "grid moved by a third of a voxel";
+const ALL_AXES: [usize; 3] = [0, 1, 2];
 
 pub fn cases() -> Vec<Case> {
     let one_axis = Axis::ALL.map(|axis| {
@@ -20,20 +24,14 @@ pub fn cases() -> Vec<Case> {
         })
     });
     let together = Case::new(COMBINE, "the slicemaps' voxels", |rig| {
-        let mut checks = Vec::new();
-        for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?, VoxelScene::bunny(64)?] {
-            checks.extend(against_surface(COMBINE, rig, &subject, &three_way(rig, &subject)?));
-        }
-        checks.push(slanted_quads(rig, COMBINE, &[0, 1, 2], |s| three_way(rig, s))?);
-        Ok(checks)
+        let subjects = [VoxelScene::soup()?, VoxelScene::bunny(32)?, VoxelScene::bunny(64)?];
+        against_surface(rig, &subjects, |subject| three_way(rig, subject))
     });
     let slices = Case::new(SLICE, "the slices' voxels", |rig| {
-        let mut checks = Vec::new();
-        for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?] {
-            checks.extend(against_surface(SLICE, rig, &subject, &sliced(rig, &subject)?));
-        }
-        checks.push(slanted_quads(rig, SLICE, &[0, 1, 2], |s| sliced(rig, s))?);
-        Ok(checks)
+        let subjects = [VoxelScene::soup()?, VoxelScene::bunny(32)?];
+        against_surface(rig, &subjects, |subject| {
+            subject.voxelized(rig, |geometry, parts| Slice::new(rig, geometry, parts))
+        })
     });
     one_axis.into_iter().chain([together, slices]).collect()
 }
@@ -50,55 +48,76 @@ fn slices_of(words: &[u32], grid: &Grid, axis: Axis) -> Vec<bool> {
 }
 
 fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
+    let axes = &[axis as usize];
+    let found = |subject: &VoxelScene| one_way(rig, subject, axis);
     let mut checks = Vec::new();
     for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?] {
-        let found = one_way(rig, &subject, axis)?;
-        let against = |grid: &Grid| differing(rig, &found, &subject, grid, &[axis as usize]);
+        let name = subject.name;
         checks.push(
-            Check::of(
-                axis.info().name,
-                format!("{}: voxels that differ from samples at pixel centres", subject.name),
-            )
-            .within((0.0, "1"), against(&subject.grid))
-            .control("grid moved by a third of a voxel", against(&subject.moved(1.0 / 3.0))),
+            against_samples(rig, std::slice::from_ref(&subject), axes, found)?
+                .check(rig, format!("{name}: voxels that differ from samples at pixel centres")),
         );
     }
-    let slanted = |subject: &VoxelScene| one_way(rig, subject, axis);
-    checks.push(slanted_quads(rig, axis.info().name, &[axis as usize], slanted)?);
+    checks.push(slanted_quads(rig, axes, found)?);
     Ok(checks)
 }
 
 /// The voxels of one slicemap.
 fn one_way(rig: &Rig<'_>, subject: &VoxelScene, axis: Axis) -> Result<Vec<bool>> {
-    let (geometry, part) = subject.upload(&rig.resources);
-    let stage = Slicemap::new(&rig.resources, &geometry, &[part], axis)?;
+    let (geometry, part) = subject.upload(rig);
+    let stage = Slicemap::new(rig, &geometry, &[part], axis)?;
     rig.run(&[&stage])?;
-    let Some(slices) = stage.slicemaps().next() else {
-        return Err(VerifyError::Empty { stage: axis.info().name, what: "volumes".into() });
-    };
+    let slices = stage.slicemaps().next().ok_or_else(|| rig.empty("volumes"))?;
     Ok(slices_of(&rig.read(slices)?, &subject.grid, axis))
+}
+
+/// Voxels on which rasterizations and their samples disagree.
+#[derive(Default)]
+struct Disagreeing {
+    exact: f64,
+    moved: f64,
+    /// Voxels that are set.
+    set: usize,
+}
+
+impl Disagreeing {
+    fn check(&self, rig: &Rig<'_>, what: String) -> Check {
+        Check::of(rig, what).within((0.0, "1"), self.exact).control(MOVED, self.moved)
+    }
+}
+
+/// Rasterizations of all subjects along some axes against their samples.
+fn against_samples(
+    rig: &Rig<'_>,
+    subjects: &[VoxelScene],
+    axes: &[usize],
+    voxelized: impl Fn(&VoxelScene) -> Result<Vec<bool>>,
+) -> Result<Disagreeing> {
+    let steps = subpixels(&rig.gpu.adapter);
+    let mut all = Disagreeing::default();
+    for subject in subjects {
+        let found = voxelized(subject)?;
+        let against = |grid: &Grid| {
+            disagreements(&found, &sampled(&subject.triangles(), grid, axes, steps)) as f64
+        };
+        all.exact += against(&subject.grid);
+        all.moved += against(&subject.moved(MOVED_VOXELS));
+        all.set += found.iter().filter(|found| **found).count();
+    }
+    Ok(all)
 }
 
 /// Triangles that the grid's border clips at a slant, all in one check.
 fn slanted_quads(
     rig: &Rig<'_>,
-    stage: &'static str,
     axes: &[usize],
     voxelized: impl Fn(&VoxelScene) -> Result<Vec<bool>>,
 ) -> Result<Check> {
-    let (mut exact, mut moved, mut set) = (0.0, 0.0, 0);
-    for subject in VoxelScene::slanted()? {
-        let found = voxelized(&subject)?;
-        set += found.iter().filter(|found| **found).count();
-        exact += differing(rig, &found, &subject, &subject.grid, axes);
-        moved += differing(rig, &found, &subject, &subject.moved(1.0 / 3.0), axes);
-    }
+    let all = against_samples(rig, &VoxelScene::slanted()?, axes, voxelized)?;
     let name = "slanted quads of 1 to 16 grid edges: voxels that differ from samples";
-    let check = Check::of(stage, name.to_owned())
-        .within((0.0, "1"), exact)
-        .control("grid moved by a third of a voxel", moved);
     let steps = f64::from(subpixels(&rig.gpu.adapter));
-    Ok(check.with("voxels", set as f64).with("steps_per_pixel", steps))
+    let check = all.check(rig, name.to_owned());
+    Ok(check.with("voxels", all.set as f64).with("steps_per_pixel", steps))
 }
 
 /// Steps per pixel to which the adapter's rasterizer rounds corners. wgpu does not tell `subPixelPrecisionBits`: Mesa's
@@ -107,69 +126,55 @@ fn subpixels(adapter: &Adapter) -> u32 {
     if adapter.name.starts_with("llvmpipe") { 256 } else { FEWEST_SUBPIXELS }
 }
 
-/// Voxels on which a rasterization along some axes and its samples on a grid disagree.
-fn differing(
-    rig: &Rig<'_>,
-    found: &[bool],
-    subject: &VoxelScene,
-    grid: &Grid,
-    axes: &[usize],
-) -> f64 {
-    let steps = subpixels(&rig.gpu.adapter);
-    let twin = sampled(&subject.triangles(), grid, axes, steps);
-    disagreements(found, &twin) as f64
-}
-
 /// The voxels of three slicemaps and their OR.
 fn three_way(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>> {
-    let (geometry, part) = subject.upload(&rig.resources);
+    let (geometry, part) = subject.upload(rig);
     let parts = [part];
-    let pass = |axis| Slicemap::new(&rig.resources, &geometry, &parts, axis);
+    let pass = |axis| Slicemap::new(rig, &geometry, &parts, axis);
     let (x, y, z) = (pass(Axis::X)?, pass(Axis::Y)?, pass(Axis::Z)?);
     let maps = [&x, &y, &z].map(|pass| pass.slicemaps().next().cloned());
-    let [Some(a), Some(b), Some(c)] = maps else {
-        return Ok(Vec::new());
-    };
+    let [Some(a), Some(b), Some(c)] = maps else { return Err(rig.empty("volumes")) };
     let voxels = &parts[0].voxels;
-    let combine = Combine::new(&rig.resources, &[(voxels.clone(), [a, b, c])])?;
+    let combine = Combine::new(rig, &[(voxels.clone(), [a, b, c])])?;
     rig.run(&[&x, &y, &z, &combine])?;
     Ok(voxels_of(&rig.read(&voxels.bits)?, &subject.grid))
 }
 
-/// The voxels of passes of a slice each.
-fn sliced(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>> {
-    subject.voxelized(rig, |geometry, parts| Slice::new(&rig.resources, geometry, parts))
-}
-
-/// A three-way rasterization against samples, against the cubes that the surface touches, and, as figures alone, the voxels it
-/// misses.
+/// Three-way rasterizations against samples, against the cubes that the surface touches, and, as figures alone, the voxels they
+/// miss; and those of slanted quads.
 ///
 /// A fragment lies on the triangle, at the middle of its pixel and at its depth: a voxel that holds it touches the triangle.
 /// Sub-pixel rounding moves the triangle by far less than the half voxel between that middle and the voxel's sides.
 fn against_surface(
-    stage: &'static str,
     rig: &Rig<'_>,
-    subject: &VoxelScene,
-    found: &[bool],
-) -> Vec<Check> {
-    let triangles = subject.triangles();
-    let resolution = subject.grid.cells.into_iter().max().unwrap_or(0);
-    let name = format!("{} {resolution}", subject.name);
-    let moved = subject.moved(1.0 / 3.0);
-    let against = |grid: &Grid| differing(rig, found, subject, grid, &[0, 1, 2]);
-    let touched = |grid: &Grid| errors(found, &gaps(&triangles, grid, Contact::Cube));
-    let [exact, perturbed] = [touched(&subject.grid), touched(&moved)];
-    let thin = errors(found, &gaps(&triangles, &subject.grid, Contact::Lines));
-    vec![
-        Check::of(stage, format!("{name}: voxels that differ from samples on three axes"))
-            .within((0.0, "1"), against(&subject.grid))
-            .control("grid moved by a third of a voxel", against(&moved)),
-        Check::of(stage, format!("{name}: voxels that no triangle touches"))
-            .within((0.0, "1"), exact.false_positives as f64)
-            .control("grid moved by a third of a voxel", perturbed.false_positives as f64)
-            .with("touched_voxels", exact.occupied as f64)
-            .with("borderline_voxels", exact.borderline as f64)
-            .with("missed_share_of_touched", exact.false_negative_rate())
-            .with("missed_share_of_thin", thin.false_negative_rate()),
-    ]
+    subjects: &[VoxelScene],
+    voxelized: impl Fn(&VoxelScene) -> Result<Vec<bool>>,
+) -> Checks {
+    let mut checks = Vec::new();
+    for subject in subjects {
+        let found = voxelized(subject)?;
+        let triangles = subject.triangles();
+        let resolution = subject.grid.cells.into_iter().max().unwrap_or(0);
+        let name = format!("{} {resolution}", subject.name);
+        let samples =
+            against_samples(rig, std::slice::from_ref(subject), &ALL_AXES, |_| Ok(found.clone()))?;
+        let touched = |grid: &Grid, by| errors(&found, &gaps(&triangles, grid, by));
+        let exact = touched(&subject.grid, Contact::Cube);
+        let perturbed = touched(&subject.moved(MOVED_VOXELS), Contact::Cube);
+        let thin = touched(&subject.grid, Contact::Lines);
+        checks.push(
+            samples.check(rig, format!("{name}: voxels that differ from samples on three axes")),
+        );
+        checks.push(
+            Check::of(rig, format!("{name}: voxels that no triangle touches"))
+                .within((0.0, "1"), exact.false_positives as f64)
+                .control(MOVED, perturbed.false_positives as f64)
+                .with("touched_voxels", exact.occupied as f64)
+                .with("borderline_voxels", exact.borderline as f64)
+                .with("missed_share_of_touched", exact.false_negative_rate())
+                .with("missed_share_of_thin", thin.false_negative_rate()),
+        );
+    }
+    checks.push(slanted_quads(rig, &ALL_AXES, voxelized)?);
+    Ok(checks)
 }

@@ -1,15 +1,9 @@
 //! What the voxel cases voxelize, and volumes as lists of voxels.
 
-use glam::DVec3;
-
-use crate::{Random, Result, Rig};
-use fathom_gpu::{GpuError, Stage};
+use crate::prelude::*;
 use fathom_reference::voxel::{Corners, triangles};
-use fathom_scene::{Grid, Mesh, Object, Scene};
-use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::voxel::Part;
-use fathom_stages::voxels::Voxels;
 
 /// Triangles and a grid whose numbers f32 holds exactly, so that GPU and reference start from the same.
 pub struct VoxelScene {
@@ -19,6 +13,11 @@ pub struct VoxelScene {
 }
 
 impl VoxelScene {
+    fn of(name: &'static str, mesh: Mesh, grid: Grid) -> Result<Self> {
+        let objects = vec![Object::new(name, mesh)];
+        Ok(Self { name, scene: Scene { objects, ..Scene::load("plane")? }, grid })
+    }
+
     /// Random triangles of all sizes, some without area and some outside a grid that is no cube.
     pub fn soup() -> Result<Self> {
         let grid =
@@ -37,9 +36,7 @@ impl VoxelScene {
             mesh.indices.extend([first, first + 1, first + 2]);
         }
         mesh.recompute_normals();
-        let mut scene = Scene::load("plane")?;
-        scene.objects = vec![Object::new("soup", mesh)];
-        Ok(Self { name: "soup", scene, grid })
+        Self::of("soup", mesh, grid)
     }
 
     /// So many triangles of more than 4,096 columns of voxels: copies of one, and another at the end.
@@ -53,9 +50,7 @@ impl VoxelScene {
         let high = [place(1.1, 1.1, 0.87), place(-0.2, 1.1, 0.76), place(1.1, -0.2, 0.65)];
         let copies = (1..count).flat_map(|_| [0, 1, 2]);
         let mesh = Mesh::smooth([low, high].concat(), copies.chain([3, 4, 5]).collect());
-        let mut scene = Scene::load("plane")?;
-        scene.objects = vec![Object::new("triangles", mesh)];
-        Ok(Self { name: "huge triangles", scene, grid })
+        Self::of("huge triangles", mesh, grid)
     }
 
     /// Quads of 1 to 16 grid edges, slanted at random, each with a grid that its middle lies in and that clips it.
@@ -72,10 +67,7 @@ impl VoxelScene {
             let (sin, cos) = random.within(0.0, std::f64::consts::TAU).sin_cos();
             let [along, up] = [cos * along + sin * up, cos * up - sin * along].map(|d| half * d);
             let middle = grid.bounds().min + grid.size_m() * corner(&mut random, 0.2, 0.8);
-            let mesh = Mesh::parallelogram(middle, along, up);
-            let mut scene = Scene::load("plane")?;
-            scene.objects = vec![Object::new("quad", mesh)];
-            Ok(Self { name: "slanted quads", scene, grid })
+            Self::of("slanted quads", Mesh::parallelogram(middle, along, up), grid)
         };
         (0..quads).map(subject).collect()
     }
@@ -108,7 +100,7 @@ impl VoxelScene {
         rig: &Rig<'_>,
         stage: impl FnOnce(&Geometry, &[Part]) -> Result<S, GpuError>,
     ) -> Result<Vec<bool>> {
-        let (geometry, part) = self.upload(&rig.resources);
+        let (geometry, part) = self.upload(rig);
         let bits = part.voxels.bits.clone();
         rig.run(&[&stage(&geometry, &[part])?])?;
         Ok(voxels_of(&rig.read(&bits)?, &self.grid))
@@ -151,10 +143,4 @@ pub fn random_voxels(random: &mut Random, grid: &Grid, share: f64) -> Vec<bool> 
 /// A unit grid of so many cells.
 pub fn plain(cells: [u32; 3]) -> Grid {
     Grid { cells, origin_m: DVec3::ZERO, voxel_m: 1.0 }
-}
-
-/// How many of two lists' entries differ.
-pub fn differing<T: PartialEq>(a: &[T], b: &[T]) -> f64 {
-    let pairs = a.iter().zip(b).filter(|(a, b)| a != b).count();
-    (pairs + a.len().abs_diff(b.len())) as f64
 }

@@ -1,5 +1,6 @@
 use std::path::Path;
 
+use super::super::testing::page;
 use super::*;
 use crate::ReportView;
 use fathom_experiments::fixtures;
@@ -13,18 +14,15 @@ fn picture(path: &str, scale: Option<PictureScale>) -> Picture {
 /// A run whose first cells of `uw-photons` have these pictures.
 fn run(pictures: &[Picture]) -> Vec<Record> {
     let mut records = fixtures::run();
-    let cells = records.iter_mut().filter_map(|record| match record {
-        Record::Cell(cell) if cell.experiment == "uw-photons" => cell.measured_mut(),
-        _ => None,
-    });
+    let cells = fixtures::cells(&mut records).filter(|cell| cell.experiment == "uw-photons");
+    let cells = cells.filter_map(Cell::measured_mut);
     cells.zip(pictures).for_each(|(measured, picture)| measured.pictures.push(picture.clone()));
     records
 }
 
 fn written(records: &[Record], folder: Option<&Path>) -> String {
     let view = ReportView::new(records, folder);
-    let page = Page::new(vec![PageRun { label: "one".into(), view: &view }]);
-    write(&page).map_or_else(String::new, Markup::into_string)
+    write(&page(&[&view])).map_or_else(String::new, Markup::into_string)
 }
 
 fn save(folder: &Path, name: &str, [width, height]: [u32; 2]) {

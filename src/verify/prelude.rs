@@ -1,0 +1,32 @@
+//! What most families of cases name.
+
+pub use std::f64::consts::{PI, TAU};
+
+pub use crate::rig::{self, Random, Rig, Stand, noise};
+pub use crate::statistics::*;
+pub use crate::{Case, Check, Checks, Result, VerifyError};
+pub use fathom_gpu::{GpuError, Stage, StageInfo, read_volume};
+pub use fathom_pipelines::Built;
+pub use fathom_reference::image::{Image, pixels};
+pub use fathom_reference::optics::*;
+pub use fathom_reference::photons::{Landed, Landing, PhotonGrid, land_all};
+pub use fathom_reference::plane::CameraDepth;
+pub use fathom_reference::quantities::{CONVERGED_M, PhotonErrors, StoredPhoton, photon_errors};
+pub use fathom_reference::rays::{Hit, PixelRays, Projected, Tracer};
+pub use fathom_reference::surface::enter;
+pub use fathom_scene::{
+    Bounds, Camera, Grid, LightFrame, LightKind, Mesh, Object, Optics, Scene, SceneFile, Volume,
+    Water, WaterModel,
+};
+pub use fathom_stages::frame::{Shared, View};
+pub use fathom_stages::gbuffer::GbufferTextures;
+pub use fathom_stages::geometry::{Geometry, Part};
+pub use fathom_stages::kit::linear_workgroups;
+pub use fathom_stages::ldi::peel::LayeredDepth;
+pub use fathom_stages::photon::{MISSED, Photon, PhotonEstimator, Photons, TraceUniforms};
+pub use fathom_stages::screen_ray::*;
+pub use fathom_stages::shadow::{depth::Depth, mask::Mask};
+pub use fathom_stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
+pub use fathom_stages::transfer::map::{Map, MapUniforms};
+pub use fathom_stages::voxels::Voxels;
+pub use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec2, Vec3};
