@@ -12,12 +12,13 @@ use criterion::Criterion;
 use fathom::Catalog;
 use fathom::bench::{self, StageBench};
 use fathom::compare::cells::Gates;
+use fathom::experiments::parse_set;
 use fathom::gpu::{Gpu, GpuError, Options, audit, audit_table};
 use fathom::harness::subject::{Subject, Subjects};
 use fathom::parameter;
 use fathom::pipelines::AnyPipeline;
 use fathom::pipelines::underwater;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 fn main() {
     if let Err(error) = run() {
@@ -26,71 +27,25 @@ fn main() {
     }
 }
 
-/// One configuration of a pipeline.
-struct Group {
-    name: &'static str,
-    pipeline: &'static str,
-    scene: &'static str,
-    params: Vec<(&'static str, Value)>,
-    /// Stages to measure, `FAMILY/` for all of a family; none means all that no earlier group has measured.
-    stages: &'static [&'static str],
-}
-
-fn groups() -> Vec<Group> {
-    let group =
-        |name, pipeline, scene, params, stages| Group { name, pipeline, scene, params, stages };
-    let voxelize = |name, method| {
-        let size = [("view.width", json!(64)), ("view.height", json!(64))];
-        let method = [("voxel.method", json!(method)), ("voxel.resolution", json!(128))];
-        let params = size.into_iter().chain(method).collect();
-        group(name, "voxelize", "bunny_dry", params, &["voxel/"])
-    };
-    let splats = |name, splatting, side_px: f64| {
-        let params = vec![
-            ("caustics.splatting", json!(splatting)),
-            ("caustics.point_size_min_px", json!(side_px)),
-        ];
-        group(name, "underwater", "tank", params, &["caustics/splat"])
-    };
-    let small = || vec![("view.width", json!(96)), ("view.height", json!(96))];
-    let with = |more: Vec<(&'static str, Value)>| small().into_iter().chain(more).collect();
-    vec![
-        group("underwater", "underwater", "tank", Vec::new(), &[]),
-        splats("underwater, splats of 20 px", "compute", 20.0),
-        splats("underwater, rasterized splats", "raster", 5.0),
-        splats("underwater, rasterized splats of 20 px", "raster", 20.0),
-        voxelize("voxelize, slicemap", "slicemap"),
-        voxelize("voxelize, slice", "slice"),
-        voxelize("voxelize, overlap", "overlap"),
-        voxelize("voxelize, thin overlap", "overlap_thin"),
-        voxelize("voxelize, alpha", "max_alpha"),
-        group(
-            "volume_ao, 400 samples per pixel",
-            "volume_ao",
-            "bunny_dry",
-            vec![("ao.rays", json!(50)), ("ao.samples", json!(8))],
-            &["ao/march"],
-        ),
-        group("volume_ao", "volume_ao", "bunny_dry", with(vec![("ao.skipping", json!(true))]), &[]),
-        group(
-            "volume_ao, moving",
-            "volume_ao",
-            "bunny_dry",
-            with(vec![("animation.deform", json!("twist"))]),
-            &[],
-        ),
-        group("hsao", "hsao", "bunny_dry", small(), &[]),
-        group("isosurface", "scalar_ao", "smoke", small(), &[]),
-        group("direct", "scalar_ao", "smoke", with(vec![("scalar.mode", json!("direct"))]), &[]),
-        group(
-            "positional",
-            "scalar_ao",
-            "smoke",
-            with(vec![("scalar.mode", json!("positional"))]),
-            &[],
-        ),
-    ]
-}
+/// A configuration of a pipeline in each line: name, pipeline, scene, parameters, and the stages to measure. `FAMILY/` is all of a
+/// family, none all that no earlier group has measured.
+const GROUPS: &str = "\
+underwater | underwater | tank | |
+underwater, splats of 20 px | underwater | tank | caustics.splatting=compute caustics.point_size_min_px=20 | caustics/splat
+underwater, rasterized splats | underwater | tank | caustics.splatting=raster caustics.point_size_min_px=5 | caustics/splat
+underwater, rasterized splats of 20 px | underwater | tank | caustics.splatting=raster caustics.point_size_min_px=20 | caustics/splat
+voxelize, slicemap | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=slicemap voxel.resolution=128 | voxel/
+voxelize, slice | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=slice voxel.resolution=128 | voxel/
+voxelize, overlap | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=overlap voxel.resolution=128 | voxel/
+voxelize, thin overlap | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=overlap_thin voxel.resolution=128 | voxel/
+voxelize, alpha | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=max_alpha voxel.resolution=128 | voxel/
+volume_ao, 400 samples per pixel | volume_ao | bunny_dry | ao.rays=50 ao.samples=8 | ao/march
+volume_ao | volume_ao | bunny_dry | view.width=96 view.height=96 ao.skipping=true |
+volume_ao, moving | volume_ao | bunny_dry | view.width=96 view.height=96 animation.deform=twist |
+hsao | hsao | bunny_dry | view.width=96 view.height=96 |
+isosurface | scalar_ao | smoke | view.width=96 view.height=96 |
+direct | scalar_ao | smoke | view.width=96 view.height=96 scalar.mode=direct |
+positional | scalar_ao | smoke | view.width=96 view.height=96 scalar.mode=positional |";
 
 struct Suite {
     bench: StageBench,
@@ -108,8 +63,8 @@ fn run() -> anyhow::Result<()> {
         subjects: Subjects::default(),
         measured: Vec::new(),
     };
-    for group in groups() {
-        suite.group(&group)?;
+    for group in GROUPS.lines() {
+        suite.group(group)?;
     }
     let Suite { mut bench, measured, .. } = suite;
     let catalog = Catalog::builtin();
@@ -123,37 +78,37 @@ fn run() -> anyhow::Result<()> {
 }
 
 impl Suite {
-    fn group(&mut self, group: &Group) -> anyhow::Result<()> {
-        let params = group.params.iter();
-        let params: Vec<_> =
-            params.map(|(path, value)| ((*path).to_owned(), value.clone())).collect();
-        let subject = self.subjects.subject(group.pipeline, group.scene, &params)?;
+    fn group(&mut self, line: &'static str) -> anyhow::Result<()> {
+        let mut parts = line.split('|').map(str::trim);
+        let [group, pipeline, scene, params, wanted] =
+            [(); 5].map(|()| parts.next().unwrap_or_default());
+        let params: Vec<_> = params.split_whitespace().map(parse_set).collect::<Result<_, _>>()?;
+        let subject = self.subjects.subject(pipeline, scene, &params)?;
+        let blends = pipeline == "underwater";
         let pipeline = subject.build(&self.bench.gpu)?;
         let stages = pipeline.stages();
         self.bench.warm_up(&stages)?;
-        let blended = match group.pipeline {
-            "underwater" => {
-                let params = subject.parameters::<underwater::Underwater>()?;
-                underwater::blended_fragments(&self.bench.gpu, &subject.scene, params)?
-            }
-            _ => Default::default(),
+        let blended = if blends {
+            let params = subject.parameters::<underwater::Underwater>()?;
+            underwater::blended_fragments(&self.bench.gpu, &subject.scene, params)?
+        } else {
+            Default::default()
         };
         let samples = counted_samples(&self.bench.gpu, &subject, pipeline.as_ref())?;
         for stage in stages {
             let name = stage.name();
-            let wanted = match group.stages {
-                [] => !self.measured.contains(&name),
-                named => named.iter().any(|wanted| {
-                    if wanted.ends_with('/') { name.starts_with(wanted) } else { name == *wanted }
-                }),
+            let is_wanted = match wanted {
+                "" => !self.measured.contains(&name),
+                family if family.ends_with('/') => name.starts_with(family),
+                stage => name == stage,
             };
-            if wanted {
+            if is_wanted {
                 let counted = match name {
                     "ao/march" => samples,
                     _ => blended.get(name).copied(),
                 };
                 self.measured.push(name);
-                self.bench.stage(group.name, stage, counted)?;
+                self.bench.stage(group, stage, counted)?;
             }
         }
         Ok(())

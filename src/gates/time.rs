@@ -83,7 +83,8 @@ pub struct ThrottledLaunches {
 
 impl ThrottledLaunches {
     fn of(pairs: &[&Pair]) -> Option<Self> {
-        let (mut launches, mut reasons) = ([(); 2].map(|()| BTreeSet::new()), BTreeSet::new());
+        let mut launches = [BTreeSet::new(), BTreeSet::new()];
+        let mut reasons = BTreeSet::new();
         for pair in pairs {
             let states = [&pair.machine.base, &pair.machine.head];
             for (state, launches) in states.into_iter().zip(&mut launches) {

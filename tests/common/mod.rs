@@ -1,24 +1,153 @@
-//! What tests of the program share: the command, a small run, its records, its errors.
+//! What tests of the program share: a folder to run it in, what it says, a small run, its records.
 #![allow(dead_code, reason = "no test uses all of it")]
 
 pub mod hostile;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 use fathom::experiments::parse_set;
 use fathom::npy;
 use fathom::record::schema::LineKind;
-use fathom::record::{self, Cell, Measured, Record};
+use fathom::record::{self, Cell, Clock, Measured, Outcome, Record, StageRecord, Work, Writer};
+use fathom::statistics::estimate;
 use jsonschema::Validator;
-use serde_json::Value;
+use serde_json::{Map, Value, json};
+use tempfile::TempDir;
 
-/// The program, for which no job has a page.
-pub fn fathom() -> Command {
+/// The program with these words as arguments, for which no job has a page.
+pub fn fathom(words: impl AsRef<str>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
-    command.env_remove("GITHUB_STEP_SUMMARY");
+    command.env_remove("GITHUB_STEP_SUMMARY").args(words.as_ref().split_whitespace());
     command
+}
+
+/// A folder of a test's own.
+pub struct Place(TempDir);
+
+impl Place {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self, name: impl AsRef<Path>) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Writes a file, in folders that are made where they are not there.
+    pub fn write(&self, name: impl AsRef<Path>, content: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, content).unwrap();
+        path
+    }
+
+    #[track_caller]
+    pub fn read(&self, name: impl AsRef<Path>) -> String {
+        let path = self.path(name);
+        std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    }
+
+    /// The program in this folder, with these words as arguments.
+    pub fn fathom(&self, words: impl AsRef<str>) -> Command {
+        let mut command = fathom(words);
+        command.current_dir(&self.0);
+        command
+    }
+}
+
+/// Names of what a folder holds, sorted.
+pub fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    names
+}
+
+/// What a command said.
+pub struct Told {
+    pub out: String,
+    pub err: String,
+}
+
+impl Told {
+    /// What a command said that must end by itself with this status, and not by a panic or a signal.
+    #[track_caller]
+    pub fn of(output: Output, status: i32) -> Self {
+        let [out, err] =
+            [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
+        assert_eq!(output.status.code(), Some(status), "{out}{err}");
+        assert!(!err.contains("panicked"), "{err}");
+        Self { out, err }
+    }
+
+    /// The only line that begins with `error: `, but for what Mesa's device-select layer prints without a Wayland display, and the
+    /// only one that holds `reason`.
+    #[track_caller]
+    pub fn error(&self, reason: &str) -> &str {
+        let of_driver = |line: &str| line.starts_with("error: XDG_RUNTIME_DIR");
+        let is_error = |line: &str| line.starts_with("error: ") && !of_driver(line);
+        let lines = self.err.lines().filter(|line| is_error(line) || line.contains(reason));
+        let lines: Vec<&str> = lines.collect();
+        assert_eq!(lines.len(), 1, "{reason}: {}", self.err);
+        assert!(lines[0].starts_with("error: "), "{reason}: {}", self.err);
+        holds(lines[0], &[reason]);
+        lines[0]
+    }
+
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.out).unwrap_or_else(|error| panic!("{error}: {}", self.err))
+    }
+}
+
+/// Runs a command to its end.
+pub trait Ends {
+    /// What it says; it must end with this status.
+    fn ends(&mut self, status: i32) -> Told;
+
+    /// Its answer on standard output.
+    #[track_caller]
+    fn answer(&mut self) -> String {
+        self.ends(0).out
+    }
+
+    /// Its error, with which it must end, and with no answer.
+    #[track_caller]
+    fn refused(&mut self, reason: &str) -> String {
+        let told = self.ends(2);
+        assert_eq!(told.out, "", "{reason}");
+        told.error(reason).to_owned()
+    }
+}
+
+impl Ends for Command {
+    #[track_caller]
+    fn ends(&mut self, status: i32) -> Told {
+        Told::of(self.output().unwrap(), status)
+    }
+}
+
+/// Panics unless a text holds each of these.
+#[track_caller]
+pub fn holds(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "no `{part}` in {text}");
+    }
+}
+
+/// Sends a process a signal by its name.
+#[track_caller]
+pub fn signal(name: &str, process: u32) {
+    let sent = Command::new("kill").args([name, &process.to_string()]).status();
+    assert!(sent.unwrap().success());
+}
+
+/// How often what depends on chance is tried: once, or as `FATHOM_REPETITIONS` says.
+pub fn repetitions() -> u64 {
+    let asked = std::env::var("FATHOM_REPETITIONS").ok();
+    asked.and_then(|text| text.parse().ok()).unwrap_or(1)
 }
 
 /// A dump.
@@ -27,43 +156,80 @@ pub fn array(path: &Path) -> npy::Array {
 }
 
 /// Small enough for a second per run on a software driver.
-pub fn small() -> impl Iterator<Item = &'static str> {
-    let sets = [
-        "view.width=64",
-        "view.height=64",
-        "shadow.size=64",
-        "surface.cells=16",
-        "caustics.grid=16",
-        "godrays.grid=8",
-        "caustics.buffer=[32,32]",
-        "godrays.buffer=[16,16]",
-    ];
-    sets.into_iter().flat_map(|set| ["--set", set])
+pub const SMALL: &str = "--set view.width=64 --set view.height=64 --set shadow.size=64 --set surface.cells=16 \
+    --set caustics.grid=16 --set godrays.grid=8 --set caustics.buffer=[32,32] --set godrays.buffer=[16,16]";
+
+/// Text of an experiment that nothing compares, of two cells that take a moment.
+pub fn own_experiment(number: usize) -> String {
+    format!(
+        r#"
+        id = "own-{number}"
+        title = "Own"
+        source = "none"
+        pipeline = "underwater"
+        scene = "tank"
+        params = {{ view = {{ width = 64, height = 64 }}, shadow.size = 64, caustics = {{ grid = 16, buffer = [32, 32] }}, godrays = {{ grid = 8, buffer = [16, 16] }} }}
+        [[sweep]]
+        [[sweep.axis]]
+        name = "surface.cells"
+        values = [16, {}]
+        "#,
+        17 + number
+    )
 }
 
-/// Files of experiments that nothing compares, each of two cells that take a moment.
-pub fn experiment_files(folder: &Path, count: usize) -> Vec<String> {
-    let file = |number: usize| {
-        let text = format!(
-            r#"
-            id = "own-{number}"
-            title = "Own"
-            source = "none"
-            pipeline = "underwater"
-            scene = "tank"
-            params = {{ view = {{ width = 64, height = 64 }}, shadow.size = 64, caustics = {{ grid = 16, buffer = [32, 32] }}, godrays = {{ grid = 8, buffer = [16, 16] }} }}
-            [[sweep]]
-            [[sweep.axis]]
-            name = "surface.cells"
-            values = [16, {}]
-            "#,
-            17 + number
-        );
-        let path = folder.join(format!("own-{number}.toml"));
-        std::fs::write(&path, text).unwrap();
-        path.display().to_string()
+/// So many files of such experiments, as words of the command line.
+pub fn own_experiments(place: &Place, count: usize) -> String {
+    let file = |number| {
+        place.write(format!("own-{number}.toml"), own_experiment(number)).display().to_string()
     };
-    (1..=count).map(file).collect()
+    (1..=count).map(file).collect::<Vec<String>>().join(" ")
+}
+
+/// A cell of the experiment `own`.
+pub fn own_cell(name: &str, outcome: Outcome) -> Cell {
+    Cell {
+        experiment: "own".to_owned(),
+        cell: name.to_owned(),
+        axes: Map::new(),
+        pipeline: "underwater".to_owned(),
+        scene: "tank".to_owned(),
+        stand_ins: Vec::new(),
+        params: json!({}).into(),
+        outcome,
+    }
+}
+
+/// A record of such a cell, which needed no adapter.
+pub fn skipped_cell(name: &str) -> Record {
+    let outcome = Outcome::Skipped { reason: "too large".to_owned() };
+    Record::Cell(Box::new(own_cell(name, outcome)))
+}
+
+/// A stage with these samples.
+pub fn stage(name: &str, clock: Clock, samples_ns: Vec<f64>) -> StageRecord {
+    StageRecord {
+        stage: name.into(),
+        clock,
+        time: estimate(&samples_ns),
+        samples_ns,
+        fenced: None,
+        work: Work::default(),
+        counters: Default::default(),
+        ceiling: None,
+        least_work: None,
+    }
+}
+
+/// The committed run on a software driver.
+pub fn reference() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe/records.jsonl")
+}
+
+/// Writes a folder's records.
+pub fn write_records(folder: &Path, records: &[Record]) {
+    std::fs::create_dir_all(folder).unwrap();
+    Writer::create(&folder.join("records.jsonl")).unwrap().write_all(records).unwrap();
 }
 
 /// Parameters as the command line takes them, with spaces between.
@@ -124,26 +290,4 @@ pub fn killed_beyond(blocks: u64, command: &Command) -> Command {
         limited.current_dir(folder);
     }
     limited
-}
-
-/// What a command says on standard error, which must end with this status.
-#[track_caller]
-pub fn stderr(output: &Output, status: i32) -> String {
-    let text = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(status), "{text}");
-    text
-}
-
-/// The error of a command that must end with status 2: the only line that begins with `error: `, but for what Mesa's
-/// device-select layer prints without a Wayland display, and the only one that holds `reason`.
-#[track_caller]
-pub fn refused(output: &Output, reason: &str) -> String {
-    let told = stderr(output, 2);
-    let of_driver = |line: &str| line.starts_with("error: XDG_RUNTIME_DIR");
-    let is_error = |line: &str| line.starts_with("error: ") && !of_driver(line);
-    let lines: Vec<&str> =
-        told.lines().filter(|line| is_error(line) || line.contains(reason)).collect();
-    assert_eq!(lines.len(), 1, "{reason}: {told}");
-    assert!(lines[0].starts_with("error: ") && lines[0].contains(reason), "{reason}: {told}");
-    lines[0].to_owned()
 }

@@ -1,27 +1,12 @@
 //! Folders of comparisons under two processes and damage, and what an interrupt ends at once.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use fathom::compare::store::StoredComparison;
-
-use super::builds::Builds;
-use super::common::{fathom, refused, stderr};
+use super::builds::{Builds, spawned};
+use super::common::{Ends, Place, Told, holds, names, repetitions, signal};
 use super::script::Script;
-
-/// A head that prepares nothing before it may, so that two processes are sure to meet.
-fn held(builds: &Builds) -> [PathBuf; 2] {
-    let waits = Script { first: builds.waits(), ..Script::default() };
-    [builds.build("base", &Script::default()), builds.build("head", &waits)]
-}
-
-fn signal(name: &str, process: u32) {
-    let sent = Command::new("kill").args([name, &process.to_string()]).status();
-    assert!(sent.unwrap().success());
-}
 
 /// Exactly one of two that began at the same time measures; the other names it, and ends before the first may go on.
 #[track_caller]
@@ -33,7 +18,7 @@ fn one_of_two(builds: &Builds, mut command: impl FnMut() -> Command) {
         command.spawn().unwrap()
     };
     let mut children = [spawn(), spawn()];
-    let ids = children.each_ref().map(std::process::Child::id);
+    let ids = children.each_ref().map(Child::id);
     while children.iter_mut().all(|child| child.try_wait().unwrap().is_none()) {
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -41,12 +26,14 @@ fn one_of_two(builds: &Builds, mut command: impl FnMut() -> Command) {
     let outputs = children.map(|child| child.wait_with_output().unwrap());
     let measured = outputs.iter().position(|output| output.status.success());
     let measured = measured.unwrap_or_else(|| panic!("{outputs:?}"));
-    refused(&outputs[1 - measured], &format!("is in use by process {} (`", ids[measured]));
+    let [first, second] = outputs;
+    let refused = Told::of(if measured == 0 { second } else { first }, 2);
+    refused.error(&format!("is in use by process {} (`", ids[measured]));
 }
 
 #[track_caller]
 fn is_whole(builds: &Builds) {
-    let stored = StoredComparison::read(&builds.path("out")).unwrap();
+    let stored = builds.stored();
     assert_eq!((stored.launches.len(), stored.exact.len()), (10, 8));
     // Four cells and the control, two pairs of each in every launch.
     assert_eq!(stored.pairs.len(), 10 * 5 * 2);
@@ -55,22 +42,19 @@ fn is_whole(builds: &Builds) {
 
 #[test]
 fn of_two_comparisons_in_one_folder_one_measures_all_and_the_other_names_it() {
-    let repetitions = std::env::var("FATHOM_REPETITIONS").ok();
-    for _ in 0..repetitions.and_then(|text| text.parse().ok()).unwrap_or(1) {
-        let builds = Builds::new();
-        let [base, head] = held(&builds);
-        one_of_two(&builds, || builds.command(&base, &head));
+    for _ in 0..repetitions() {
+        let builds = Builds::without_builds();
+        builds.build("base", &Script::default());
+        // It prepares nothing before it may, so that two processes are sure to meet.
+        builds.build("head", &Script { first: builds.waits(), ..Script::default() });
+        one_of_two(&builds, || builds.command(""));
         is_whole(&builds);
         let lines = builds.path("out/records.jsonl");
         // As if it had been killed after its exact figures.
         let text = fs::read_to_string(&lines).unwrap();
         let kept = text.lines().take_while(|line| !line.contains("\"kind\":\"pair\""));
         fs::write(&lines, kept.map(|line| format!("{line}\n")).collect::<String>()).unwrap();
-        one_of_two(&builds, || {
-            let mut command = builds.command(&base, &head);
-            command.arg("--resume");
-            command
-        });
+        one_of_two(&builds, || builds.command("--resume"));
         is_whole(&builds);
         assert!(!builds.path("out/.lock").exists());
     }
@@ -78,44 +62,38 @@ fn of_two_comparisons_in_one_folder_one_measures_all_and_the_other_names_it() {
 
 #[test]
 fn damage_in_a_comparison_is_named_and_kept_aside_and_no_comparison_is_not_resumed() {
-    let builds = Builds::new();
-    let [base, head] = ["base", "head"].map(|name| builds.build(name, &Script::default()));
-    let resume = |status: i32| {
-        let output = builds.command(&base, &head).arg("--resume").output().unwrap();
-        (stderr(&output, status), String::from_utf8(output.stdout).unwrap())
-    };
-    assert!(resume(2).0.contains("no comparison to resume in "));
+    let builds = Builds::new(&Script::default(), &Script::default());
+    let resume = || builds.command("--resume");
+    resume().refused("no comparison to resume in ");
     assert!(!builds.path("out").exists());
-    assert!(builds.command(&base, &head).output().unwrap().status.success());
+    builds.command("").ends(0);
     let lines = builds.path("out/records.jsonl");
     let sound = fs::read_to_string(&lines).unwrap();
     let damaged = format!("{sound}nonsense\n{{\"kind\":\"launch\",\"lau");
     fs::write(&lines, &damaged).unwrap();
-    let (told, tables) = resume(0);
-    assert!(told.contains(": not JSON") && told.contains(": torn off"), "{told}");
-    let aside = builds.path("out/records.damaged-1.jsonl");
-    assert!(told.contains(&aside.display().to_string()), "{told}");
-    assert_eq!(fs::read_to_string(&aside).unwrap(), damaged);
+    let told = resume().ends(0);
+    let aside = "out/records.damaged-1.jsonl";
+    holds(&told.err, &[": not JSON", ": torn off", aside]);
+    assert_eq!(fs::read_to_string(builds.path(aside)).unwrap(), damaged);
     assert!(fs::read_to_string(&lines).unwrap().starts_with(&sound));
-    assert!(tables.contains("records.damaged-1.jsonl"), "{tables}");
+    holds(&told.out, &["records.damaged-1.jsonl"]);
     is_whole(&builds);
     for garbage in ["nonsense\n", "{\"record\":\"comparison\",\"kind\":\"header\",\"sch"] {
         fs::write(&lines, garbage).unwrap();
-        assert!(resume(2).0.contains("holds no sound record"));
+        resume().refused("holds no sound record");
         assert_eq!(fs::read_to_string(&lines).unwrap(), garbage);
     }
 }
 
 #[test]
 fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
-    let builds = Builds::new();
+    let builds = Builds::without_builds();
     let number = builds.path("number");
     let stop = format!("echo $$ > '{}'; kill -STOP $$", number.display());
-    let stops = Script { instead: &[("\"id\":\"two\"", &stop)], ..Script::default() };
-    let (base, head) = (builds.build("base", &Script::default()), builds.build("head", &stops));
-    let mut child =
-        builds.command(&base, &head).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-    let mut told = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+    builds.build("base", &Script::default());
+    let instead = [("\"id\":\"two\"", stop.as_str())];
+    builds.build("head", &Script { instead: &instead, ..Script::default() });
+    let (mut child, mut told) = spawned(&mut builds.command(""));
     // On a busy machine it is told of slow greetings, too, and of this one before it is stopped.
     let (ending, stopped) = ("to answer `prepare`, for at most 180 s", "; it is stopped, ");
     let awaited = ["", stopped][usize::from(cfg!(target_os = "linux"))];
@@ -139,7 +117,7 @@ fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let waited = |line: &&String| line.contains("no answer to `prepare`");
     assert_eq!(rest.iter().find(waited), None, "it waited for the worker");
-    let stored = StoredComparison::read(&builds.path("out")).unwrap();
+    let stored = builds.stored();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
 }
 
@@ -153,49 +131,37 @@ const ENDLESS: &str = "fn main() {
 ";
 
 /// A crate whose build begins, and ends only when its worktree is gone.
-fn endless_repository(folder: &Path) {
+fn endless_repository() -> Place {
+    let place = Place::new();
     let manifest =
         "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[workspace]\n";
-    let files = [
+    for (name, text) in [
         ("Cargo.toml", manifest),
         ("Cargo.lock", "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n"),
         (".gitignore", "/target\n"),
         ("src/main.rs", "fn main() {}\n"),
         ("build.rs", ENDLESS),
-    ];
-    fs::create_dir(folder.join("src")).unwrap();
-    for (name, text) in files {
-        fs::write(folder.join(name), text).unwrap();
+    ] {
+        place.write(name, text);
     }
     let someone = ["-c", "user.name=Someone", "-c", "user.email=someone@example.org"];
-    for arguments in
-        [&["init", "--quiet"][..], &["add", "--all"], &["commit", "--quiet", "--message=Change"]]
-    {
-        let git = Command::new("git").current_dir(folder).args(someone).args(arguments).status();
-        assert!(git.unwrap().success());
+    for words in ["init --quiet", "add --all", "commit --quiet --message=Change"] {
+        let mut git = Command::new("git");
+        git.current_dir(place.path("")).args(someone).args(words.split(' ')).ends(0);
     }
+    place
 }
 
 #[test]
 fn a_termination_during_the_build_ends_it_and_leaves_no_worktree() {
-    let repository = tempfile::tempdir().unwrap();
-    endless_repository(repository.path());
-    let mut child = fathom()
-        .current_dir(repository.path())
-        .args(["compare", "--base", "HEAD", "--out", "out"])
-        .stderr(Stdio::piped())
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut told = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
-    let compiling = told.find(|line| line.contains("Compiling fathom"));
-    assert!(compiling.is_some());
+    let place = endless_repository();
+    let mut compare = place.fathom("compare --base HEAD --out out");
+    let (mut child, mut told) = spawned(&mut compare);
+    told.find(|line| line.contains("Compiling fathom")).unwrap();
     signal("-TERM", child.id());
     let rest: Vec<String> = told.collect();
     assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:?}");
     assert!(rest.iter().any(|line| line.contains("building `HEAD` was interrupted")), "{rest:?}");
-    let cache = fs::read_dir(repository.path().join("target/compare")).unwrap();
-    let names: Vec<_> = cache.flatten().map(|entry| entry.file_name()).collect();
-    assert_eq!(names, ["target"], "no worktree is left");
-    assert!(!repository.path().join("out").exists());
+    assert_eq!(names(&place.path("target/compare")), ["target"], "no worktree is left");
+    assert!(!place.path("out").exists());
 }

@@ -11,13 +11,15 @@ use fathom::compare::launch::{
     Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
 };
 use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
-use fathom::compare::rounds::{self, Before, RoleFault, WorkerRole};
+use fathom::compare::rounds::{self, Before, WorkerRole};
+use fathom::compare::store::StoredComparison;
 use fathom::compare::time;
 use fathom::gates::schedule::Schedule;
-use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Launch, Pair, Side};
+use fathom::record::Record;
+use fathom::record::comparison::{CellId, Compared, GateSettings, Side};
 use serde_json::{Map, json};
 
-use super::script::{Script, hello, refusal};
+use super::script::Script;
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -55,24 +57,18 @@ fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Compared> {
     lines
 }
 
-fn sorted(lines: Vec<Compared>) -> (Vec<Pair>, Vec<Fault>, Vec<Launch>) {
-    let (mut pairs, mut faults, mut launches) = (Vec::new(), Vec::new(), Vec::new());
-    for line in lines {
-        match line {
-            Compared::Pair(pair) => pairs.push(pair),
-            Compared::Fault(fault) => faults.push(fault),
-            Compared::Launch(launch) => launches.push(launch),
-            other => panic!("{other:?}"),
-        }
-    }
-    (pairs, faults, launches)
+fn sample(config: &str, stage: &str, frames: u32) -> WorkerRequest {
+    WorkerRequest::Sample { config: config.to_owned(), stage: stage.to_owned(), frames }
 }
 
 #[test]
 fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 2, 4);
-    let (pairs, faults, launches) = sorted(measure(&mut bench, &schedule));
+    let mut lines = vec![Compared::Header(Box::default())];
+    lines.extend(measure(&mut bench, &schedule));
+    let measured = StoredComparison::from_records(lines.into_iter().map(Record::from)).unwrap();
+    let StoredComparison { pairs, faults, launches, .. } = measured;
     assert_eq!(faults, []);
     assert_eq!(launches.len(), 2);
     assert_eq!(pairs.len(), 2 * 4 * 3, "two launches, four rounds, two cells and the control");
@@ -110,11 +106,6 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     assert_eq!(kinds[0], ("frame", Host));
     assert!(kinds.contains(&("caustics/trace", Compute)) && kinds.contains(&("compose", Render)));
 
-    let sample = |config: &str, stage: &str, frames| WorkerRequest::Sample {
-        config: config.to_owned(),
-        stage: stage.to_owned(),
-        frames,
-    };
     let Ok(Reply::Sample { ns, .. }) = ask(sample("plane", "caustics/splat", 3)) else {
         panic!("no sample")
     };
@@ -151,11 +142,6 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     worker.quit();
 }
 
-/// A worker that is a script: it does as it should but for the stage `bad`, where it does `badly`.
-fn script(folder: &Path, name: &str, badly: &str) -> WorkerStart {
-    scripted(folder, name, &Script { instead: &[("\"bad\"", badly)], ..Script::default() })
-}
-
 fn scripted(folder: &Path, name: &str, script: &Script<'_>) -> WorkerStart {
     let mut start = WorkerStart::new(&script.write(folder, name));
     // Read, not executed: a file that some other thread's fork still holds open for writing cannot be executed.
@@ -165,29 +151,6 @@ fn scripted(folder: &Path, name: &str, script: &Script<'_>) -> WorkerStart {
 
 fn toy() -> GateConfiguration {
     GateConfiguration { id: "toy".to_owned(), ..plane() }
-}
-
-/// A gate of three cells whose head does `badly` at one; that cell's reason. The others must stand.
-fn fails_alone(badly: &str) -> String {
-    let folder = tempfile::tempdir().unwrap();
-    let base = script(folder.path(), "base", "echo '{\"message\":\"sample\",\"ns\":[5000000]}'");
-    let head = script(folder.path(), "head", badly);
-    let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
-    let schedule = schedule(&[("toy", "good"), ("toy", "bad"), ("toy", "fine")], 3, 2);
-    let (pairs, faults, launches) = sorted(measure(&mut bench, &schedule));
-    assert_eq!(launches.len(), 3, "three launches count in the end");
-    assert_eq!(pairs.len(), 3 * 2 * 3, "two cells and the control");
-    assert!(pairs.iter().all(|pair| pair.cell.stage() != "bad"));
-    reason_of_bad(&faults)
-}
-
-/// The reason of the only fault, which is of the head's `bad`.
-#[track_caller]
-fn reason_of_bad(faults: &[Fault]) -> String {
-    let [fault] = faults else { panic!("{faults:?}") };
-    assert_eq!(fault.cell, Some(CellId::new("toy", "bad")));
-    assert_eq!(fault.side, Some(Side::Head));
-    fault.reason.clone()
 }
 
 /// The patience with a worker that answers no sample at all. It need not be long.
@@ -200,40 +163,22 @@ fn hangs(folder: &Path) -> String {
 
 /// The head is asked for no stage but the one at which it hangs, as its patience would be short for any other; the control is
 /// the base's. With its only cell the gate has nothing left to measure, and the launch that was cut short does not count.
-fn hangs_alone() -> String {
+#[test]
+fn a_worker_that_hangs_costs_one_cell() {
     let folder = tempfile::tempdir().unwrap();
-    let base = script(folder.path(), "base", "echo '{\"message\":\"sample\",\"ns\":[5000000]}'");
-    let mut head = script(folder.path(), "head", &hangs(folder.path()));
+    let base = scripted(folder.path(), "base", &Script::default());
+    let hangs = hangs(folder.path());
+    let hanging = Script { instead: &[("\"bad\"", &hangs)], ..Script::default() };
+    let mut head = scripted(folder.path(), "head", &hanging);
     head.sample_patience = HUNG;
     let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
     let control = Some(CellId::new("toy", "good"));
     let schedule = Schedule { control, ..schedule(&[("toy", "bad")], 3, 2) };
-    let (pairs, faults, launches) = sorted(measure(&mut bench, &schedule));
-    assert_eq!((pairs, launches), (Vec::new(), Vec::new()));
-    reason_of_bad(&faults)
-}
-
-#[test]
-fn a_worker_that_crashes_hangs_or_answers_garbage_costs_one_cell() {
-    let crash = fails_alone("echo 'it hurts' >&2; kill -SEGV $$");
-    assert!(crash.starts_with("head worker: it ended with signal: 11"), "{crash}");
-    assert!(crash.ends_with(": it hurts"), "{crash}");
-    let status = fails_alone("exit 3");
-    assert_eq!(status, "head worker: it ended with exit status: 3");
-    let hang = hangs_alone();
-    assert!(hang.contains("no answer to `sample` within 1 s"), "{hang}");
-    for (answer, shown) in [
-        ("echo fish", "garbage to `sample`: `fish`"),
-        ("printf '\\377\\376\\n'", "garbage to `sample`: `stream did not contain valid UTF-8`"),
-        ("echo '{\"message\":\"sample\",\"ns\":[]}'", "\"ns\":[]"),
-        ("echo '{\"message\":\"sample\",\"ns\":[-1]}'", "\"ns\":[-1.0]"),
-        ("echo '{\"message\":\"prepared\",\"stages\":[]}'", "\"prepared\""),
-        (&refusal("too hot", false), "head worker: too hot"),
-        ("echo '{\"message\":\"unsupported\",\"request\":\"sample\"}'", "does not know `sample`"),
-    ] {
-        let garbage = fails_alone(answer);
-        assert!(garbage.contains(shown), "{garbage}");
-    }
+    let lines = measure(&mut bench, &schedule);
+    let [Compared::Fault(fault)] = &lines[..] else { panic!("{lines:?}") };
+    assert_eq!(fault.cell, Some(CellId::new("toy", "bad")));
+    assert_eq!(fault.side, Some(Side::Head));
+    assert!(fault.reason.contains("no answer to `sample` within 1 s"), "{fault:?}");
 }
 
 #[test]
@@ -255,8 +200,7 @@ fn a_hung_worker_is_killed_for_certain() {
     start.sample_patience = HUNG;
     let mut worker = WorkerProcess::start(&start).unwrap();
     worker.greeted(&Waiting::PLAINLY).unwrap();
-    let request =
-        WorkerRequest::Sample { config: "toy".to_owned(), stage: "bad".to_owned(), frames: 1 };
+    let request = sample("toy", "bad", 1);
     let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
     assert!(matches!(fault, WorkerFault::Silent { seconds: 1, .. }), "{fault}");
     let pid = fs::read_to_string(pid).unwrap();
@@ -265,30 +209,10 @@ fn a_hung_worker_is_killed_for_certain() {
     assert!(!dead.goes_on(), "a dead worker stays dead");
 }
 
-fn refused(base: WorkerStart) -> RoleFault {
-    Processes::new([base, fathom()], &[toy()], 1, Waiting::PLAINLY).err().unwrap()
-}
-
 #[test]
-fn builds_without_a_worker_of_this_protocol_are_told_apart() {
-    let folder = tempfile::tempdir().unwrap();
-    let says = |name: &str, hello: String| {
-        refused(scripted(folder.path(), name, &Script { hello, ..Script::default() }))
-    };
-    let older = says("older", hello(0, "\"time\""));
-    assert_eq!(older.role, WorkerRole::Base);
-    assert_eq!(older.fault, WorkerFault::OtherProtocol { theirs: 0 });
-    let message = older.fault.to_string();
-    assert!(message.contains("version 0") && message.contains("version 1"), "{message}");
-
-    let later = "echo '{\"message\":\"hello\",\"protocol\":2,\"adapters\":[]}'";
-    let later = says("later", later.to_owned());
-    assert_eq!(later.fault, WorkerFault::OtherProtocol { theirs: 2 });
-
-    let unknown = "echo \"error: unrecognized subcommand 'worker'\" >&2; exit 2";
-    let message = says("none", unknown.to_owned()).fault.to_string();
-    assert!(message.contains("exit status: 2: error: unrecognized subcommand"), "{message}");
-
-    let missing = refused(WorkerStart::new(Path::new("/no/such/fathom")));
+fn a_program_that_is_not_there_is_the_fault_of_its_side() {
+    let base = WorkerStart::new(Path::new("/no/such/fathom"));
+    let missing = Processes::new([base, fathom()], &[toy()], 1, Waiting::PLAINLY).err().unwrap();
+    assert_eq!(missing.role, WorkerRole::Base);
     assert!(missing.fault.to_string().contains("cannot be started"), "{:?}", missing.fault);
 }

@@ -6,6 +6,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use super::builds::Builds;
+use super::common::Ends;
 use super::script::{Script, hello};
 
 /// Far more than a busy machine takes.
@@ -28,23 +29,22 @@ fn is_any_left(log: &Path) -> bool {
 #[cfg(target_os = "linux")]
 #[test]
 fn processes_that_a_base_forked_do_not_outlive_fathom() {
-    let builds = Builds::new();
+    let builds = Builds::without_builds();
     let log = builds.path("log");
-    let base = builds.build("base", &Script { hello: forking(&log), ..Script::default() });
+    builds.build("base", &Script { hello: forking(&log), ..Script::default() });
     let sample = r#"echo '{"message":"sample","ns":[2000000]}'"#;
     let held = format!("{}; {sample}", builds.waits());
     let instead = [("\"sample\"", held.as_str())];
-    let head = builds.build("head", &Script { instead: &instead, ..Script::default() });
+    builds.build("head", &Script { instead: &instead, ..Script::default() });
     builds.release();
-    let output = builds.command(&base, &head).output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    builds.command("").ends(0);
     assert!(!is_any_left(&log));
 
     // However fathom ends.
     fs::remove_file(&log).unwrap();
     fs::remove_dir_all(builds.path("out")).unwrap();
     builds.hold();
-    let mut running = builds.command(&base, &head).spawn().unwrap();
+    let mut running = builds.command("").spawn().unwrap();
     let start = Instant::now();
     while !log.exists() {
         assert!(start.elapsed() < LONGEST_WAIT, "no process was forked");
@@ -62,17 +62,15 @@ fn processes_that_a_base_forked_do_not_outlive_fathom() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_base_that_floods_its_standard_error_costs_no_memory() {
-    let builds = Builds::new();
     let greeting = hello(1, r#""exact","checks","time""#);
     let flood = "echo begin >&2; head -c 1200000000 /dev/zero >&2; echo >&2; echo end >&2; exit 3";
     let base = Script { hello: format!("{flood}; {greeting}"), ..Script::default() };
-    let (base, head) = (builds.build("base", &base), builds.build("head", &Script::default()));
-    let compare = builds.command(&base, &head);
+    let builds = Builds::new(&base, &Script::default());
+    let compare = builds.command("");
     let mut limited = Command::new("sh");
     limited.args(["-c", "ulimit -v 600000; exec \"$0\" \"$@\""]).env("MALLOC_ARENA_MAX", "1");
-    let output = limited.arg(compare.get_program()).args(compare.get_args()).output().unwrap();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{told}");
+    limited.arg(compare.get_program()).args(compare.get_args());
+    let told = limited.current_dir(compare.get_current_dir().unwrap()).ends(2).err;
     assert!(told.contains("exit status: 3: begin; ���") && told.trim_end().ends_with("…; end"));
     assert!(told.len() < 4_000, "{}", told.len());
 }

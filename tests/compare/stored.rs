@@ -1,7 +1,7 @@
 //! A stored comparison under construction.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use fathom::compare::store;
 use fathom::harness::output::{FolderKind, Taken};
@@ -205,10 +205,9 @@ impl Stored {
         std::iter::once(header).chain(self.lines).chain(self.interrupted.map(end)).collect()
     }
 
-    pub fn write(self, folder: &Path) -> PathBuf {
+    pub fn write(self, folder: &Path) {
         let mut held = Taken::free(folder).unwrap().open(FolderKind::Comparison).unwrap();
         store::write(&mut held, self.lines()).unwrap();
         follow_the_schema(&held.output.records());
-        held.output.records()
     }
 }

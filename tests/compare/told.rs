@@ -3,17 +3,15 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use assert_cmd::prelude::*;
 use fathom::compare::store::StoredComparison;
 use fathom::record::comparison::{
     Compared, Gate, NamedDriver, PairStates, Side, SideEnvironment, Skip,
 };
 use fathom::record::{Adapter, MachineState, ThrottleReason};
-use predicates::str::contains;
 
-use super::common::{fathom, refused};
+use super::common::{Ends, Place, fathom, holds, names};
 use super::stored::*;
 
 /// One cell for each verdict.
@@ -49,37 +47,38 @@ fn quiet() -> Stored {
     Stored::new(&[TRACE, COMPOSE]).same(TRACE).same(COMPOSE)
 }
 
+/// A folder `stored` with this comparison.
+fn stored(comparison: Stored) -> Place {
+    let place = Place::new();
+    comparison.write(&place.path("stored"));
+    place
+}
+
 #[track_caller]
-fn replayed(name: &str, folder: &Path, status: i32) -> String {
-    let output = fathom().args(["compare", "--replay"]).arg(folder).output().unwrap();
-    assert_eq!(output.status.code(), Some(status), "{name}: {output:?}");
-    String::from_utf8(output.stdout).unwrap()
+fn replayed(place: &Place, status: i32) -> String {
+    place.fathom("compare --replay stored").ends(status).out
 }
 
 /// Replays each comparison, which must end with this status and print this.
 #[track_caller]
 fn replay_all<const N: usize>(cases: [(&str, Stored, i32, &str); N]) {
-    for (name, stored, status, expected) in cases {
-        let folder = tempfile::tempdir().unwrap();
-        stored.write(folder.path());
-        let text = replayed(name, folder.path(), status);
-        assert!(text.contains(expected), "{name}: {text}");
+    for (name, comparison, status, expected) in cases {
+        println!("{name}");
+        holds(&replayed(&stored(comparison), status), &[expected]);
     }
 }
 
 #[test]
 fn the_reports_of_a_stored_comparison_are_as_they_were() {
-    let folder = tempfile::tempdir().unwrap();
-    let lines = mixed().write(folder.path());
+    let place = stored(mixed());
     // A line that a crash tore.
-    let torn =
-        fs::read_to_string(&lines).unwrap() + "{\"record\":\"comparison\",\"kind\":\"pair\",\"laun";
-    fs::write(&lines, torn).unwrap();
-    let text = replayed("", folder.path(), 1);
-    fs::write(folder.path().join("terminal.txt"), text).unwrap();
+    let torn = "{\"record\":\"comparison\",\"kind\":\"pair\",\"laun";
+    place.write("stored/records.jsonl", place.read("stored/records.jsonl") + torn);
+    let text = replayed(&place, 1);
+    place.write("stored/terminal.txt", text);
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/compare");
     for name in ["terminal.txt", "summary.md", "junit.xml", "bencher.json", "benchmark.json"] {
-        let found = fs::read_to_string(folder.path().join(name)).unwrap();
+        let found = place.read(format!("stored/{name}"));
         let known = golden.join(name);
         if std::env::var_os("FATHOM_BLESS").is_some() {
             fs::write(&known, &found).unwrap();
@@ -92,36 +91,31 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
 /// Replaying, `fathom report` and `--format` give the same bytes.
 #[test]
 fn the_same_records_give_the_same_bytes_each_time() {
-    let folder = tempfile::tempdir().unwrap();
-    mixed().write(folder.path());
-    let first = replayed("", folder.path(), 1);
-    let files = || -> BTreeMap<PathBuf, Vec<u8>> {
-        let entries = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
-        entries.map(|path| (path.clone(), fs::read(path).unwrap())).collect()
+    let place = stored(mixed());
+    let first = replayed(&place, 1);
+    let files = || -> BTreeMap<String, String> {
+        let names = names(&place.path("stored")).into_iter();
+        names.map(|name| (name.clone(), place.read(format!("stored/{name}")))).collect()
     };
     let before = files();
     assert_eq!(before.len(), 6);
-    assert_eq!(replayed("", folder.path(), 1), first);
+    assert_eq!(replayed(&place, 1), first);
     assert_eq!(files(), before);
 
-    let formats = [
+    for (format, file) in [
         ("markdown", "summary.md"),
         ("page", "index.html"),
         ("junit", "junit.xml"),
         ("bencher", "bencher.json"),
         ("github-action-benchmark", "benchmark.json"),
-    ];
-    for (format, file) in formats {
-        let mut command = fathom();
-        command.args(["compare", "--format", format, "--replay"]).arg(folder.path());
-        let path = folder.path().join(file);
-        assert_eq!(command.output().unwrap().stdout, before[&path], "{format}");
-        fs::remove_file(path).unwrap();
+    ] {
+        let told = place.fathom(format!("compare --format {format} --replay stored")).ends(1);
+        assert_eq!(told.out, before[file], "{format}");
+        fs::remove_file(place.path("stored").join(file)).unwrap();
     }
-    fathom().arg("report").arg(folder.path()).assert().success();
+    place.fathom("report stored").ends(0);
     assert_eq!(files(), before);
-    let resumed = fathom().args(["run", "--resume", "--out"]).arg(folder.path()).assert().code(2);
-    resumed.stderr(contains("holds no run but other records"));
+    place.fathom("run --resume --out stored").refused("holds no run but other records");
 }
 
 #[test]
@@ -212,9 +206,8 @@ fn what_was_not_measured_is_not_the_same() {
 
 #[test]
 fn figures_that_vanish_are_faults_and_notes_are_printed_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut stored = quiet();
-    for line in &mut stored.lines {
+    let mut comparison = quiet();
+    for line in &mut comparison.lines {
         match line {
             Compared::Configuration(figures) if figures.side == Side::Head => {
                 figures.errors.clear();
@@ -224,8 +217,8 @@ fn figures_that_vanish_are_faults_and_notes_are_printed_once() {
             _ => {}
         }
     }
-    stored.write(folder.path());
-    let text = replayed("", folder.path(), 2);
+    let place = stored(comparison);
+    let text = replayed(&place, 2);
     for part in [
         "the head does not give caustics_photon_error_median_m of tank",
         "head: tank: errors not computed: no reference",
@@ -233,21 +226,19 @@ fn figures_that_vanish_are_faults_and_notes_are_printed_once() {
     ] {
         assert_eq!(text.matches(part).count(), 1, "{part}: {text}");
     }
-    let junit = fs::read_to_string(folder.path().join("junit.xml")).unwrap();
-    assert!(junit.contains("<testcase name=\"exact fault 1\" classname=\"gate\">"), "{junit}");
+    let junit = place.read("stored/junit.xml");
+    holds(&junit, &["<testcase name=\"exact fault 1\" classname=\"gate\">"]);
 }
 
 #[test]
 fn faults_that_were_overcome_do_not_count() {
-    let folder = tempfile::tempdir().unwrap();
-    quiet()
+    let overcome = quiet()
         .fault(Gate::Time, Side::Base, None, false)
         .fault(Gate::Instructions, Side::Head, Some(COMPOSE), false)
         .fault(Gate::Time, Side::Head, Some(COMPOSE), false)
         .fault(Gate::Exact, Side::Head, None, false)
-        .check(("compose", "energy"), 0.01, 0.01)
-        .write(folder.path());
-    assert!(!replayed("", folder.path(), 0).contains("SIGSEGV"));
+        .check(("compose", "energy"), 0.01, 0.01);
+    assert!(!replayed(&stored(overcome), 0).contains("SIGSEGV"));
 }
 
 #[test]
@@ -260,49 +251,34 @@ fn pairs_of_a_launch_that_was_cut_short_do_not_count() {
 
 #[test]
 fn damaged_and_foreign_files_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let lines = quiet().write(folder.path());
-    let whole = fs::read_to_string(&lines).unwrap();
+    let place = stored(quiet());
+    let whole = place.read("stored/records.jsonl");
     let damaged = whole.replacen("\"kind\":\"exact\"", "\"kind\":\"exotic\"", 1);
-    fs::write(&lines, &damaged).unwrap();
-    let text = replayed("", folder.path(), 2);
-    assert!(text.contains("left out: line "), "{text}");
-    assert!(text.contains("1 not measured, 1 same"), "{text}");
+    place.write("stored/records.jsonl", damaged);
+    holds(&replayed(&place, 2), &["left out: line ", "1 not measured, 1 same"]);
 
     let schema = format!("\"schema\":{}", fathom::record::SCHEMA);
     let other_format = whole.replacen(&schema, "\"schema\":9", 1);
     let (_, headless) = whole.split_once('\n').unwrap();
-    for (text, reason) in [
-        (Some(other_format.as_str()), "format 9"),
-        (Some(headless), "no sound header"),
-        (None, "no comparison in "),
-    ] {
-        match text {
-            Some(text) => fs::write(&lines, text).unwrap(),
-            None => fs::remove_file(&lines).unwrap(),
-        }
-        let output = fathom().args(["compare", "--replay"]).arg(folder.path()).output().unwrap();
-        refused(&output, reason);
-        assert_eq!(String::from_utf8(output.stderr).unwrap().lines().count(), 1);
+    for (text, reason) in [(other_format.as_str(), "format 9"), (headless, "no sound header")] {
+        place.write("stored/records.jsonl", text);
+        place.fathom("compare --replay stored").refused(reason);
     }
+    fs::remove_file(place.path("stored/records.jsonl")).unwrap();
+    place.fathom("compare --replay stored").refused("no comparison in ");
 }
 
 #[test]
 fn a_jobs_page_gets_the_markdown_of_a_fresh_comparison_only() {
-    let folder = tempfile::tempdir().unwrap();
-    let stored = folder.path().join("stored");
-    quiet().write(&stored);
-    let page = folder.path().join("page.md");
-    let mut command = fathom();
-    command.env("GITHUB_STEP_SUMMARY", &page).args(["compare", "--replay"]).arg(&stored);
-    command.assert().success();
+    let place = stored(quiet());
+    let page = place.path("page.md");
+    place.fathom("compare --replay stored").env("GITHUB_STEP_SUMMARY", &page).ends(0);
     assert!(!page.exists());
 }
 
 #[test]
 fn bad_input_is_one_clear_line_and_status_2() {
-    for (arguments, reason) in [
-        ("", "nothing to compare with"),
+    for (options, reason) in [
         ("--base no-such-revision", "unknown revision `no-such-revision`"),
         ("--base-bin no/such/program", "no/such/program"),
         ("--base-bin x --gates exakt", "gates are exact, instructions, time"),
@@ -313,8 +289,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("one.jsonl", "2 values required"),
         ("one.jsonl two.jsonl", "one.jsonl"),
     ] {
-        let output = fathom().arg("compare").args(arguments.split_whitespace()).output().unwrap();
-        refused(&output, reason);
+        fathom(format!("compare {options}")).refused(reason);
     }
 }
 
@@ -342,8 +317,7 @@ fn the_documented_jobs_run_the_documented_steps() {
         assert_eq!(commands(block), commands(steps), "{begin}");
     }
 
-    let help = fathom().args(["compare", "--help"]).output().unwrap();
-    let help = String::from_utf8(help.stdout).unwrap();
+    let help = fathom("compare --help").answer();
     let commands = text.lines().filter(|line| line.contains("fathom compare "));
     let words = commands.flat_map(str::split_whitespace);
     let words = words.map(|word| word.trim_matches('`'));
@@ -356,25 +330,16 @@ fn the_documented_jobs_run_the_documented_steps() {
 
 /// A real gate on the default adapter over one cell; none where it cannot be run.
 fn counted(name: &str) -> Option<(StoredComparison, String)> {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let page = folder.path().join("page.md");
-    let output = fathom()
-        .env("GITHUB_STEP_SUMMARY", &page)
-        .args(["compare", "--gates", "instructions", "--cells", name])
-        .args(["--base-bin", env!("CARGO_BIN_EXE_fathom"), "--out"])
-        .arg(&out)
-        .output()
-        .unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
-    let told = String::from_utf8(output.stderr).unwrap();
-    if text.contains("instructions gate skipped") {
-        eprintln!("not tried: {text}");
+    let place = Place::new();
+    let mut compare = place.fathom("compare --gates instructions --out out --cells");
+    compare.arg(name).args(["--base-bin", env!("CARGO_BIN_EXE_fathom")]);
+    let told = compare.env("GITHUB_STEP_SUMMARY", place.path("page.md")).ends(0);
+    if told.out.contains("instructions gate skipped") {
+        eprintln!("not tried: {}", told.out);
         return None;
     }
-    assert_eq!(output.status.code(), Some(0), "{text}{told}");
-    let comparison = StoredComparison::read(&out).unwrap();
-    Some((comparison, fs::read_to_string(page).unwrap()))
+    let comparison = StoredComparison::read(&place.path("out")).unwrap();
+    Some((comparison, place.read("page.md")))
 }
 
 #[test]
@@ -439,41 +404,38 @@ fn times_of_two_versions_of_a_driver_are_judged_and_of_two_drivers_told() {
         software: true,
         ..Adapter::default()
     };
+    let newer = on_adapters(here(), lavapipe(256, "Mesa 24"));
     let different = || on_adapters(here(), swiftshader.clone());
     let more_bytes = different().configuration(BYTES + 1, 0.01);
     let less_accurate = different().configuration(BYTES, 0.02);
     replay_all([
         ("a setting", on_adapters(here(), lavapipe(128, "Mesa 22.3.6")), 1, "under two settings"),
-        (
-            "a version",
-            on_adapters(here(), lavapipe(256, "Mesa 24")),
-            1,
-            "under two versions of its",
-        ),
+        ("a version", newer, 1, "under two versions of its"),
         ("two drivers", different(), 0, "no regression; 2 cells: 2 not judged"),
         ("exact figures", more_bytes, 1, "allocated_bytes"),
         ("errors", less_accurate, 1, "caustics/trace: less accurate"),
     ]);
-    let folder = tempfile::tempdir().unwrap();
-    different().write(folder.path());
-    let text = replayed("two drivers", folder.path(), 0);
+    let text = replayed(&stored(different()), 0);
     let adapters = "llvmpipe (LLVM 15.0.6, 256 bits), Mesa 22.3.6 → SwiftShader Device (Subzero)";
     assert_eq!(text.lines().nth(1), Some(adapters));
-    assert!(text.contains("+50.0 % (49.7 … 50.3), different adapters"), "{text}");
-    assert!(text.contains("+50.00 %, different adapters"), "{text}");
-    assert!(text.contains("compute_shader_invocations"), "{text}");
+    holds(
+        &text,
+        &[
+            "+50.0 % (49.7 … 50.3), different adapters",
+            "+50.00 %, different adapters",
+            "compute_shader_invocations",
+        ],
+    );
 }
 
 #[test]
 fn what_a_side_alone_was_given_is_told_in_every_report() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut stored = quiet();
+    let mut comparison = quiet();
     let hostile = "<b>|1\n2".to_owned();
     let variables =
         [("LP_NATIVE".to_owned(), Some("256".to_owned())), ("TOKEN".to_owned(), None)].into();
-    let base = SideEnvironment { variables, ..SideEnvironment::default() };
-    stored.header.base.environment = base;
-    stored.header.head.environment = SideEnvironment {
+    comparison.header.base.environment = SideEnvironment { variables, ..Default::default() };
+    comparison.header.head.environment = SideEnvironment {
         driver: Some(NamedDriver {
             manifest: "/opt/mesa/icd.json".to_owned(),
             library: "/opt/mesa/lib.so".to_owned(),
@@ -482,65 +444,55 @@ fn what_a_side_alone_was_given_is_told_in_every_report() {
         variables: [("LP_NATIVE".to_owned(), Some(hostile))].into(),
         values_digest: None,
     };
-    stored.write(folder.path());
-    let text = replayed("environment", folder.path(), 0);
+    let place = stored(comparison);
+    let text = replayed(&place, 0);
     let first = text.lines().next().unwrap();
-    assert!(first.contains("origin/main (0.1.0) with LP_NATIVE=256, TOKEN → "), "{first}");
+    holds(first, &["origin/main (0.1.0) with LP_NATIVE=256, TOKEN → "]);
     assert!(first.ends_with("with driver /opt/mesa/icd.json, LP_NATIVE=<b>|1 2"), "{first}");
     for (file, expected) in [
         ("summary.md", "LP_NATIVE=256, TOKEN → "),
         ("junit.xml", "with driver /opt/mesa/icd.json, LP_NATIVE=&lt;b&gt;|1 2"),
         ("index.html", "with driver /opt/mesa/icd.json, LP_NATIVE=&lt;b&gt;|1"),
     ] {
-        let written = fs::read_to_string(folder.path().join(file)).unwrap();
-        assert!(written.contains(expected), "{file}: {written}");
+        let written = place.read(format!("stored/{file}"));
+        holds(&written, &[expected]);
         assert!(!written.contains("<b>"), "{file}");
     }
 }
 
 #[test]
 fn a_slowdown_while_the_head_was_throttled_is_a_regression_that_says_so() {
-    let held = |stored: Stored, side: Side| {
-        let mut stored = stored;
+    let held = |mut stored: Stored, side: Side| {
         let throttle = vec![ThrottleReason::SwThermalSlowdown];
         let state = Some(MachineState { throttle, ..MachineState::default() });
         for line in &mut stored.lines {
             let Compared::Pair(pair) = line else { continue };
-            if pair.cell.as_str() != COMPOSE || pair.launch >= 4 {
-                continue;
+            if pair.cell.as_str() == COMPOSE && pair.launch < 4 {
+                pair.machine = match side {
+                    Side::Base => PairStates { base: state.clone(), head: None },
+                    Side::Head => PairStates { base: None, head: state.clone() },
+                };
             }
-            pair.machine = match side {
-                Side::Base => PairStates { base: state.clone(), head: None },
-                Side::Head => PairStates { base: None, head: state.clone() },
-            };
         }
         stored
     };
     let slower = || {
-        Stored::new(&[TRACE, COMPOSE])
-            .same(TRACE)
-            .counted(COMPOSE)
-            .times(COMPOSE, false, 1.05, 0.004)
+        let stored = Stored::new(&[TRACE, COMPOSE]).same(TRACE).counted(COMPOSE);
+        stored.times(COMPOSE, false, 1.05, 0.004)
     };
     let doubt = "of the head: more often on the slower side, so the change may be the machine's";
     let of_head = "clocks held down (thermal slowdown by the driver) in 0 of 10 launches of the base and 4 of the head";
+    let of_base = "in 4 of 10 launches of the base and 0 of the head\n";
     replay_all([
         ("head", held(slower(), Side::Head), 1, doubt),
         ("which launches", held(slower(), Side::Head), 1, of_head),
         ("count", held(slower(), Side::Head), 1, "1 of these are slower with more such launches"),
-        (
-            "base",
-            held(slower(), Side::Base),
-            1,
-            "in 4 of 10 launches of the base and 0 of the head\n",
-        ),
+        ("base", held(slower(), Side::Base), 1, of_base),
         ("no change", held(quiet(), Side::Head), 0, "while 1 of 2 cells were timed; 0 of these"),
     ]);
-    let folder = tempfile::tempdir().unwrap();
-    held(slower(), Side::Head).write(folder.path());
-    replayed("files", folder.path(), 1);
+    let place = stored(held(slower(), Side::Head));
+    replayed(&place, 1);
     for file in ["summary.md", "junit.xml", "index.html"] {
-        let written = fs::read_to_string(folder.path().join(file)).unwrap();
-        assert!(written.contains("more often on the slower side"), "{file}: {written}");
+        holds(&place.read(format!("stored/{file}")), &["more often on the slower side"]);
     }
 }

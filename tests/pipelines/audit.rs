@@ -1,11 +1,8 @@
 //! The clock's audit on two software drivers, lavapipe and SwiftShader. What it finds depends on what else the machine does, so
 //! what is tested here is that its verdicts follow from its figures and its plan from its verdicts. Which verdict a wrong or a
 //! right clock gets is tested on modelled ones (`gpu::audit`).
-//!
-//! The loader chooses a driver once per process, so each test runs `child` in a process of its own.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::PathBuf;
 
 use fathom::gpu::{Audit, ClockPlan, Gpu, Options, audit, audit_table};
 use fathom::record::{AuditRow, Clock, PassKind};
@@ -31,22 +28,6 @@ fn child() {
     println!("{RESULT}{}", serde_json::to_string(&found).expect("it is plain data"));
 }
 
-fn audit_on(manifest: &Path) -> Found {
-    let output = Command::new(std::env::current_exe().expect("a test knows its path"))
-        .args(["--exact", "audit::child", "--ignored", "--nocapture"])
-        .env("VK_DRIVER_FILES", manifest)
-        .env("VK_ICD_FILENAMES", manifest)
-        .env("WGPU_BACKEND", "vulkan")
-        .env_remove("WGPU_ADAPTER_NAME")
-        .output()
-        .expect("the child runs");
-    let text = String::from_utf8_lossy(&output.stdout);
-    println!("{text}");
-    let line = text.lines().find_map(|line| line.strip_prefix(RESULT));
-    let line = line.unwrap_or_else(|| panic!("{}", String::from_utf8_lossy(&output.stderr)));
-    serde_json::from_str(line).expect("the child prints its result")
-}
-
 /// The driver manifest in `folder` whose name has this prefix, or a printed reason to skip.
 fn manifest(folder: &str, prefix: &str) -> Option<PathBuf> {
     let files = std::fs::read_dir(folder).ok().into_iter().flatten().flatten();
@@ -67,7 +48,12 @@ const KINDS: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Cop
 
 /// No clock is used that is far from the host's, and each that is sound in both surroundings is used.
 #[track_caller]
-fn agrees_with_itself(found: &Found) {
+fn agrees_with_itself(folder: &str, prefix: &str) {
+    let Some(manifest) = manifest(folder, prefix) else { return };
+    let text = super::child("audit::child", &manifest);
+    println!("{text}");
+    let line = text.lines().find_map(|line| line.strip_prefix(RESULT)).unwrap();
+    let found: Found = serde_json::from_str(line).unwrap();
     for (kind, clock) in KINDS.into_iter().zip(found.clocks) {
         let rows: Vec<&AuditRow> = found.rows.iter().filter(|row| row.pass == kind).collect();
         let [a, b] = rows[..] else { panic!("{rows:?}") };
@@ -85,12 +71,10 @@ fn agrees_with_itself(found: &Found) {
 
 #[test]
 fn an_audit_of_lavapipe_agrees_with_itself() {
-    let Some(manifest) = manifest("/usr/share/vulkan/icd.d", "lvp_icd") else { return };
-    agrees_with_itself(&audit_on(&manifest));
+    agrees_with_itself("/usr/share/vulkan/icd.d", "lvp_icd");
 }
 
 #[test]
 fn an_audit_of_swiftshader_agrees_with_itself() {
-    let Some(manifest) = manifest("/usr/lib/chromium", "vk_swiftshader_icd") else { return };
-    agrees_with_itself(&audit_on(&manifest));
+    agrees_with_itself("/usr/lib/chromium", "vk_swiftshader_icd");
 }

@@ -7,7 +7,7 @@ use fathom::harness::subject::{Subject, Subjects};
 use fathom::record::Profile;
 
 use super::gpu;
-use crate::common::{fathom, refused, sets};
+use crate::common::{Ends, Place, sets};
 
 const GIB: u64 = 1 << 30;
 
@@ -121,23 +121,14 @@ fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
 
 #[test]
 fn commands_refuse_in_one_line_and_runs_skip() {
-    let refused_alone = |arguments: &[&str]| {
-        let out = fathom().args(arguments).output().unwrap();
-        refused(&out, "volume.cells");
-        assert_eq!(String::from_utf8(out.stderr).unwrap().lines().count(), 1, "{arguments:?}");
-    };
-    let folder = tempfile::tempdir().unwrap();
-    let target = folder.path().to_str().unwrap();
-    let volume = ["--pipeline", "scalar_ao", "--set", "volume.cells=[134217728,1,1]"];
-    let image = format!("{target}/a.png");
-    refused_alone(&[&["render", "smoke", "-o", &image][..], &volume].concat());
-    let dump = ["dump", "scalar/direct", "--scene", "smoke", "-o", target];
-    refused_alone(&[&dump[..], &volume].concat());
-    let experiment = folder.path().join("large.toml");
-    std::fs::write(&experiment, LARGE).unwrap();
-    let run = ["run", experiment.to_str().unwrap(), "--no-ceilings", "--out", target];
-    let out = fathom().args(run).output().unwrap();
-    refused(&out, "every cell was skipped; volume.cells: asks 134217728");
+    let place = Place::new();
+    let volume = "--pipeline scalar_ao --set volume.cells=[134217728,1,1]";
+    for words in ["render smoke -o a.png", "dump scalar/direct --scene smoke -o ."] {
+        place.fathom(format!("{words} {volume}")).refused("volume.cells");
+    }
+    place.write("large.toml", LARGE);
+    let run = place.fathom("run large.toml --no-ceilings --out out").ends(2);
+    run.error("every cell was skipped; volume.cells: asks 134217728");
 }
 
 const LARGE: &str = r#"

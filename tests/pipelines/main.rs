@@ -12,6 +12,9 @@ mod verify;
 mod volume_ao;
 mod voxelize;
 
+use std::path::Path;
+use std::process::Command;
+
 use fathom::gpu::{Gpu, Options, Pixels};
 use fathom::parameter;
 use fathom::pipelines::{AnyPipeline, Built, Pipeline, PipelineKind};
@@ -20,6 +23,17 @@ use fathom::scene::{Scene, SceneFile};
 fn gpu() -> Gpu {
     Gpu::open(&Options::default())
         .expect("a Vulkan driver: `make test` installs lavapipe where there is none")
+}
+
+/// What an ignored test of this program prints in a process of its own, with the drivers of one manifest. The loader chooses a
+/// driver once per process.
+fn child(test: &str, manifest: &Path) -> String {
+    let mut child = Command::new(std::env::current_exe().unwrap());
+    child.args(["--exact", test, "--ignored", "--nocapture"]).env("WGPU_BACKEND", "vulkan");
+    child.env("VK_DRIVER_FILES", manifest).env("VK_ICD_FILENAMES", manifest);
+    let output = child.env_remove("WGPU_ADAPTER_NAME").output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
 /// The scene, and the pipeline's parameters with some of them set, which the adapter can take.

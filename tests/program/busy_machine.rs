@@ -3,7 +3,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::common::{cells, fathom};
+use crate::common::{Place, Told, cells};
 use fathom::record::{Clock, Outcome, StageRecord};
 use fathom::statistics;
 
@@ -24,6 +24,7 @@ view.height = 16
 name = "voxel.resolution"
 values = [16, 32]
 "#;
+
 /// Runs `work` while every core computes something else.
 fn beside_load<T>(work: impl FnOnce() -> T) -> T {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -46,20 +47,14 @@ fn beside_load<T>(work: impl FnOnce() -> T) -> T {
 
 #[test]
 fn a_busy_machine_leaves_no_time_of_zero_or_less() {
-    let folder = tempfile::tempdir().unwrap();
-    let experiment = folder.path().join("short.toml");
-    std::fs::write(&experiment, SHORT_STAGES).unwrap();
-    let out = folder.path().join("out");
-    let ran = beside_load(|| {
-        let mut fathom = fathom();
-        fathom.args(["run", "--no-ceilings"]).arg(&experiment).arg("--out").arg(&out);
-        fathom.args(["--budget", "2", "--precision", "0.0001"]).output().unwrap()
-    });
-    let cells = cells(&out);
+    let place = Place::new();
+    place.write("short.toml", SHORT_STAGES);
+    let run = "run --no-ceilings short.toml --out out --budget 2 --precision 0.0001";
+    let ran = beside_load(|| place.fathom(run).output().unwrap());
+    let cells = cells(&place.path("out"));
     assert_eq!(cells.len(), 2);
     let all = cells.iter().all(|cell| cell.measured().is_some());
-    let status = if all { 0 } else { 1 };
-    assert_eq!(ran.status.code(), Some(status), "{ran:?}");
+    Told::of(ran, i32::from(!all));
     for cell in &cells {
         let measured = match &cell.outcome {
             Outcome::Measured(measured) => measured,
@@ -72,7 +67,7 @@ fn a_busy_machine_leaves_no_time_of_zero_or_less() {
         assert!(frame.untimed_samples_ns.iter().all(|ns| *ns > 0.0), "{frame:?}");
         measured.stages.iter().for_each(|stage| has_times(stage, frame.untimed.n));
     }
-    let table = std::fs::read_to_string(out.join("summary.md")).unwrap();
+    let table = place.read("out/summary.md");
     assert!(!table.contains("| -") && !table.contains("| 0 ("), "{table}");
 }
 

@@ -1,10 +1,7 @@
 //! The adapter's limits as users see them. What is tested here holds on a machine of any speed and load: that an answer agrees with
 //! itself. The laws themselves are tested on modelled clocks (`gpu::ceilings::tests`, `harness::ceilings`).
 
-use std::path::Path;
-use std::process::Command;
-
-use crate::common::{cells, fathom, records, small};
+use crate::common::{Place, SMALL, Told, cells, fathom, records};
 use fathom::record::ceilings::Bounded;
 use fathom::record::{Ceiling, CeilingShare, Outcome, Record, Run, StageRecord};
 use serde_json::Value;
@@ -15,9 +12,9 @@ const AGREEMENT: std::ops::RangeInclusive<f64> = 0.9..=1.1;
 
 #[test]
 fn what_breaks_its_law_is_named_and_makes_the_status() {
-    let output = fathom().args(["ceilings", "--json"]).output().unwrap();
-    let answer: Value = serde_json::from_slice(&output.stdout)
-        .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&output.stderr)));
+    let output = fathom("ceilings --json").output().unwrap();
+    let answer: Value =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{output:?}"));
     let ceilings: Vec<Ceiling> = serde_json::from_value(answer["ceilings"].clone()).unwrap();
     for ceiling in &ceilings {
         let [low, high] = ceiling.rate.ends();
@@ -47,26 +44,20 @@ fn what_breaks_its_law_is_named_and_makes_the_status() {
     assert_eq!(output.status.code(), Some(i32::from(!unsound.is_empty())));
 }
 
-fn run(out: &Path) -> Command {
-    let mut command = fathom();
-    command.args(["run", "uw-default", "--budget", "2", "--out"]).arg(out).args(small());
-    command
-}
-
 /// All cells are measured, or what failed is told: a stage beyond a ceiling that a busy machine made too low.
 #[track_caller]
-fn ends(mut run: Command, out: &Path) {
-    let output = run.output().unwrap();
+fn run(place: &Place, options: &str) {
+    let words = format!("run uw-default --budget 2 --out run {SMALL} {options}");
+    let output = place.fathom(words).output().unwrap();
     let beyond = |outcome: &Outcome| match outcome {
         Outcome::Failed { reason } => reason.contains(" of what the adapter can do ("),
         _ => false,
     };
-    let cells = cells(out);
+    let cells = cells(&place.path("run"));
     let failed = cells.iter().filter(|cell| cell.measured().is_none());
     let reasons: Vec<&Outcome> = failed.map(|cell| &cell.outcome).collect();
     assert!(reasons.iter().all(|outcome| beyond(outcome)), "{reasons:?}");
-    let status = if reasons.is_empty() { 0 } else { 1 };
-    assert_eq!(output.status.code(), Some(status), "{output:?}");
+    Told::of(output, i32::from(!reasons.is_empty()));
 }
 
 /// Its share is that of the run's ceilings; where one of them was raised later, a smaller one. One that was unsound at first may
@@ -86,12 +77,10 @@ fn has_its_share(stage: &StageRecord, ceilings: &[Ceiling]) {
 
 #[test]
 fn stages_have_shares_and_a_resumed_run_keeps_the_ceilings() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("run");
-    ends(run(&out), &out);
-    let mut resumed = run(&out);
-    resumed.args(["--resume", "--set", "water.amplitude_m=0"]);
-    ends(resumed, &out);
+    let place = Place::new();
+    run(&place, "");
+    run(&place, "--resume --set water.amplitude_m=0");
+    let out = place.path("run");
     let header = |record| if let Record::Run(run) = record { Some(*run) } else { None };
     let runs: Vec<Run> = records(&out).into_iter().filter_map(header).collect();
     let [first, last] = &runs[..] else { panic!("{} runs", runs.len()) };

@@ -2,10 +2,8 @@
 //! contradicted and true ones supported. Of the run's own times only what holds on any machine is tested.
 //! `FATHOM_PLANTED_RUNS=20 cargo test --test program claims` draws the model's noise more often.
 
-use std::path::Path;
-
-use crate::common::{cells, fathom, records};
-use fathom::experiments::{Experiment, Verdict};
+use crate::common::{Ends, Place, cells, holds, records};
+use fathom::experiments::{Experiment, Ruling, Verdict};
 use fathom::record::{Cell, Clock, Outcome, Record, StageRecord};
 use fathom::statistics::estimate;
 use rand::{RngExt, SeedableRng};
@@ -56,28 +54,20 @@ text = "Tracing does not depend on the photons"
 test.independent = { y = "stage:caustics/trace", over = "caustics.grid", tolerance = 0.3 }
 "#;
 
-/// The command with a run into this folder.
-fn run(experiment: &Path, out: &Path) {
-    let mut command = fathom();
-    command
-        .args(["run", "--no-ceilings"])
-        .arg(experiment)
-        .args(["--budget", "12", "--out"])
-        .arg(out);
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+/// A folder whose `out` holds a run of this experiment.
+fn measured(experiment: &str) -> Place {
+    let place = Place::new();
+    place.write("planted.toml", experiment);
+    place.fathom("run --no-ceilings planted.toml --budget 12 --out out").ends(0);
+    place
 }
 
 #[test]
 fn planted_sentences_get_their_verdicts_and_no_verdict_rests_on_few_samples() {
     let draws = std::env::var("FATHOM_PLANTED_RUNS").map_or(3, |draws| draws.parse().unwrap());
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("planted.toml");
-    std::fs::write(&file, PLANTED).unwrap();
-    let out = folder.path().join("out");
-    run(&file, &out);
-    let measured = cells(&out);
-    agrees_with_itself(&measured, &out);
+    let place = measured(PLANTED);
+    let measured = cells(&place.path("out"));
+    agrees_with_itself(&measured, &place.read("out/summary.md"));
     for seed in 0..draws {
         let verdicts = |samples, noise| verdicts(&modelled(&measured, samples, noise, seed));
         assert!(verdicts(24, 0.05).iter().all(|(right, verdict)| verdict == right), "{seed}");
@@ -91,15 +81,19 @@ fn planted_sentences_get_their_verdicts_and_no_verdict_rests_on_few_samples() {
     }
 }
 
+fn rulings(experiment: &str, cells: &[Cell]) -> Vec<Ruling> {
+    let experiment = Experiment::parse("planted", experiment).unwrap();
+    experiment.rulings(&cells.iter().collect::<Vec<_>>(), true)
+}
+
 /// The right verdict of each sentence, and the one that it gets.
 fn verdicts(cells: &[Cell]) -> Vec<(Verdict, Verdict)> {
-    let experiment = Experiment::parse("planted", PLANTED).unwrap();
-    let rulings = experiment.rulings(&cells.iter().collect::<Vec<_>>(), true);
     let right = |id: &str| match id.split_once(':').unwrap().0 {
         "true" => Verdict::Supported,
         _ => Verdict::Contradicted,
     };
-    rulings.iter().map(|ruling| (right(&ruling.id), ruling.verdict)).collect()
+    let rulings = rulings(PLANTED, cells).into_iter();
+    rulings.map(|ruling| (right(&ruling.id), ruling.verdict)).collect()
 }
 
 /// The cells with times of a clock on which caustics take 1 µs a photon and all else 1 ms, but for log-normal noise.
@@ -127,12 +121,11 @@ fn modelled(cells: &[Cell], samples: usize, noise: f64, seed: u64) -> Vec<Cell> 
 
 /// All cells were sampled together, no verdict rests on fewer than 8 samples, and the summary counts the verdicts.
 #[track_caller]
-fn agrees_with_itself(cells: &[Cell], out: &Path) {
+fn agrees_with_itself(cells: &[Cell], summary: &str) {
     let rounds: Vec<_> =
         cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..12]).collect();
     assert!(rounds.windows(2).all(|pair| pair[0] == pair[1]), "sampled together: {rounds:?}");
-    let experiment = Experiment::parse("planted", PLANTED).unwrap();
-    let rulings = experiment.rulings(&cells.iter().collect::<Vec<_>>(), true);
+    let rulings = rulings(PLANTED, cells);
     for ruling in &rulings {
         let decided = matches!(ruling.verdict, Verdict::Supported | Verdict::Contradicted);
         assert!(!decided || ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
@@ -145,18 +138,14 @@ fn agrees_with_itself(cells: &[Cell], out: &Path) {
         "{supported} supported, {contradicted} contradicted, {inconclusive} inconclusive, {not_run} not run, of {}",
         rulings.len()
     );
-    let summary = std::fs::read_to_string(out.join("summary.md")).unwrap();
-    assert!(summary.contains(&tally), "{tally}: {summary}");
+    holds(summary, &[&tally]);
 }
 
 #[test]
 fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process_if_that_is_sound() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("planted.toml");
-    std::fs::write(&file, PLANTED).unwrap();
-    let out = folder.path().join("out");
-    run(&file, &out);
-    let records = records(&out);
+    let place = measured(PLANTED);
+    let out = &place.path("out");
+    let records = records(out);
     let Record::Run(header) = &records[0] else { panic!("{records:?}") };
     if !header.adapter.software || cfg!(not(target_os = "linux")) {
         return;
@@ -169,7 +158,7 @@ fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process_if_that_is_soun
     assert_eq!(audited.len(), 3, "{header:?}");
     let sound = audited.iter().all(|row| row.sound);
     assert!(header.clocks.values().all(|clock| is_cpu(clock) == sound), "{header:?}");
-    for cell in cells(&out) {
+    for cell in cells(out) {
         let measured = cell.measured().unwrap();
         let timed = measured.stages.iter().filter(|stage| stage.clock != Clock::Host);
         assert!(timed.clone().count() > 0);
@@ -181,8 +170,6 @@ fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process_if_that_is_soun
 
 #[test]
 fn a_cell_that_is_there_for_its_errors_renders_one_frame_and_has_no_times() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("errors.toml");
     let text = PLANTED.split("[[claim]]").next().unwrap();
     let text = text.replace("[[sweep]]\n", "[[sweep]]\nerrors_only = true\n");
     let claim = r#"
@@ -195,21 +182,19 @@ id = "timed"
 text = "No times are there"
 test.independent = { y = "stage:caustics/trace", over = "caustics.grid", tolerance = 0.3 }
 "#;
-    std::fs::write(&file, text + claim).unwrap();
-    let out = folder.path().join("out");
-    run(&file, &out);
-    let cells = cells(&out);
+    let text = text + claim;
+    let place = measured(&text);
+    let cells = cells(&place.path("out"));
     for cell in &cells {
         let measured = cell.measured().unwrap();
         assert!(!measured.is_timed() && !measured.errors.is_empty());
         assert!(measured.stages.iter().all(|stage| stage.samples_ns.is_empty()));
         assert!(measured.stages.iter().any(|stage| stage.work.photons > 0));
     }
-    let experiment = Experiment::parse("planted", &std::fs::read_to_string(&file).unwrap());
-    let rulings = experiment.unwrap().rulings(&cells.iter().collect::<Vec<_>>(), true);
+    let rulings = rulings(&text, &cells);
     assert_eq!(rulings[0].verdict, Verdict::Supported, "{rulings:?}");
     assert_eq!((rulings[0].n, rulings[1].verdict), (None, Verdict::NotRun));
-    let summary = std::fs::read_to_string(out.join("summary.md")).unwrap();
+    let summary = place.read("out/summary.md");
     let tally = "1 supported, 0 contradicted, 0 inconclusive, 1 not run, of 2";
     assert!(summary.contains(tally) && !summary.contains("NaN"), "{summary}");
 }

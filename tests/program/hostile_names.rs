@@ -1,10 +1,8 @@
 //! One set of hostile names through everything that is written of records: Markdown, SVG, CSV, terminal, JUnit, JSON.
 
-use std::path::Path;
-use std::process::Output;
-
-use crate::common::fathom;
 use crate::common::hostile::{HOSTILE, PICTURE, records};
+use crate::common::{Ends, Place, holds, names};
+use itertools::Itertools;
 use serde_json::Value;
 
 #[track_caller]
@@ -15,12 +13,6 @@ fn plain(name: &str, text: &str) {
             || ['\u{fffe}', '\u{ffff}'].contains(c)
     });
     assert_eq!(hidden, None, "{name}");
-}
-
-fn printed(output: &Output) -> String {
-    let streams = [&output.stdout, &output.stderr];
-    let text = streams.map(|stream| String::from_utf8(stream.clone()).unwrap());
-    text.concat()
 }
 
 /// A line of Markdown without its code, in which a mark of HTML is text (CommonMark 0.31 §6.1).
@@ -92,54 +84,37 @@ fn xml_is_sound(name: &str, text: &str) {
     assert!(!text.contains("<script"), "{name}");
 }
 
-fn names(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).unwrap();
-    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
-    let mut names: Vec<String> = names.collect();
-    names.sort();
-    names
-}
-
 #[test]
 fn reports_show_hostile_names_as_text() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("a/b");
-    std::fs::create_dir_all(out.join("renders")).unwrap();
-    std::fs::write(out.join(PICTURE), "").unwrap();
-    std::fs::write(out.join("records.jsonl"), records()).unwrap();
-    let output = fathom().arg("report").arg(&out).output().unwrap();
-    let told = printed(&output);
-    assert_eq!(output.status.code(), Some(0), "{told}");
-    plain("the terminal", &told);
+    let place = Place::new();
+    place.write(format!("a/b/{PICTURE}"), "");
+    place.write("a/b/records.jsonl", records());
+    let told = place.fathom("report a/b").ends(0);
+    plain("the terminal", &format!("{}{}", told.out, told.err));
     // One line of standard error for each record whose id is none, on standard output one for each file.
-    let refused = told.lines().filter(|line| line.contains("must be lower-case"));
-    assert_eq!(refused.count(), 1 + HOSTILE.len(), "{told}");
-    assert_eq!(names(folder.path()), ["a"]);
-    assert_eq!(names(&folder.path().join("a")), ["b"]);
+    let refused = told.err.lines().filter(|line| line.contains("must be lower-case"));
+    assert_eq!(refused.count(), 1 + HOSTILE.len(), "{}", told.err);
+    assert_eq!(names(&place.path("")), ["a"]);
+    assert_eq!(names(&place.path("a")), ["b"]);
     let files = ["cells.csv", "index.html", "own.svg", "records.jsonl", "renders", "summary.md"];
-    assert_eq!(names(&out), files);
-    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+    assert_eq!(names(&place.path("a/b")), files);
 
-    let summary = read("summary.md");
+    let summary = place.read("a/b/summary.md");
     markdown_is_sound(&summary);
-    for expected in ["&lt;script>", "a\\|b", "own.svg"] {
-        assert!(summary.contains(expected), "{expected}");
-    }
+    holds(&summary, &["&lt;script>", "a\\|b", "own.svg"]);
     assert!(!summary.contains("gone.png"));
-    let svg = read("own.svg");
+    let svg = place.read("a/b/own.svg");
     xml_is_sound("own.svg", &svg);
-    for expected in ["&lt;script&gt;", "thgir"] {
-        assert!(svg.contains(expected), "{expected}");
-    }
+    holds(&svg, &["&lt;script&gt;", "thgir"]);
 
-    let page = read("index.html");
+    let page = place.read("a/b/index.html");
     plain("index.html", &page);
-    assert!(page.contains("&lt;script&gt;alert(1)&lt;/script&gt;"));
+    holds(&page, &["&lt;script&gt;alert(1)&lt;/script&gt;"]);
     assert_eq!(page.matches("<script").count(), 2);
 
-    let csv = read("cells.csv");
+    let csv = place.read("a/b/cells.csv");
     plain("cells.csv", &csv.replace("\r\n", "\n"));
-    let mut reader = csv::ReaderBuilder::new().from_reader(csv.as_bytes());
+    let mut reader = csv::Reader::from_reader(csv.as_bytes());
     let mut rows = 0;
     for row in reader.records() {
         let row = row.unwrap();
@@ -155,31 +130,24 @@ fn reports_show_hostile_names_as_text() {
 
 #[test]
 fn tables_of_a_comparison_show_hostile_names_as_text() {
-    let folder = tempfile::tempdir().unwrap();
-    let [base, head] = ["base.jsonl", "head.jsonl"].map(|name| folder.path().join(name));
-    std::fs::write(&base, records()).unwrap();
+    let place = Place::new();
+    place.write("base.jsonl", records());
     // More work: regressions, which every table names.
-    std::fs::write(&head, records().replace("\"photons\":100", "\"photons\":200")).unwrap();
-    let out = folder.path().join("out");
-    let mut compare = fathom();
-    compare.arg("compare").args([&base, &head]).arg("--out");
-    let output = compare.arg(&out).output().unwrap();
-    let told = printed(&output);
-    assert_eq!(output.status.code(), Some(1), "{told}");
+    place.write("head.jsonl", records().replace("\"photons\":100", "\"photons\":200"));
+    let told = place.fathom("compare base.jsonl head.jsonl --out out").ends(1);
+    let told = told.out + &told.err;
     plain("the terminal", &told);
-    assert!(told.contains("<script>alert(1)</script>") && told.contains("costlier"), "{told}");
+    holds(&told, &["<script>alert(1)</script>", "costlier"]);
     assert!(!told.lines().any(|line| line.starts_with("# heading")), "{told}");
     for format in ["markdown", "junit", "bencher", "benchmark"] {
-        let mut command = fathom();
-        command.arg("compare").arg("--replay").arg(&out);
-        let output = command.args(["--format", format]).output().unwrap();
-        plain(format, &printed(&output));
+        let output = place.fathom(format!("compare --replay out --format {format}")).output();
+        let output = output.unwrap();
+        plain(format, &String::from_utf8([output.stdout, output.stderr].concat()).unwrap());
     }
-    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
-    markdown_is_sound(&read("summary.md"));
-    xml_is_sound("junit.xml", &read("junit.xml"));
-    for name in ["bencher.json", "benchmark.json"] {
-        let value: Value = serde_json::from_str(&read(name)).unwrap();
+    markdown_is_sound(&place.read("out/summary.md"));
+    xml_is_sound("junit.xml", &place.read("out/junit.xml"));
+    for name in ["out/bencher.json", "out/benchmark.json"] {
+        let value: Value = serde_json::from_str(&place.read(name)).unwrap();
         assert!(value.as_object().map_or_else(|| value.as_array().unwrap().len(), |o| o.len()) > 0);
     }
 }
@@ -188,19 +156,15 @@ fn tables_of_a_comparison_show_hostile_names_as_text() {
 fn pictures_of_different_cells_have_different_names() {
     use fathom::harness::output::picture_path;
     use fathom::record::PictureKind::{Error, Image};
-    let mut names: Vec<String> = HOSTILE
-        .iter()
-        .chain(&["a/b", "A/B", "a b", "x~error"])
+    let cells = HOSTILE.iter().chain(&["a/b", "A/B", "a b", "x~error"]);
+    let names: Vec<String> = cells
         .flat_map(|cell| [Image, Error].map(|shows| picture_path("own", cell, shows)))
         .chain([picture_path("own-x", "y", Image), picture_path("own", "x_y", Image)])
         .collect();
-    let count = names.len();
     for path in &names {
         let name = path.strip_prefix("renders/").unwrap();
         assert!(!name.contains(['/', '\\', '\0']) && name.len() < 255, "{name}");
     }
-    names.sort();
-    names.dedup();
-    assert_eq!(names.len(), count);
+    assert!(names.iter().all_unique(), "{names:?}");
     assert_eq!(picture_path("uw-default", "base", Image), "renders/uw-default_base.png");
 }

@@ -3,15 +3,9 @@
 
 use std::fs::OpenOptions;
 use std::io::Read;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 
-use crate::common::{cells, refused, small};
-
-fn fathom(arguments: &[&str]) -> Command {
-    let mut command = crate::common::fathom();
-    command.args(arguments);
-    command
-}
+use crate::common::{Ends, Place, SMALL, cells, fathom, skipped_cell, write_records};
 
 type Stream = fn() -> Stdio;
 
@@ -28,49 +22,30 @@ fn unread() -> Stdio {
     Stdio::from(writer)
 }
 
-/// Ended by itself, and not by a panic (101) or a signal.
-#[track_caller]
-fn ended(output: &Output, status: i32) {
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert!(!told.contains("panicked"), "{told}");
-    assert_eq!(output.status.code(), Some(status), "{told}");
-}
-
-/// A folder with the records of two cells that were skipped, so that no adapter is needed.
-fn recorded() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let cell = |name: &str| {
-        serde_json::json!({
-            "record": "cell", "experiment": "own", "cell": name, "axes": {}, "pipeline": "underwater", "scene": "tank",
-            "stand_ins": [], "params": {}, "outcome": { "status": "skipped", "reason": "too large" },
-        })
-    };
-    let lines = format!("{}\n{}\n", cell("n=1"), cell("n=2"));
-    std::fs::write(folder.path().join("records.jsonl"), lines).unwrap();
-    folder
+/// A folder `run` with the records of two cells that were skipped, so that no adapter is needed.
+fn recorded() -> Place {
+    let place = Place::new();
+    write_records(&place.path("run"), &["n=1", "n=2"].map(skipped_cell));
+    place
 }
 
 #[test]
 fn an_answer_on_a_full_disk_is_an_error() {
-    for arguments in [&["list", "stages"][..], &["list"], &["--help"], &["list", "--help"]] {
-        let output = fathom(arguments).stdout(full()).output().unwrap();
-        ended(&output, 2);
-        let told = refused(&output, "cannot write to standard output: ");
-        assert!(told.starts_with("error: cannot write to standard output: "), "{told}");
+    for words in ["list stages", "list", "--help", "list --help"] {
+        let told = fathom(words).stdout(full()).ends(2);
+        let error = told.error("cannot write to standard output: ");
+        assert!(error.starts_with("error: cannot write to standard output: "), "{error}");
         // And where that cannot be told either.
-        let output = fathom(arguments).stdout(full()).stderr(full()).output();
-        ended(&output.unwrap(), 2);
+        fathom(words).stdout(full()).stderr(full()).ends(2);
     }
 }
 
 #[test]
 fn a_reader_that_has_had_enough_is_no_error() {
-    for arguments in [&["list", "stages"][..], &["list", "experiments"], &["--help"]] {
-        let output = fathom(arguments).stdout(unread()).output().unwrap();
-        ended(&output, 0);
-        assert!(output.stderr.is_empty());
+    for words in ["list stages", "list experiments", "--help"] {
+        assert_eq!(fathom(words).stdout(unread()).ends(0).err, "");
     }
-    let mut child = fathom(&["list", "scenes"]).stdout(Stdio::piped()).spawn().unwrap();
+    let mut child = fathom("list scenes").stdout(Stdio::piped()).spawn().unwrap();
     let mut start = [0; 8];
     let mut stream = child.stdout.take().unwrap();
     stream.read_exact(&mut start).unwrap();
@@ -82,105 +57,79 @@ fn a_reader_that_has_had_enough_is_no_error() {
 fn reports_are_written_whatever_can_be_printed() {
     let streams: [(&str, Stream); 2] = [("full", full), ("unread", unread)];
     for (name, stream) in streams {
-        let folder = recorded();
-        let path = folder.path().to_str().unwrap();
-        let mut report = fathom(&["report", path]);
-        let output = report.stdout(stream()).stderr(stream()).output();
-        ended(&output.unwrap(), 0);
-        for file in ["summary.md", "cells.csv"] {
-            assert!(folder.path().join(file).exists(), "{name}: {file}");
+        let place = recorded();
+        place.fathom("report run").stdout(stream()).stderr(stream()).ends(0);
+        for file in ["run/summary.md", "run/cells.csv"] {
+            assert!(place.path(file).exists(), "{name}: {file}");
         }
     }
     // An error keeps its status where it cannot be told.
-    let missing = fathom(&["report", "no/such/folder"]).stderr(full()).output();
-    ended(&missing.unwrap(), 2);
-    let unknown = fathom(&["fetch", "no-such-asset"]).stdout(full()).stderr(full()).output();
-    ended(&unknown.unwrap(), 2);
+    fathom("report no/such/folder").stderr(full()).ends(2);
+    fathom("fetch no-such-asset").stdout(full()).stderr(full()).ends(2);
 }
 
-/// Runs with both standard streams closed from the start.
-fn closed(arguments: &[&str]) -> Output {
+/// The same command with both standard streams closed from the start.
+fn closed(command: &Command) -> Command {
     let mut shell = Command::new("sh");
-    shell.args(["-c", "\"$0\" \"$@\" >&- 2>&-"]);
-    shell.arg(env!("CARGO_BIN_EXE_fathom")).args(arguments);
-    shell.output().unwrap()
+    shell.args(["-c", "\"$0\" \"$@\" >&- 2>&-"]).arg(command.get_program());
+    shell.args(command.get_args()).current_dir(command.get_current_dir().unwrap());
+    shell
 }
 
 /// A file that gets the number of a closed stream would be written into by whatever prints.
 #[test]
 fn closed_streams_write_into_no_file() {
-    let folder = recorded();
-    let records = folder.path().join("records.jsonl");
-    let before = std::fs::read(&records).unwrap();
-    ended(&closed(&["report", folder.path().to_str().unwrap()]), 0);
-    assert_eq!(std::fs::read(&records).unwrap(), before);
-    let open = tempfile::tempdir().unwrap();
-    let copy = open.path().join("records.jsonl");
-    std::fs::write(&copy, before).unwrap();
-    ended(&fathom(&["report", open.path().to_str().unwrap()]).output().unwrap(), 0);
-    for file in ["summary.md", "cells.csv"] {
-        let [closed, open] =
-            [&folder, &open].map(|folder| std::fs::read(folder.path().join(file)).unwrap());
-        assert_eq!(closed, open, "{file}");
+    let (place, open) = (recorded(), recorded());
+    let before = place.read("run/records.jsonl");
+    closed(&place.fathom("report run")).ends(0);
+    assert_eq!(place.read("run/records.jsonl"), before);
+    open.fathom("report run").ends(0);
+    for file in ["run/summary.md", "run/cells.csv"] {
+        assert_eq!(place.read(file), open.read(file), "{file}");
     }
-    ended(&closed(&["list"]), 0);
+    closed(&place.fathom("list")).ends(0);
 }
 
 #[test]
 fn pictures_and_dumps_are_written_whatever_can_be_printed() {
-    let folder = tempfile::tempdir().unwrap();
-    let picture = folder.path().join("plane.png");
-    let mut command = fathom(&["render", "plane", "-o"]);
-    command.arg(&picture).args(small());
-    ended(&command.stdout(full()).stderr(full()).output().unwrap(), 0);
-    assert!(picture.exists());
-    let mut command = fathom(&["dump", "caustics/trace", "--scene", "plane", "-o"]);
-    command.arg(folder.path()).args(small());
-    ended(&command.stdout(full()).stderr(full()).output().unwrap(), 0);
-    assert!(folder.path().join("caustics-trace-photons.npy").exists());
+    let place = Place::new();
+    for (words, file) in [
+        ("render plane -o plane.png", "plane.png"),
+        ("dump caustics/trace --scene plane -o .", "caustics-trace-photons.npy"),
+    ] {
+        place.fathom(format!("{words} {SMALL}")).stdout(full()).stderr(full()).ends(0);
+        assert!(place.path(file).exists(), "{words}");
+    }
 }
 
 #[test]
 fn answers_that_need_an_adapter_are_errors_on_a_full_disk_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let points = folder.path().join("points.csv");
-    std::fs::write(&points, "x,y,z,nx,ny,nz\n0,-2.4,0,0,1,0\n").unwrap();
-    let query = || {
-        let mut command = fathom(&["query", "ao", "--scene", "ball", "--points"]);
-        command.arg(&points);
-        command.args(["--set", "voxel.resolution=16", "--set", "ao.rays=4"]);
-        command
-    };
-    ended(&query().stdout(full()).output().unwrap(), 2);
-    ended(&query().stdout(unread()).output().unwrap(), 0);
-    let verify = fathom(&["verify", "water/reflection"]).stdout(full()).output();
-    ended(&verify.unwrap(), 2);
+    let place = Place::new();
+    place.write("points.csv", "x,y,z,nx,ny,nz\n0,-2.4,0,0,1,0\n");
+    let query =
+        "query ao --scene ball --points points.csv --set voxel.resolution=16 --set ao.rays=4";
+    place.fathom(query).stdout(full()).ends(2);
+    place.fathom(query).stdout(unread()).ends(0);
+    fathom("verify water/reflection").stdout(full()).ends(2);
 }
 
 /// Records before progress, tables before the one that is printed.
 #[test]
 fn runs_and_comparisons_keep_everything_whatever_can_be_printed() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("run");
-    let mut command =
-        fathom(&["run", "uw-waves", "--profile", "quick", "--budget", "0.2", "--no-ceilings"]);
-    command.args(["--axis", "water=circular", "--axis"]);
-    command.args(["water.amplitude_m=0.0,0.1", "--out"]);
-    command.arg(&out).args(small());
-    let output = command.stdout(full()).stderr(unread()).output().unwrap();
-    ended(&output, 0);
-    assert_eq!(cells(&out).len(), 2);
-    assert!(out.join("summary.md").exists());
+    let place = Place::new();
+    let run = "run uw-waves --profile quick --budget 0.2 --no-ceilings --out run";
+    let axes = "--axis water=circular --axis water.amplitude_m=0.0,0.1";
+    let mut command = place.fathom(format!("{run} {axes} {SMALL}"));
+    command.stdout(full()).stderr(unread()).ends(0);
+    assert_eq!(cells(&place.path("run")).len(), 2);
+    assert!(place.path("run/summary.md").exists());
 
-    let records = out.join("records.jsonl");
-    let compare = |stream: Stream, name: &str| {
-        let tables = folder.path().join(name);
-        let mut command = fathom(&["compare"]);
-        command.args([&records, &records]).arg("--out").arg(&tables);
-        let output = command.stdout(stream()).stderr(stream()).output().unwrap();
-        assert!(tables.join("summary.md").exists() && tables.join("junit.xml").exists());
-        output
-    };
-    ended(&compare(full, "full"), 2);
-    ended(&compare(unread, "unread"), 0);
+    let streams: [(&str, Stream, i32); 2] = [("full", full, 2), ("unread", unread, 0)];
+    for (tables, stream, status) in streams {
+        let words = format!("compare run/records.jsonl run/records.jsonl --out {tables}");
+        place.fathom(words).stdout(stream()).stderr(stream()).ends(status);
+        for file in ["summary.md", "junit.xml"] {
+            assert!(place.path(tables).join(file).exists(), "{tables}: {file}");
+        }
+    }
 }

@@ -1,9 +1,6 @@
 //! `fathom query photons` and given water, as a user meets them.
 
-use std::path::{Path, PathBuf};
-
-use crate::common::{fathom, refused};
-use assert_cmd::prelude::*;
+use crate::common::{Ends, Place};
 use fathom::npy;
 
 struct Table {
@@ -12,6 +9,15 @@ struct Table {
 }
 
 impl Table {
+    fn read(text: &str) -> Table {
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let fields = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect();
+        Table {
+            header: fields(reader.headers().unwrap()),
+            rows: reader.records().map(|record| fields(&record.unwrap())).collect(),
+        }
+    }
+
     fn text(&self, row: usize, column: &str) -> &str {
         let place = self.header.iter().position(|name| name == column);
         &self.rows[row][place.unwrap_or_else(|| panic!("no {column} in {:?}", self.header))]
@@ -31,31 +37,21 @@ fn near(a: [f64; 3], b: [f64; 3], tolerance: f64) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() < tolerance)
 }
 
-/// Asks about starts in scene `plane`, with the reference.
-fn photons(starts: &str, sets: &[&str]) -> Table {
-    let folder = tempfile::tempdir().unwrap();
-    let [points, out] = ["starts.csv", "out.csv"].map(|name| folder.path().join(name));
-    std::fs::write(&points, starts).unwrap();
-    let mut query = fathom();
-    query.args(["query", "photons", "--scene", "plane", "--reference", "--points"]);
-    query.arg(&points).arg("-o").arg(&out);
-    for set in sets {
-        query.args(["--set", set]);
-    }
-    query.assert().success();
-    let mut reader = csv::Reader::from_path(&out).unwrap();
-    let fields = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect();
-    Table {
-        header: fields(reader.headers().unwrap()),
-        rows: reader.records().map(|record| fields(&record.unwrap())).collect(),
-    }
+/// Asks about starts in scene `plane`, with the reference. The sets have spaces between.
+fn photons(place: &Place, starts: &str, sets: &str) -> Table {
+    place.write("starts.csv", starts);
+    let sets = sets.split_whitespace().flat_map(|set| ["--set", set]);
+    let query = "query photons --scene plane --reference --points starts.csv -o out.csv";
+    place.fathom(query).args(sets).ends(0);
+    Table::read(&place.read("out.csv"))
 }
 
 /// Starts on the light's rays and with directions of their own, over flat water 3 m deep: Snell's law by hand.
 #[test]
 fn photons_through_flat_water_land_where_snell_says() {
-    let flat = ["water.amplitude_m=0", "caustics.iterations=12", "water.fresnel=true"];
-    let table = photons("name,x,y,z\na,0.2,1,0.3\nb,0,2,50\n", &flat);
+    let place = Place::new();
+    let flat = "water.amplitude_m=0 caustics.iterations=12 water.fresnel=true";
+    let table = photons(&place, "name,x,y,z\na,0.2,1,0.3\nb,0,2,50\n", flat);
     assert_eq!(table.text(0, "outcome"), "landed");
     assert!(near(table.vector(0, "hit"), [0.2, -3.0, 0.3], 1e-3));
     let straight = 1.0 - (0.33f64 / 2.33).powi(2);
@@ -66,7 +62,7 @@ fn photons_through_flat_water_land_where_snell_says() {
     assert_eq!(table.text(1, "reference_outcome"), "misses_water");
     assert_eq!(table.text(1, "hit_x"), "");
 
-    let table = photons("x,y,z,dx,dy,dz\n-1.5,1,0.3,2,-2,0\n", &flat);
+    let table = photons(&place, "x,y,z,dx,dy,dz\n-1.5,1,0.3,2,-2,0\n", flat);
     let sin = 0.5f64.sqrt() / 1.33;
     let cos = (1.0 - sin * sin).sqrt();
     assert!(near(table.vector(0, "entry"), [-0.5, 0.0, 0.3], 1e-5));
@@ -86,28 +82,26 @@ fn height(x: f64, z: f64) -> f64 {
     0.04 * (PI * x).cos() + 0.03 * (PI / 2.0 * x + PI * z + 1.0).cos()
 }
 
-fn npy_file(path: &Path, (descriptor, shape): (&str, &[usize]), values: impl Iterator<Item = u8>) {
-    let bytes: Vec<u8> = npy::header(descriptor, shape).into_iter().chain(values).collect();
-    std::fs::write(path, bytes).unwrap();
+fn npy_file(descriptor: &str, shape: &[usize], values: impl IntoIterator<Item = u8>) -> Vec<u8> {
+    npy::header(descriptor, shape).into_iter().chain(values).collect()
 }
 
-fn map_file(folder: &Path) -> PathBuf {
-    let path = folder.join("sea.npy");
+/// A height map of the same waves.
+fn map_file() -> Vec<u8> {
     let place = |i: usize| i as f64 / 16.0;
     let heights = (0..64 * 64).map(|at| height(place(at % 64), place(at / 64)));
-    npy_file(&path, ("<f8", &[64, 64]), heights.flat_map(f64::to_le_bytes));
-    path
+    npy_file("<f8", &[64, 64], heights.flat_map(f64::to_le_bytes))
 }
 
 /// The list of waves and a height map of the same waves, each against its own exact answer and against the formula.
 #[test]
 fn given_water_is_the_water_that_was_given() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = format!("water.height_map.file={}", map_file(folder.path()).display());
-    let map = ["water.model=height_map", &file, "water.height_map.tile_m=[4,4]"];
+    let place = Place::new();
+    place.write("sea.npy", map_file());
+    let map = "water.model=height_map water.height_map.file=sea.npy water.height_map.tile_m=[4,4]";
     let starts = "x,y,z\n0.1,1,0.2\n-0.7,1,0.4\n0.9,1,-0.6\n-0.4,1,-0.9\n1.3,1,1.1\n";
-    let waves = photons(starts, &["water.model=waves", WAVES]);
-    let mapped = photons(starts, &map);
+    let waves = photons(&place, starts, &format!("water.model=waves {WAVES}"));
+    let mapped = photons(&place, starts, map);
     for row in 0..5 {
         let [x, y, z] = waves.vector(row, "entry");
         assert!((y - height(x, z)).abs() < 1e-4, "row {row}: {y}");
@@ -127,103 +121,93 @@ fn given_water_is_the_water_that_was_given() {
 
 #[test]
 fn a_scene_names_its_height_map_relative_to_itself() {
-    let folder = tempfile::tempdir().unwrap();
-    map_file(folder.path());
-    let scene = folder.path().join("sea.toml");
+    let place = Place::new();
+    place.write("sea.npy", map_file());
     let text = "base = \"plane\"\n[water]\nmodel = \"height_map\"\nheight_map = { file = \"sea.npy\", tile_m = [4.0, 4.0] }\n";
-    std::fs::write(&scene, text).unwrap();
+    let scene = place.write("sea.toml", text);
     let scene = fathom::scene::Scene::load(&scene.to_string_lossy()).unwrap();
     assert!((scene.water.height(0.25, 1.75) - height(0.25, 1.75)).abs() < 1e-12);
 }
 
 #[test]
 fn water_that_cannot_be_used_is_refused_in_one_line() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+    let place = Place::new();
     let zeros = |count: usize| std::iter::repeat_n(0, 4 * count);
-    let square = [4, 4];
-    npy_file(
-        &path("nan.npy"),
-        ("<f4", &square),
-        [f32::NAN; 16].into_iter().flat_map(f32::to_le_bytes),
-    );
-    npy_file(&path("high.npy"), ("<f8", &square), [1e9; 16].into_iter().flat_map(f64::to_le_bytes));
-    npy_file(&path("wide.npy"), ("<f4", &[1, 5000]), zeros(5000));
-    npy_file(&path("flat.npy"), ("<f4", &[16]), zeros(16));
-    npy_file(&path("whole.npy"), ("<i4", &square), zeros(16));
-    npy_file(&path("good.npy"), ("<f4", &square), zeros(16));
+    place.write("wide.npy", npy_file("<f4", &[1, 5000], zeros(5000)));
+    place.write("whole.npy", npy_file("<i4", &[4, 4], zeros(16)));
+    place.write("good.npy", npy_file("<f4", &[4, 4], zeros(16)));
     // Of 412 bytes: the time to read it doubled with each depth.
     let nested = format!("{{'descr': {}{}, ", "(".repeat(24), ")".repeat(24));
     let nested = format!("{nested:<402}");
-    let nested = [&b"\x93NUMPY\x01\0\x92\x01"[..], nested.as_bytes()].concat();
-    std::fs::write(path("nested.npy"), nested).unwrap();
-    std::fs::write(path("text.npy"), "no array").unwrap();
-    let refused = |sets: &[&str], reason: &str| {
-        let mut dump = fathom();
-        dump.args(["dump", "caustics/trace", "--scene", "plane"]);
-        dump.args(sets.iter().flat_map(|set| ["--set", set]));
-        refused(&dump.output().unwrap(), reason);
+    place.write("nested.npy", [&b"\x93NUMPY\x01\0\x92\x01"[..], nested.as_bytes()].concat());
+    place.write("text.npy", "no array");
+    let refused = |sets: &str, reason: &str| {
+        let sets = sets.split_whitespace().flat_map(|set| ["--set", set]);
+        place.fathom("dump caustics/trace --scene plane").args(sets).refused(reason);
     };
     for (name, tile, reason) in [
         ("none.npy", "[1,1]", "none.npy: "),
-        ("nan.npy", "[1,1]", "row 0, column 0: a height of NaN m"),
-        ("high.npy", "[1,1]", "within ±100 m"),
         ("wide.npy", "[1,1]", "1 × 5000 heights; each side has 1 to 4096"),
-        ("flat.npy", "[1,1]", "flat.npy: "),
         ("whole.npy", "[1,1]", "little-endian f32 or f64"),
         ("text.npy", "[1,1]", "text.npy: "),
         ("nested.npy", "[1,1]", "of type a structure"),
         ("good.npy", "[0,1]", "water.height_map.tile_m[0] is 0"),
     ] {
-        let file = format!("water.height_map.file={}", path(name).display());
-        let tile = format!("water.height_map.tile_m={tile}");
-        refused(&["water.model=height_map", &file, &tile], reason);
+        let map = format!("water.height_map.file={name} water.height_map.tile_m={tile}");
+        refused(&format!("water.model=height_map {map}"), reason);
     }
-    refused(&[WAVES], "set water.model to waves");
-    refused(&["water.model=waves"], "lists none");
-    let endless = r#"water.waves=[{"vector_rad_m":[0,0],"amplitude_m":0.1}]"#;
-    refused(&["water.model=waves", endless], "water.waves[0].vector_rad_m");
-    refused(&["water.waves=[1]"], "a list of tables");
+    refused(WAVES, "set water.model to waves");
+    refused("water.model=waves", "lists none");
+    let endless = r#"water.model=waves water.waves=[{"vector_rad_m":[0,0],"amplitude_m":0.1}]"#;
+    refused(endless, "water.waves[0].vector_rad_m");
+    refused("water.waves=[1]", "a list of tables");
 }
 
 #[test]
 fn starts_that_cannot_be_used_are_refused_in_one_line() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("starts.csv");
+    let place = Place::new();
     let above = "--set light.kind=point --set light.position_m=[0,2,0]";
-    for (text, more, reason) in [
+    for (text, options, reason) in [
         ("x,y\n", "", "line 1: there is no column `z`"),
         ("x,y,z\n1,-1,1\n", "", "not above the water"),
         ("x,y,z,dx,dy,dz\n1,1,1,0,1,0\n", "", "must point downwards"),
         ("x,y,z\n1,1,1\n", "--reference 9", "leave the number out"),
         ("x,y,z\n0,1,0\n0,3,0\n", above, "start 2: the light's ray"),
     ] {
-        std::fs::write(&file, text).unwrap();
-        let mut query = fathom();
-        query.args(["query", "photons", "--scene", "plane", "--points"]).arg(&file);
-        refused(&query.args(more.split_whitespace()).output().unwrap(), reason);
+        place.write("starts.csv", text);
+        let query = "query photons --scene plane --points starts.csv";
+        place.fathom(format!("{query} {options}")).refused(reason);
     }
 }
 
-/// Ray casting beside fathom's own answer, on the floor beside a ball and far from it.
+/// On the floor far from a ball, beside its foot, and on its top; with ray casting beside fathom's own answer.
 #[test]
-fn occlusion_is_answered_with_its_reference() {
-    let folder = tempfile::tempdir().unwrap();
-    let points = folder.path().join("points.csv");
-    std::fs::write(&points, "x,y,z,nx,ny,nz\n-2.5,-4,-2.5,0,1,0\n0.6,-4,0,0,1,0\n").unwrap();
-    let mut query = fathom();
-    query.args(["query", "ao", "--scene", "ball", "--reference", "512", "--points"]).arg(&points);
-    query.args(["--set", "voxel.resolution=64"]);
-    let output = query.output().unwrap();
-    assert!(output.status.success());
-    let mut reader = csv::Reader::from_reader(output.stdout.as_slice());
-    assert_eq!(&reader.headers().unwrap()[7], "reference");
-    let rows: Vec<Vec<f64>> = reader
-        .records()
-        .map(|record| record.unwrap().iter().map(|v| v.parse().unwrap()).collect())
-        .collect();
-    assert!(rows[0][7] < 0.02 && rows[1][7] > 0.2, "{rows:?}");
-    for row in rows {
-        assert!((row[6] - row[7] - row[8]).abs() < 2e-6 && row[8].abs() < 0.1, "{row:?}");
+fn occlusion_is_answered_in_the_order_of_the_points_with_its_reference() {
+    let place = Place::new();
+    let query = |points: &str, options: &str| {
+        place.write("points.csv", points);
+        let words = "query ao --scene ball --points points.csv --set voxel.resolution=64";
+        place.fathom(format!("{words} {options}"))
+    };
+    let points =
+        "note,x,y,z,nx,ny,nz\nfar,-2.5,-4,-2.5,0,1,0\nfoot,0.6,-4,0,0,3,0\ntop,0,-2.4,0,0,1,0\n";
+    query(points, "--reference 512 -o out.csv").ends(0);
+    let table = Table::read(&place.read("out.csv"));
+    let columns = "x y z nx ny nz occlusion reference error";
+    assert_eq!(table.header.join(" "), columns);
+    let foot = ["x", "y", "z", "nx", "ny", "nz"].map(|column| table.number(1, column));
+    assert_eq!(foot, [0.6, -4.0, 0.0, 0.0, 3.0, 0.0]);
+    for (row, range) in [(0, -0.02..0.02), (1, 0.2..0.9), (2, -0.02..0.02)] {
+        let [fast, exact, error] =
+            ["occlusion", "reference", "error"].map(|column| table.number(row, column));
+        assert!(range.contains(&fast) && range.contains(&exact), "{row}: {fast}, {exact}");
+        assert!((fast - exact - error).abs() < 2e-6 && error.abs() < 0.1, "{row}: {error}");
     }
+    let answer = query(points, "--set ao.rays=32").answer();
+    assert!(answer.starts_with("x,y,z,nx,ny,nz,occlusion\n"), "{answer}");
+
+    let faulty = "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n0,-4,0,0,NaN,0\n";
+    query(faulty, "").refused("points.csv, line 3, column `ny`: `NaN` is not a number");
+    let short = "error: ao.r_max_m is 1.000e-3 m, less than a voxel";
+    query(points, "--set ao.r_max_m=0.001").refused(short);
 }

@@ -1,9 +1,10 @@
 //! Reports of many cells: what they allocate grows with the cells and not with their square.
 
-use fathom::record::{Cell, Definition, Outcome, Record};
+use fathom::record::{Definition, Record};
 use fathom::report::of_run as artifacts;
-use serde_json::{Map, json};
+use serde_json::json;
 
+use super::common::skipped_cell;
 use super::memory::allocated_by;
 
 /// Quadratic work grows 16-fold from n to 4 n, linear work 4-fold.
@@ -32,18 +33,13 @@ const ALONG: &str = r#"
 "#;
 
 fn cell(experiment: &str, number: usize) -> Record {
-    let mut axes = Map::new();
-    axes.insert("caustics.grid".to_owned(), json!(number));
-    Record::Cell(Box::new(Cell {
-        experiment: experiment.to_owned(),
-        cell: format!("caustics.grid={number}"),
-        axes,
-        pipeline: "underwater".to_owned(),
-        scene: "tank".to_owned(),
-        stand_ins: vec![format!("note {number}")],
-        params: json!({}).into(),
-        outcome: Outcome::Skipped { reason: "too large".to_owned() },
-    }))
+    let mut record = skipped_cell(&format!("caustics.grid={number}"));
+    if let Record::Cell(cell) = &mut record {
+        cell.experiment = experiment.to_owned();
+        cell.axes.insert("caustics.grid".to_owned(), json!(number));
+        cell.stand_ins.push(format!("note {number}"));
+    }
+    record
 }
 
 /// Cells of one experiment that the records do not define, from the last to the first.

@@ -1,18 +1,17 @@
 //! Inputs made to take more than there is: endless, immense, deep, or small and immense once they are read.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 
-use fathom::compare::{cells::Gates, store::StoredComparison, verdict::Verdicts};
+use fathom::compare::{store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::Experiment;
-use fathom::harness::query;
 use fathom::history::{History, Location, NewRun, Selection};
 use fathom::record;
-use fathom::scene::{Mesh, Scene};
 
+use super::common::{Place, fathom, holds};
 use super::files::gzip;
 use super::memory::peak_of;
-use super::{Answer, HANGS, MOST_MEMORY, seeds, told, volume};
+use super::{Answer, HANGS, MOST_MEMORY, READERS, Reader, experiment, mesh, scene, seeds, told};
 
 /// The error of a reader that must refuse what it is given, in one line and little memory.
 fn refused(what: &str, reader: impl FnOnce() -> Answer) -> String {
@@ -23,101 +22,66 @@ fn refused(what: &str, reader: impl FnOnce() -> Answer) -> String {
     text
 }
 
-fn scene(path: &Path) -> Answer {
-    told(Scene::load(&path.to_string_lossy())).map(drop)
-}
-
-fn experiment(path: &Path) -> Answer {
-    let experiment = told(Experiment::load(&path.to_string_lossy()))?;
-    told(experiment.cells(record::Profile::Quick, &[], &[])).map(drop)
-}
-
-fn mesh(path: &Path) -> Answer {
-    told(Mesh::read(path)).map(drop)
-}
-
-type Reader = fn(&Path) -> Answer;
-
-/// Every reader of a file, with the name that its files have.
-const READERS: &[(&str, Reader)] = &[
-    ("a.toml", scene),
-    ("e.toml", experiment),
-    ("points.csv", |path| told(query::read(path)).map(drop)),
-    ("records.jsonl", |path| told(record::read(path)).map(drop)),
-    ("records.jsonl", |path| told(StoredComparison::read(path.parent().unwrap())).map(drop)),
-    ("gates.toml", |path| told(Gates::load(Some(path), ("", ""))).map(drop)),
-    ("a.obj", mesh),
-    ("a.ply", mesh),
-    ("a.obj.gz", mesh),
-    ("a.nii", |path| volume(path, "")),
-    ("a.raw", |path| volume(path, "cells = [2, 2, 2]\nformat = \"u8\"")),
-];
-
-/// Puts `made` at the place of each reader's file, and gives what the reader says of it.
-fn each(made: impl Fn(&Path)) -> Vec<String> {
-    let read = |(name, reader): &(&str, Reader)| {
-        let folder = tempfile::tempdir().unwrap();
-        let path: PathBuf = folder.path().join(name);
+/// Puts `made` at the place of each reader's file; what the reader says of it must hold one of these.
+fn each(made: impl Fn(&Path), reasons: &[&str]) {
+    for (name, reader) in READERS.iter().chain(&[("a.obj.gz", mesh as Reader)]) {
+        let place = Place::new();
+        let path = place.path(name);
         made(&path);
-        refused(name, || reader(&path))
-    };
-    READERS.iter().map(read).collect()
+        let text = refused(name, || reader(&path));
+        assert!(reasons.iter().any(|reason| text.contains(reason)), "{name}: {text}");
+    }
 }
 
 #[test]
 #[cfg(unix)]
 fn endless_devices_are_refused() {
-    let texts = each(|path| std::os::unix::fs::symlink("/dev/zero", path).unwrap());
+    let device = |path: &Path| std::os::unix::fs::symlink("/dev/zero", path).unwrap();
     // A folder's own file is no link at all.
-    let refused = |text: &String| text.contains("a device") || text.contains("a symbolic link");
-    assert!(texts.iter().all(refused), "{texts:?}");
+    each(device, &["a device", "a symbolic link"]);
+}
+
+#[cfg(unix)]
+fn pipe(path: &Path) {
+    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
 }
 
 #[test]
 #[cfg(unix)]
 fn pipes_are_refused_and_not_waited_for() {
-    let texts = each(|path| {
-        assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
-    });
-    assert!(texts.iter().all(|text| text.contains("a pipe")), "{texts:?}");
+    each(pipe, &["a pipe"]);
 }
 
 #[test]
 fn folders_are_refused() {
-    let texts = each(|path| std::fs::create_dir(path).unwrap());
-    assert!(texts.iter().all(|text| text.contains("a folder")), "{texts:?}");
+    each(|path| std::fs::create_dir(path).unwrap(), &["a folder"]);
 }
 
 /// A file of a terabyte takes no space on a disk that stores no zeros.
 #[test]
 fn immense_files_are_refused() {
-    let texts = each(|path| std::fs::File::create(path).unwrap().set_len(1 << 40).unwrap());
-    assert!(texts.iter().all(|text| text.contains("more than")), "{texts:?}");
+    each(|path| std::fs::File::create(path).unwrap().set_len(1 << 40).unwrap(), &["more than"]);
 }
 
 /// The program itself ends with status 2 and one line where it would wait for ever.
 #[test]
 #[cfg(unix)]
 fn the_program_says_so_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let pipe = folder.path().join("pipe.toml");
-    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-    let pipe = pipe.to_string_lossy();
-    for arguments in [
-        vec!["list", "parameters", "--scene", &pipe],
-        vec!["list", "parameters", "--scene", "/dev/zero"],
-        vec!["query", "ao", "--scene", "plane", "--points", &pipe],
-        vec!["report", "/dev"],
+    let place = Place::new();
+    pipe(&place.path("pipe.toml"));
+    for words in [
+        "list parameters --scene pipe.toml",
+        "list parameters --scene /dev/zero",
+        "query ao --scene plane --points pipe.toml",
+        "report /dev",
     ] {
-        let mut command = assert_cmd::Command::new(env!("CARGO_BIN_EXE_fathom"));
-        let ended = command.args(&arguments).timeout(HANGS).assert();
-        let output = ended.code(2).get_output().clone();
+        let command = assert_cmd::Command::from_std(place.fathom(words)).timeout(HANGS).assert();
+        let output = command.code(2).get_output().clone();
         let text = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(text.lines().count(), 1, "{arguments:?}: {text}");
+        assert_eq!(text.lines().count(), 1, "{words}: {text}");
     }
     // A pipe as standard input is no file either.
-    let mut child = Command::new(env!("CARGO_BIN_EXE_fathom"))
-        .args(["list", "parameters", "--scene", "/dev/stdin"])
+    let mut child = fathom("list parameters --scene /dev/stdin")
         .stdin(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
@@ -125,49 +89,45 @@ fn the_program_says_so_too() {
     assert_eq!(child.wait().unwrap().code(), Some(2));
 }
 
-/// An archive of one line many times over, as a mesh.
-fn packed_lines(head: &str, line: &str, times: usize) -> String {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.obj.gz");
-    let text = format!("{head}{}", line.repeat(times));
-    std::fs::write(&path, gzip(text.as_bytes())).unwrap();
-    drop(text);
-    refused(line, || mesh(&path))
+/// Why an archive of one line many times over is no mesh.
+fn packed_lines(head: &str, line: &str, times: usize, reason: &str) {
+    let place = Place::new();
+    let path = place.write("a.obj.gz", gzip(format!("{head}{}", line.repeat(times)).as_bytes()));
+    holds(&refused(line, || mesh(&path)), &[reason]);
 }
+
+const CORNERS: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
 
 #[test]
 fn lines_that_hold_no_triangle_take_no_memory() {
-    let head = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     for line in ["f 1\n", "l 1 1 1\n", "f 1 2\n", "o\n", "g a\n", "p 1\n"] {
-        let text = packed_lines(head, line, 1 << 20);
-        assert!(text.contains("no triangles"), "{text}");
+        packed_lines(CORNERS, line, 1 << 20, "no triangles");
     }
 }
 
 #[test]
 fn vertices_and_triangles_are_counted() {
-    let head = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
-    let text = packed_lines("", "v 0 0 0\n", 3_600_001);
-    assert!(text.contains("more than 3600000 vertices"), "{text}");
-    let text = packed_lines("", "vn 0 0 1\n", 3_600_001);
-    assert!(text.contains("more than 3600000 normals"), "{text}");
-    let text = packed_lines(head, "f 1 2 3\n", 4_000_001);
-    assert!(text.contains("more than 4000000 triangles"), "{text}");
+    for (head, line, most, what) in [
+        ("", "v 0 0 0\n", 3_600_000, "vertices"),
+        ("", "vn 0 0 1\n", 3_600_000, "normals"),
+        (CORNERS, "f 1 2 3\n", 4_000_000, "triangles"),
+    ] {
+        packed_lines(head, line, most + 1, &format!("more than {most} {what}"));
+    }
 }
 
-/// Writes a scene or an experiment and gives why it is refused.
-fn refused_text(text: &str, reader: Reader) -> String {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.toml");
-    std::fs::write(&path, text).unwrap();
-    refused("text", || reader(&path))
+/// Writes a scene or an experiment, which must be refused for this.
+#[track_caller]
+fn refused_text(text: &str, reader: Reader, reason: &str) {
+    let place = Place::new();
+    let path = place.write("a.toml", text);
+    holds(&refused("text", || reader(&path)), &[reason]);
 }
 
 #[test]
 fn a_scene_of_thousands_of_knots_is_refused() {
     let knot = "[[object]]\nname = \"k\"\ngenerator = \"knot\"\nparams = { segments = 700, sides = 160 }\n";
-    let text = refused_text(&(seeds::small_scene() + &knot.repeat(2000)), scene);
-    assert!(text.contains("of 4000000"), "{text}");
+    refused_text(&(seeds::small_scene() + &knot.repeat(2000)), scene, "of 4000000");
 }
 
 const EXPERIMENT: &str =
@@ -178,8 +138,7 @@ fn axes_that_multiply_to_millions_of_cells_are_refused() {
     let axis = "[[sweep.axis]]\nname = \"a\"\nvalues = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]\n";
     for axes in [7, 30] {
         let text = format!("{EXPERIMENT}[[sweep]]\n{}", axis.repeat(axes));
-        let text = refused_text(&text, experiment);
-        assert!(text.contains("cells") && text.contains("at most 20000"), "{text}");
+        refused_text(&text, experiment, "counted too: at most 20000");
     }
     let experiment = Experiment::load("uw-photons").unwrap();
     let name = experiment.axis_names()[0].to_owned();
@@ -197,15 +156,14 @@ fn long_values_times_many_cells_are_refused() {
     let text = format!(
         "{EXPERIMENT}[params]\nlong = \"{long}\"\n[[sweep]]\n[[sweep.axis]]\nname = \"a\"\nvalues = [{values}]\n"
     );
-    let text = refused_text(&text, experiment);
-    assert!(text.contains("MiB are planned"), "{text}");
+    refused_text(&text, experiment, "MiB are planned");
 }
 
 #[test]
 fn two_million_turns_are_refused() {
     let turns = "1,".repeat(400_000);
     let text = format!("{EXPERIMENT}[views]\nquantity = \"q\"\nturns_deg = [{turns}]\n");
-    assert!(refused_text(&text, experiment).contains("at most 72"));
+    refused_text(&text, experiment, "at most 72");
 }
 
 /// What nests deeper than any stack.
@@ -219,19 +177,18 @@ fn deep_nesting_is_refused() {
         format!("a = {{ a{} = 1 }}", ".a".repeat(200_000)),
     ];
     for text in &deep {
-        refused_text(text, scene);
-        refused_text(text, experiment);
-        refused_text(&format!("{EXPERIMENT}[params]\n{text}"), experiment);
+        refused_text(text, scene, "");
+        refused_text(text, experiment, "");
+        refused_text(&format!("{EXPERIMENT}[params]\n{text}"), experiment, "");
     }
 }
 
 #[test]
 fn long_and_deep_lines_of_records_are_damage() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
+    let place = Place::new();
     let long = "9".repeat(9 << 20);
     let deep = "[".repeat(1 << 20);
-    std::fs::write(&path, format!("{long}\n{deep}\n{{}}\n")).unwrap();
+    let path = place.write("records.jsonl", format!("{long}\n{deep}\n{{}}\n"));
     let (read, peak) = peak_of(|| record::read(&path).unwrap());
     assert_eq!(read.damaged.len(), 3);
     assert!(read.damaged[0].to_string().contains("longer than 8 MiB"));
@@ -239,11 +196,11 @@ fn long_and_deep_lines_of_records_are_damage() {
 }
 
 /// A comparison whose text is changed, or whose lines are followed by others.
-fn comparison(change: impl Fn(String) -> String) -> Result<StoredComparison, String> {
-    let folder = tempfile::tempdir().unwrap();
+fn changed(change: impl Fn(String) -> String) -> Result<StoredComparison, String> {
+    let place = Place::new();
     let text = String::from_utf8(seeds::comparisons().remove(0)).unwrap();
-    std::fs::write(folder.path().join("records.jsonl"), change(text)).unwrap();
-    told(StoredComparison::read(folder.path()))
+    place.write("records.jsonl", change(text));
+    told(StoredComparison::read(&place.path("")))
 }
 
 #[test]
@@ -251,13 +208,12 @@ fn shares_of_a_comparison_lie_between_0_and_1() {
     for key in ["alpha", "threshold", "instruction_threshold"] {
         for share in ["1.5", "1", "0", "-0.1", "1e308"] {
             let start = format!("\"{key}\":0");
-            let changed =
-                comparison(|text| text.replacen(&start, &format!("\"{key}\":{share},\"x\":0"), 1));
-            let fault = changed.unwrap_err();
-            assert!(fault.contains("no sound header"), "{fault}");
+            let other = format!("\"{key}\":{share},\"x\":0");
+            let fault = changed(|text| text.replacen(&start, &other, 1)).unwrap_err();
+            holds(&fault, &["no sound header"]);
         }
     }
-    assert!(comparison(|text| text).is_ok());
+    assert!(changed(|text| text).is_ok());
 }
 
 #[test]
@@ -269,12 +225,12 @@ fn thousands_of_launches_and_pairs_are_judged_by_those_that_count() {
         )
     };
     let (read, peak) = peak_of(|| {
-        let read = comparison(|text| text + &(10..5000).map(launch).collect::<String>()).unwrap();
+        let read = changed(|text| text + &(10..5000).map(launch).collect::<String>()).unwrap();
         Verdicts::of(&read);
         read
     });
     assert_eq!(read.launches.len(), 200);
-    assert!(read.damaged[0].contains("4796 launches"), "{:?}", read.damaged);
+    assert!(read.damaged[0].contains("4800 launches"), "{:?}", read.damaged);
     assert!(peak < 64 << 20, "{peak}");
     let pair = |n: usize| {
         let first = ["base", "head"][n % 2];
@@ -283,60 +239,50 @@ fn thousands_of_launches_and_pairs_are_judged_by_those_that_count() {
         )
     };
     let (_, peak) = peak_of(|| {
-        let read = comparison(|text| text + &(1..40_000).map(pair).collect::<String>()).unwrap();
+        let read = changed(|text| text + &(1..40_000).map(pair).collect::<String>()).unwrap();
         Verdicts::of(&read);
     });
     assert!(peak < 256 << 20, "{peak}");
 }
 
-/// Records of a run, then so many lines that are none, then a cell.
-fn damaged_run(folder: &Path, lines: usize) {
-    let text = String::from_utf8(seeds::records().remove(0)).unwrap();
-    let text: Vec<&str> = text.lines().collect();
-    let torn = format!("{}\n", &text[2][..30]).repeat(lines);
-    let text = format!("{}\n{torn}{}\n", text[..3].join("\n"), text[2]);
-    std::fs::write(folder.join("records.jsonl"), text).unwrap();
-}
-
-/// At most twenty lines are told one by one, then a count.
+/// Of the lines that are none between the records of a run, at most twenty are told one by one, then a count.
 #[test]
 fn hundred_thousand_damaged_lines_are_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    damaged_run(folder.path(), 100_001);
-    let path = folder.path().join("records.jsonl");
+    let text = String::from_utf8(seeds::records().remove(0)).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    let torn = format!("{}\n", &lines[2][..30]).repeat(100_001);
+    let text = format!("{}\n{torn}{}\n", lines[..3].join("\n"), lines[2]);
+    let place = Place::new();
+    let path = place.write("run/records.jsonl", text);
     let (read, peak) = peak_of(|| record::read(&path).unwrap());
     assert_eq!((read.damaged.count(), read.damaged.len()), (100_001, 20));
     assert_eq!(read.records.len(), 4);
     assert!(peak < 16 << 20, "{peak}");
-    let fathom = |arguments: &[&str], more: &str| {
-        let mut fathom = Command::new(env!("CARGO_BIN_EXE_fathom"));
-        let output = fathom.args(arguments).arg(folder.path()).output().unwrap();
+    for (words, more) in [
+        ("report run", "99981 more lines"),
+        ("export csv run", "99981 more lines"),
+        ("history add run --commit c --branch b --db h.sqlite", "(and 100000 more)"),
+    ] {
+        let output = place.fathom(words).output().unwrap();
         let text = String::from_utf8(output.stderr).unwrap();
-        assert!(text.lines().count() < 25, "{arguments:?}: {text}");
-        assert!(text.contains(more), "{arguments:?}: {text}");
-    };
-    fathom(&["report"], "99981 more lines");
-    fathom(&["export", "csv"], "99981 more lines");
-    let db = folder.path().join("h.sqlite");
-    let add = ["history", "add", "--commit", "c", "--branch", "b", "--db", db.to_str().unwrap()];
-    fathom(&add, "(and 100000 more)");
-    let page = std::fs::read_to_string(folder.path().join("index.html")).unwrap();
-    assert!(page.contains("99981 more lines"));
+        assert!(text.lines().count() < 25, "{words}: {text}");
+        holds(&text, &[more]);
+    }
+    holds(&place.read("run/index.html"), &["99981 more lines"]);
 }
 
 /// The file is never in memory as a whole, nor are all of its records.
 #[test]
 fn a_history_reads_a_run_record_by_record() {
-    let folder = tempfile::tempdir().unwrap();
     let text = String::from_utf8(seeds::records().remove(0)).unwrap();
     let lines: Vec<&str> = text.lines().collect();
-    let cells = 3000;
     let of_cell =
         |n: usize| lines[2].replacen("\"cell\":\"", &format!("\"cell\":\"n={n},"), 1) + "\n";
-    let cells: String = (0..cells).map(of_cell).collect();
+    let cells: String = (0..3000).map(of_cell).collect();
     let records = format!("{}\n{}\n{cells}{}\n", lines[0], lines[1], lines[3]);
-    std::fs::write(folder.path().join("records.jsonl"), &records).unwrap();
-    let (run, peak) = peak_of(|| NewRun::read(folder.path(), "records.jsonl").unwrap());
+    let place = Place::new();
+    place.write("records.jsonl", &records);
+    let (run, peak) = peak_of(|| NewRun::read(&place.path(""), "records.jsonl").unwrap());
     assert_eq!(run.cells, 3000);
     assert!(peak < records.len(), "{peak} for {}", records.len());
 }
@@ -344,9 +290,8 @@ fn a_history_reads_a_run_record_by_record() {
 /// An archive of 64 MiB in the place of a run's records.
 #[test]
 fn an_archive_in_a_history_is_not_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("history.sqlite");
-    std::fs::write(&path, seeds::history()).unwrap();
+    let place = Place::new();
+    let path = place.write("history.sqlite", seeds::history());
     let bomb = gzip(&vec![0; 64 << 20]);
     let connection = rusqlite::Connection::open(&path).unwrap();
     connection.execute("UPDATE fathom_run SET records = $1", [bomb]).unwrap();

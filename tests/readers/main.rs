@@ -1,6 +1,8 @@
 //! Every reader against damaged input: no panic, an error of one line, and memory below 1 GiB. A thousand inputs of each with a
 //! fixed seed; `FATHOM_FUZZ_CASES=10000 cargo test --test readers -- --nocapture` tries so many others and tells what they took.
 
+#[path = "../common/mod.rs"]
+mod common;
 #[path = "../common/files.rs"]
 mod files;
 mod growth;
@@ -8,10 +10,14 @@ mod hostile;
 mod memory;
 mod mutator;
 mod seeds;
+#[allow(dead_code, reason = "a seed needs few of its lines")]
+#[path = "../compare/stored.rs"]
+mod stored;
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use common::Place;
 use fathom::compare::protocol::{Reply, parse_request};
 use fathom::compare::{cells::Gates, driver, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, parse_axis, parse_set};
@@ -42,6 +48,7 @@ pub const HANGS: Duration = Duration::from_secs(600);
 const CASES: &str = "FATHOM_FUZZ_CASES";
 
 type Answer = Result<(), String>;
+type Reader = fn(&Path) -> Answer;
 
 /// Runs a reader on inputs that `strategy` makes. A fixed seed, unless more cases are asked for.
 fn fuzz<T: std::fmt::Debug>(
@@ -95,49 +102,67 @@ fn told<T, E: std::fmt::Display>(result: Result<T, E>) -> Result<T, String> {
     result.map_err(|error| error.to_string())
 }
 
-fn fuzz_file(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
-    fuzz(name, mutated(seeds), |Input(bytes)| {
-        std::fs::write(&path, bytes).unwrap();
-        reader(&path)
-    });
+fn fuzz_file(name: &str, seeds: Vec<Vec<u8>>, reader: Reader) {
+    let place = Place::new();
+    fuzz(name, mutated(seeds), |Input(bytes)| reader(&place.write(name, bytes)));
 }
 
 /// The same, sometimes compressed.
-fn fuzz_packed(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) {
-    let folder = tempfile::tempdir().unwrap();
+fn fuzz_packed(name: &str, seeds: Vec<Vec<u8>>, reader: Reader) {
+    let place = Place::new();
     fuzz(name, mutated_or_packed(seeds), |(Input(bytes), packed)| {
-        let path = folder.path().join(if *packed { format!("{name}.gz") } else { name.to_owned() });
-        std::fs::write(&path, bytes).unwrap();
-        reader(&path)
+        let ending = if *packed { ".gz" } else { "" };
+        reader(&place.write(format!("{name}{ending}"), bytes))
     });
+}
+
+/// The table of all readers of a file: a test of each on damaged files, and [`READERS`] for inputs of other kinds.
+macro_rules! readers {
+    ($($test:ident: $fuzz:ident($name:literal, $seeds:expr, $reader:ident);)*) => {
+        /// Names that files have, with what reads them.
+        const READERS: &[(&str, Reader)] = &[$(($name, $reader)),*];
+        $(
+            #[test]
+            fn $test() {
+                $fuzz($name, $seeds, $reader);
+            }
+        )*
+    };
+}
+
+readers! {
+    scene_files: fuzz_file("a.toml", seeds::scenes(), scene);
+    experiment_files: fuzz_file("e.toml", seeds::experiments(), experiment);
+    files_of_points: fuzz_file("points.csv", seeds::points(), points);
+    records: fuzz_file("records.jsonl", seeds::records(), run);
+    comparison_lines: fuzz_file("records.jsonl", seeds::comparisons(), comparison);
+    driver_manifests: fuzz_file("icd.json", seeds::manifests(), manifest);
+    gates_files: fuzz_file("gates.toml", seeds::gates(), gates);
+    obj_files: fuzz_packed("a.obj", seeds::objs(), mesh);
+    ply_files: fuzz_packed("a.ply", seeds::plys(), mesh);
+    nifti_files: fuzz_packed("a.nii", seeds::niftis(), nifti);
+    raw_volumes: fuzz_packed("a.raw", seeds::raws(), raw);
+    height_maps: fuzz_packed("a.npy", seeds::npys(), height_map);
 }
 
 /// More cells of a generated volume take long to fill, which is no fault: they were asked for.
 const MOST_CELLS: u64 = 1 << 18;
 
-#[test]
-fn scene_files() {
-    fuzz_file("a.toml", seeds::scenes(), |path| {
-        let file = told(SceneFile::load(&path.to_string_lossy()))?;
-        let cells = file.volume.as_ref().map_or([0; 3], |volume| volume.cells);
-        if cells.map(u64::from).iter().product::<u64>() > MOST_CELLS {
-            return Ok(());
-        }
-        told(Scene::build(&file)).map(drop)
-    });
+fn scene(path: &Path) -> Answer {
+    let file = told(SceneFile::load(&path.to_string_lossy()))?;
+    let cells = file.volume.as_ref().map_or([0; 3], |volume| volume.cells);
+    if cells.map(u64::from).iter().product::<u64>() > MOST_CELLS {
+        return Ok(());
+    }
+    told(Scene::build(&file)).map(drop)
 }
 
-#[test]
-fn experiment_files() {
-    fuzz_file("e.toml", seeds::experiments(), |path| {
-        let experiment = told(Experiment::load(&path.to_string_lossy()))?;
-        for profile in Profile::ALL {
-            told(experiment.cells(profile, &[], &[]))?;
-        }
-        Ok(())
-    });
+fn experiment(path: &Path) -> Answer {
+    let experiment = told(Experiment::load(&path.to_string_lossy()))?;
+    for profile in Profile::ALL {
+        told(experiment.cells(profile, &[], &[]))?;
+    }
+    Ok(())
 }
 
 #[test]
@@ -149,54 +174,41 @@ fn axis_arguments() {
     });
 }
 
-#[test]
-fn points() {
-    fuzz_file("points.csv", seeds::points(), |path| told(query::read(path)).map(drop));
+fn points(path: &Path) -> Answer {
+    told(query::read(path)).map(drop)
 }
 
-#[test]
-fn records() {
-    fuzz_file("records.jsonl", seeds::records(), |path| {
-        let read = told(record::read(path))?;
-        let view = ReportView::new(&read.records, None);
-        for exporter in fathom::report::OF_RUNS {
-            match exporter.run(&view, &FrameChoice::default()) {
-                Ok(_) | Err(ReportError::NoFrames) => {}
-                Err(error) => return Err(error.to_string()),
-            }
+fn run(path: &Path) -> Answer {
+    let read = told(record::read(path))?;
+    let view = ReportView::new(&read.records, None);
+    for exporter in fathom::report::OF_RUNS {
+        match exporter.run(&view, &FrameChoice::default()) {
+            Ok(_) | Err(ReportError::NoFrames) => {}
+            Err(error) => return Err(error.to_string()),
         }
-        match read.damaged.first() {
-            Some(damage) => Err(damage.to_string()),
-            None => Ok(()),
-        }
-    });
+    }
+    match read.damaged.first() {
+        Some(damage) => Err(damage.to_string()),
+        None => Ok(()),
+    }
 }
 
-#[test]
-fn comparison_lines() {
-    fuzz_file("records.jsonl", seeds::comparisons(), |path| {
-        let comparison = told(StoredComparison::read(path.parent().unwrap()))?;
-        let verdicts = Verdicts::of(&comparison);
-        for format in exporters::OF_COMPARISONS {
-            (format.export)(&verdicts);
-        }
-        Ok(())
-    });
+fn comparison(path: &Path) -> Answer {
+    let comparison = told(StoredComparison::read(path.parent().unwrap()))?;
+    let verdicts = Verdicts::of(&comparison);
+    for format in exporters::OF_COMPARISONS {
+        (format.export)(&verdicts);
+    }
+    Ok(())
 }
 
-#[test]
-fn driver_manifests() {
-    fuzz_file("icd.json", seeds::manifests(), |path| {
-        told(driver::environment(Side::Head, &[], Some(path))).map(drop)
-    });
+fn manifest(path: &Path) -> Answer {
+    told(driver::environment(Side::Head, &[], Some(path))).map(drop)
 }
 
-#[test]
-fn gates_files() {
-    fuzz_file("gates.toml", seeds::gates(), |path| {
-        let gates = told(Gates::load(Some(path), ("", "")))?;
-        told(gates.filtered("caustics")).map(drop)
-    });
+fn gates(path: &Path) -> Answer {
+    let gates = told(Gates::load(Some(path), ("", "")))?;
+    told(gates.filtered("caustics")).map(drop)
 }
 
 /// What is read can be used.
@@ -206,24 +218,11 @@ fn mesh(path: &Path) -> Answer {
 
 #[test]
 fn words_of_meshes_in_any_order() {
-    let folder = tempfile::tempdir().unwrap();
-    let paths = ["a.obj", "a.ply"].map(|name| folder.path().join(name));
+    let place = Place::new();
     fuzz("words", mesh_words(), |Input(bytes)| {
-        for path in &paths {
-            std::fs::write(path, bytes).unwrap();
-        }
+        let paths = ["a.obj", "a.ply"].map(|name| place.write(name, bytes));
         mesh(&paths[0]).and(mesh(&paths[1]))
     });
-}
-
-#[test]
-fn obj_files() {
-    fuzz_packed("a.obj", seeds::objs(), mesh);
-}
-
-#[test]
-fn ply_files() {
-    fuzz_packed("a.ply", seeds::plys(), mesh);
 }
 
 /// A scene whose volume is a file with these keys.
@@ -232,36 +231,28 @@ fn volume(path: &Path, keys: &str) -> Answer {
     told(Scene::build(&file)).map(|scene| scene.volume.unwrap().validate().unwrap())
 }
 
-#[test]
-fn nifti_files() {
-    fuzz_packed("a.nii", seeds::niftis(), |path| volume(path, "up = \"z\""));
+fn nifti(path: &Path) -> Answer {
+    volume(path, "up = \"z\"")
 }
 
-#[test]
-fn raw_volumes() {
-    let keys = "cells = [2, 3, 2]\nformat = \"u16\"\nwindow = [0, 44000]";
-    fuzz_packed("a.raw", seeds::raws(), |path| volume(path, keys));
+fn raw(path: &Path) -> Answer {
+    volume(path, "cells = [2, 3, 2]\nformat = \"u16\"\nwindow = [0, 44000]")
 }
 
 #[test]
 fn keys_of_raw_volumes() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.raw");
-    std::fs::write(&path, [0; 24]).unwrap();
+    let place = Place::new();
+    let path = place.write("a.raw", [0; 24]);
     fuzz("raw keys", mutated(seeds::raw_keys()), |Input(bytes)| {
         volume(&path, &String::from_utf8_lossy(bytes))
     });
 }
 
-#[test]
-fn height_maps() {
-    fuzz_packed("a.npy", seeds::npys(), |path| {
-        let file = path.to_string_lossy().into_owned();
-        let map = HeightMap { file, tile_m: [1.0, 1.0], ..HeightMap::default() };
-        let tile = map.load()?;
-        assert!(tile.at(DVec2::new(0.3, -0.7)).is_finite());
-        Ok(())
-    });
+fn height_map(path: &Path) -> Answer {
+    let file = path.to_string_lossy().into_owned();
+    let map = HeightMap { file, tile_m: [1.0, 1.0], ..HeightMap::default() };
+    assert!(map.load()?.at(DVec2::new(0.3, -0.7)).is_finite());
+    Ok(())
 }
 
 #[test]
@@ -299,53 +290,25 @@ fn files_of_histories() {
 }
 
 /// Columns, and what something else may have written there.
-const COLUMNS: [&str; 14] = [
-    "run.id",
-    "run.digest",
-    "run.commit_name",
-    "run.committed_at",
-    "run.started_at",
-    "run.cells",
-    "run.records",
-    "series.id",
-    "series.cell",
-    "series.unit",
-    "figure.median",
-    "figure.low",
-    "figure.high",
-    "figure.n",
-];
-const STORED: [&str; 12] = [
-    "-9223372036854775808",
-    "9223372036854775807",
-    "9e999",
-    "-9e999",
-    "1e-320",
-    "0",
-    "-1.5",
-    "'text'",
-    "''",
-    "x'00ff'",
-    "hex(zeroblob(100000))",
-    "zeroblob(1000)",
-];
+const COLUMNS: &str = "run.id run.digest run.commit_name run.committed_at run.started_at run.cells run.records \
+    series.id series.cell series.unit figure.median figure.low figure.high figure.n";
+const STORED: &str = "-9223372036854775808 9223372036854775807 9e999 -9e999 1e-320 0 -1.5 'text' '' x'00ff' \
+    hex(zeroblob(100000)) zeroblob(1000)";
 
 #[test]
 fn values_of_histories() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("history.sqlite");
+    let place = Place::new();
     let whole = seeds::history();
-    let change = (0..COLUMNS.len(), 0..STORED.len(), 0..4u32);
+    let of = |words: &'static str| prop::sample::select(words.split(' ').collect::<Vec<_>>());
+    let change = (of(COLUMNS), of(STORED), 0..4usize);
     fuzz("values", prop::collection::vec(change, 1..4), |changes| {
-        std::fs::write(&path, &whole).unwrap();
+        let path = place.write("history.sqlite", &whole);
         let connection = rusqlite::Connection::open(&path).unwrap();
         connection.execute_batch("PRAGMA synchronous = OFF; PRAGMA journal_mode = OFF").unwrap();
         for (column, value, part) in changes {
-            let (table, name) = COLUMNS[*column].split_once('.').unwrap();
+            let (table, name) = column.split_once('.').unwrap();
             let some = ["1", "abs(random()) % 2 = 0", "rowid = 1", "abs(random()) % 9 = 0"];
-            let some =
-                if table == "figure" { some[*part as usize % 2] } else { some[*part as usize] };
-            let value = STORED[*value];
+            let some = some[if table == "figure" { part % 2 } else { *part }];
             // What breaks a key is not stored.
             let _ = connection.execute(
                 &format!("UPDATE OR IGNORE fathom_{table} SET {name} = {value} WHERE {some}"),
@@ -359,9 +322,8 @@ fn values_of_histories() {
 
 #[test]
 fn parameters() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = folder.path().join("a.toml");
-    std::fs::write(&scene, seeds::small_scene()).unwrap();
+    let place = Place::new();
+    let scene = place.write("a.toml", seeds::small_scene());
     let scene = scene.to_string_lossy();
     let kinds: Vec<&str> = pipelines::KINDS.iter().map(|kind| kind.name).collect();
     // A number of the default made extreme, or any text.

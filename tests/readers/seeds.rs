@@ -1,19 +1,16 @@
 //! Small good inputs of every kind, from which the bad ones are made.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use fathom::experiments::Experiment;
 use fathom::history::{History, Location, NewRun, Origin};
 use fathom::npy;
-use fathom::record::comparison::{
-    CellId, CheckFigure, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader,
-    ConfigurationFigures, ExactFigures, Fault, Gate, GateSettings, InstructionCounts, Launch, Pair,
-    Side, Skip, UnpairedSamples,
-};
-use fathom::record::{Record, Work};
+use fathom::record::Record;
+use fathom::record::comparison::{Compared, Gate, Side, Skip, UnpairedSamples};
 
+use super::common::{Place, reference};
 use super::files::nifti;
+use super::stored::{BYTES, Stored, TRACE, cell};
 
 type Seeds = Vec<Vec<u8>>;
 
@@ -106,8 +103,7 @@ pub fn points() -> Seeds {
 
 /// The shortest cell of a real run, with the run's other lines that concern it.
 pub fn records() -> Seeds {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe/records.jsonl");
-    let text = std::fs::read_to_string(path).unwrap();
+    let text = std::fs::read_to_string(reference()).unwrap();
     let shortest = |part: &str| {
         let with_it = text.lines().filter(|line| line.contains(part));
         with_it.min_by_key(|line| line.len()).unwrap()
@@ -123,104 +119,28 @@ pub fn records() -> Seeds {
     vec![(lines.join("\n") + "\n").into_bytes(), cell.into()]
 }
 
-fn cell(stage: &str) -> CellId {
-    CellId::new("tank", stage)
-}
-
-fn header() -> Compared {
-    let build = |label: &str| ComparedBuild {
-        label: label.into(),
-        version: "0.1.0".into(),
-        protocol: Some(1),
-        digest: "d".into(),
-        environment: Default::default(),
-    };
-    Compared::Header(Box::new(ComparisonHeader {
-        base: build("base"),
-        head: build("head"),
-        settings: GateSettings { launches: 6, pairs: 2, ..GateSettings::default() },
-        cells: vec![cell("caustics/trace"), cell("godrays/trace")],
-        skipped: vec![Skip { gate: Gate::Instructions, reason: "none".into() }],
-        notes: vec!["a note".into()],
-        ..ComparisonHeader::default()
-    }))
-}
-
-fn figures(side: Side) -> Vec<Compared> {
-    let cell = cell("caustics/trace");
-    let (counts, ns) = (vec![100, 101, 100], vec![1e6, 1.1e6, 1.2e6]);
-    vec![
-        Compared::Configuration(ConfigurationFigures {
-            side,
-            configuration: "tank".into(),
-            allocated_bytes: 1000,
-            errors: BTreeMap::from([("caustics_photon_error_median_m".into(), 0.01)]),
-            judged: Vec::new(),
-            quantities: BTreeMap::from([("missed".into(), 0.5)]),
-            notes: Vec::new(),
-        }),
-        Compared::Exact(ExactFigures {
-            side,
-            cell: cell.clone(),
-            work: Work::default(),
-            counters: BTreeMap::from([("fragments".into(), 3)]),
-        }),
-        Compared::Check(CheckFigure {
-            side,
-            stage: "caustics/trace".into(),
-            what: "landing".into(),
-            unit: "m".into(),
-            measured: 0.1,
-            tolerance: 0.2,
-            sound: true,
-        }),
-        Compared::Instructions(InstructionCounts { side, cell: cell.clone(), counts }),
-        Compared::Samples(UnpairedSamples { side, cell, ns, resolution_ns: 5e4 }),
-    ]
-}
-
-fn launch(launch: u32) -> Vec<Compared> {
-    let mut lines = vec![Compared::Launch(Launch {
-        launch,
-        wall_s: 3.5,
-        core: Some(0),
-        notes: vec!["addresses are randomized".into()],
-        ..Launch::default()
-    })];
-    for control in [false, true] {
-        for (round, first) in (0..).zip(Side::BOTH) {
-            lines.push(Compared::Pair(Pair {
-                launch,
-                round,
-                cell: cell("caustics/trace"),
-                control,
-                second: false,
-                first,
-                base_ns: 1e6 + f64::from(launch),
-                head_ns: 1.02e6,
-                machine: Default::default(),
-            }));
-        }
-    }
-    lines
-}
-
-fn text(lines: &[Compared]) -> Vec<u8> {
-    let records = lines.iter().cloned().map(Record::from);
+fn text<'a>(lines: impl IntoIterator<Item = &'a Compared>) -> Vec<u8> {
+    let records = lines.into_iter().cloned().map(Record::from);
     let lines = records.map(|record| serde_json::to_string(&record).unwrap() + "\n");
     lines.collect::<String>().into_bytes()
 }
 
+/// A comparison with lines of every kind, and a part of it.
 pub fn comparisons() -> Seeds {
-    let cell = Some(cell("godrays/trace"));
-    let fault = Fault::new(Gate::Time, Some(Side::Head), cell, "it died");
-    let fault = Compared::Fault(Fault { launch: Some(2), ..fault });
-    let end = Compared::End(ComparisonEnd { wall_s: 10.0, interrupted: false });
-    let mut lines = vec![header()];
-    lines.extend(Side::BOTH.into_iter().flat_map(figures));
-    lines.extend((0..6).flat_map(launch));
-    lines.extend([fault, end]);
-    vec![text(&lines), text(&lines[..14])]
+    let other = "tank godrays/trace";
+    let samples = |side, ns: Vec<f64>| {
+        Compared::Samples(UnpairedSamples { side, cell: cell(TRACE), ns, resolution_ns: 5e4 })
+    };
+    let mut comparison = Stored::new(&[TRACE, other])
+        .configuration(BYTES + 1, 0.01)
+        .same(TRACE)
+        .check(("caustics/trace", "landing"), 0.1, 0.2)
+        .both(vec![1e6, 1.1e6], vec![1e6, 1.2e6], samples)
+        .fault(Gate::Time, Side::Head, Some(other), false);
+    comparison.header.skipped = vec![Skip { gate: Gate::Instructions, reason: "none".into() }];
+    comparison.header.notes = vec!["a note".into()];
+    let lines = comparison.lines();
+    vec![text(&lines), text(lines.iter().step_by(3))]
 }
 
 pub fn manifests() -> Seeds {
@@ -309,25 +229,16 @@ pub fn messages() -> Seeds {
 /// Runs of a history, enough of them to be searched.
 const RUNS: usize = 12;
 
-/// A folder with the records of a real run that started at a second.
-pub fn run_folder(parent: &Path, second: usize) -> PathBuf {
-    let folder = parent.join(format!("run-{second}"));
-    std::fs::create_dir_all(&folder).unwrap();
-    let mut records = String::from_utf8(records().remove(0)).unwrap();
-    // White space makes another run of it.
-    records.push_str(&" ".repeat(second));
-    records.push('\n');
-    std::fs::write(folder.join("records.jsonl"), records).unwrap();
-    folder
-}
-
 /// The bytes of a history of runs a day apart.
 pub fn history() -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("history.sqlite");
+    let place = Place::new();
+    let path = place.path("history.sqlite");
     let mut history = History::open_or_make(&Location::File(path.clone())).unwrap();
+    let records = String::from_utf8(records().remove(0)).unwrap();
     for day in 0..RUNS {
-        let run = NewRun::read(&run_folder(folder.path(), day), "records.jsonl").unwrap();
+        // White space makes another run of it.
+        place.write("run/records.jsonl", format!("{records}{}\n", " ".repeat(day)));
+        let run = NewRun::read(&place.path("run"), "records.jsonl").unwrap();
         let origin = Origin {
             commit: format!("{day:040}"),
             committed_at: Some(1_700_000_000 + 86_400 * day as i64),

@@ -1,4 +1,4 @@
-//! Known changes: `benches/injections.toml`, and the two no-op ones.
+//! Known changes: `benches/selftest/injections.toml`, and the two no-op ones.
 
 use std::collections::BTreeMap;
 
@@ -7,8 +7,18 @@ use strum::{Display, EnumIter};
 
 static BUILT_IN: &str = include_str!("../injections.toml");
 
-/// What stands for the size in an edit.
+/// What stands in an edit for the size, for a loop that does nothing, and for what that loop begins with.
 const SIZE: &str = "{n}";
+const IDLE: &str = "{idle}";
+const SEED: &str = "{seed}";
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    /// The loop.
+    idle: String,
+    injection: Vec<Injection>,
+}
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -19,11 +29,22 @@ pub struct Injection {
     /// Such as `extra loop iterations`.
     pub kind: String,
     /// The configuration of the gates in which its sizes are what they say.
+    #[serde(default = "pool")]
     pub configuration: String,
     /// Name of a size → repetitions; none for a change of one size.
     #[serde(default)]
     pub sizes: BTreeMap<Size, u32>,
-    pub edit: Vec<Edit>,
+    /// The file that is edited; none for the stage's shader.
+    file: Option<String>,
+    #[serde(default)]
+    seed: String,
+    /// Its one place in the file.
+    find: String,
+    replace: String,
+}
+
+fn pool() -> String {
+    "pool".to_owned()
 }
 
 /// How much is injected.
@@ -53,78 +74,45 @@ impl Size {
     }
 }
 
-/// One place of one file.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Edit {
-    pub file: String,
-    pub find: String,
-    pub replace: String,
-}
-
 /// Changed files with their new text.
 pub type Changes = BTreeMap<String, String>;
 
 /// Gives the text of a file of the sources.
 pub type Read<'a> = &'a dyn Fn(&str) -> Result<String, String>;
 
-impl Edit {
-    /// The file's text with the edit made; the message says why it cannot be.
-    fn made(&self, text: &str, n: u32) -> Result<String, String> {
-        match text.matches(&self.find).count() {
-            1 => Ok(text.replace(&self.find, &self.replace.replace(SIZE, &n.to_string()))),
-            0 => Err(format!("{} no longer holds `{}`", self.file, self.find)),
-            n => Err(format!("{} holds `{}` {n} times", self.file, self.find)),
-        }
-    }
-}
-
 impl Injection {
     /// Every injection.
     pub fn all() -> Result<Vec<Self>, String> {
-        #[derive(Deserialize)]
-        #[serde(deny_unknown_fields)]
-        struct File {
-            injection: Vec<Injection>,
-        }
-        let file: File = toml::from_str(BUILT_IN)
+        let File { idle, mut injection } = toml::from_str(BUILT_IN)
             .map_err(|error| format!("benches/selftest/injections.toml: {error}"))?;
-        Ok(file.injection)
+        for Self { replace, seed, .. } in &mut injection {
+            *replace = replace.replace(IDLE, &idle.replace(SEED, seed));
+        }
+        Ok(injection)
+    }
+
+    fn file(&self) -> String {
+        self.file.clone().unwrap_or_else(|| format!("shaders/{}.wgsl", self.stage))
     }
 
     /// The files that it changes, at a size if it has sizes.
     pub fn changes(&self, size: Option<Size>, read: Read<'_>) -> Result<Changes, String> {
-        let mut changes = Changes::new();
-        self.change(size, read, &mut changes)?;
-        Ok(changes)
-    }
-
-    /// Makes its edits where other edits have been made already.
-    fn change(
-        &self,
-        size: Option<Size>,
-        read: Read<'_>,
-        changes: &mut Changes,
-    ) -> Result<(), String> {
+        let text = read(&self.file())?;
         let n = size.and_then(|size| self.sizes.get(&size)).copied().unwrap_or(1);
-        for edit in &self.edit {
-            let text = match changes.get(&edit.file) {
-                Some(text) => edit.made(text, n)?,
-                None => edit.made(&read(&edit.file)?, n)?,
-            };
-            changes.insert(edit.file.clone(), text);
-        }
-        Ok(())
+        let edited = match text.matches(&self.find).count() {
+            1 => text.replace(&self.find, &self.replace.replace(SIZE, &n.to_string())),
+            0 => return Err(format!("{} no longer holds `{}`", self.file(), self.find)),
+            n => return Err(format!("{} holds `{}` {n} times", self.file(), self.find)),
+        };
+        Ok(Changes::from([(self.file(), edited)]))
     }
 }
 
-/// The files that all injections with sizes together change.
+/// The files that all injections with sizes together change, each its own stage's shader.
 pub fn every(injections: &[Injection], size: Size, read: Read<'_>) -> Result<Changes, String> {
-    let mut changes = Changes::new();
-    for injection in injections.iter().filter(|injection| !injection.sizes.is_empty()) {
-        injection.change(Some(size), read, &mut changes)?;
-    }
-    Ok(changes)
+    let sized = injections.iter().filter(|injection| !injection.sizes.is_empty());
+    let changes = sized.map(|injection| injection.changes(Some(size), read));
+    Ok(changes.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
 }
 
 /// A change of the host that no stage uses: a function, data and a long text, which move everything behind them.
@@ -151,6 +139,8 @@ pub extern "C" fn fathom_unrelated(n: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     fn source(file: &str) -> Result<String, String> {
@@ -169,7 +159,8 @@ mod tests {
                 let changes = injection.changes(size, &source).unwrap();
                 for (file, text) in &changes {
                     assert_ne!(source(file).unwrap(), *text);
-                    assert!(!text.contains(SIZE), "{}", injection.id);
+                    let holds = |placeholder| text.contains(placeholder);
+                    assert!(![SIZE, IDLE, SEED].into_iter().any(holds), "{}", injection.id);
                 }
                 let shader = format!("shaders/{}.wgsl", injection.stage);
                 let own = changes.contains_key(&shader);
@@ -177,10 +168,10 @@ mod tests {
             }
         }
         let sized = injections.iter().filter(|other| !other.sizes.is_empty());
+        let shaders = sized.clone().map(|one| format!("shaders/{}.wgsl", one.stage));
         let together = every(&injections, Size::Slow5, &source).unwrap();
-        for shader in sized.map(|one| format!("shaders/{}.wgsl", one.stage)) {
-            assert!(together.contains_key(&shader));
-        }
+        assert!(together.keys().eq(shaders.collect::<BTreeSet<_>>().iter()));
+        assert_eq!(together.len(), sized.count());
         let unrelated = unrelated(&source).unwrap();
         let (_, text) = unrelated.first_key_value().unwrap();
         assert!(text.contains("extern \"C\" fn fathom_unrelated"));
@@ -200,9 +191,12 @@ mod tests {
 
     #[test]
     fn an_edit_that_does_not_fit_is_told() {
-        let edit = Edit { file: "a.wgsl".into(), find: "x".into(), replace: "y{n}".into() };
-        assert_eq!(edit.made("a x b", 3).unwrap(), "a y3 b");
-        assert!(edit.made("a b", 3).unwrap_err().contains("no longer holds"));
-        assert!(edit.made("x x", 3).unwrap_err().contains("2 times"));
+        let (find, replace) = ("x".to_owned(), "y{n}".to_owned());
+        let sizes = BTreeMap::from([(Size::Slow3, 3)]);
+        let edit = Injection { sizes, find, replace, ..Injection::all().unwrap().remove(0) };
+        let made = |text: &str| edit.changes(Some(Size::Slow3), &|_| Ok(text.to_owned()));
+        assert_eq!(made("a x b").unwrap().into_values().next().unwrap(), "a y3 b");
+        assert!(made("a b").unwrap_err().contains("no longer holds"));
+        assert!(made("x x").unwrap_err().contains("2 times"));
     }
 }

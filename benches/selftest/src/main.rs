@@ -17,10 +17,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use anyhow::anyhow;
 use clap::Parser;
 use fathom::record::comparison::{self, GateSettings};
 use fathom::{gpu, tell};
-use selftest::{SelfTest, SelfTestError};
+use selftest::SelfTest;
 use trials::Plan;
 
 /// By convention 128 + SIGINT.
@@ -69,13 +70,14 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(cli: Cli) -> Result<(), SelfTestError> {
-    ctrlc::set_handler(|| {
+fn run(cli: Cli) -> anyhow::Result<()> {
+    let handled = ctrlc::set_handler(|| {
         if INTERRUPT.swap(true, Ordering::Relaxed) {
             std::process::exit(INTERRUPTED.into());
         }
         tell::note("ending with what is measured so far; interrupt again to abort");
-    })?;
+    });
+    handled.map_err(|error| anyhow!("cannot watch for Ctrl-C: {error}"))?;
     let test = SelfTest {
         repository: ".".into(),
         settings: GateSettings {

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use anyhow::{anyhow, bail};
 use fathom::compare::build::{self, BuildError};
-use fathom::compare::flow::{self, CompareError, CompareOptions, Program};
+use fathom::compare::flow::{self, CompareOptions, Program};
 use fathom::compare::launch::WorkerStart;
-use fathom::compare::store::{StoreError, StoredComparison};
+use fathom::compare::store::StoredComparison;
 use fathom::gpu;
 use fathom::harness::output::RECORDS;
 
@@ -20,27 +21,6 @@ use fathom::record::comparison::GateSettings;
 
 /// Names of the results in the self-test's folder.
 pub const RESULTS: [&str; 2] = ["self-test.json", "self-test.md"];
-
-#[derive(Debug, thiserror::Error)]
-pub enum SelfTestError {
-    #[error(transparent)]
-    Build(#[from] BuildError),
-    #[error("injections do not fit these sources: {0}")]
-    Injection(String),
-    #[error("trial {trial}: {error}")]
-    Trial { trial: String, error: CompareError },
-    #[error(
-        "{} was measured with other settings: choose another folder with --out",
-        .0.display()
-    )]
-    OtherSettings(PathBuf),
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error("cannot watch for Ctrl-C: {0}")]
-    Signal(#[from] ctrlc::Error),
-    #[error("cannot {action} {}: {source}", path.display())]
-    Io { action: &'static str, path: PathBuf, source: std::io::Error },
-}
 
 #[derive(Clone, Debug)]
 pub struct SelfTest {
@@ -56,15 +36,17 @@ pub struct SelfTest {
     pub filter: String,
 }
 
+/// An edit that does not fit.
+fn unfit(reason: String) -> anyhow::Error {
+    anyhow!("injections do not fit these sources: {reason}")
+}
+
 /// Makes the missing trials, and writes what all of them show.
-pub fn run(
-    test: &SelfTest,
-    interrupted: &AtomicBool,
-    tell: &dyn Fn(&str),
-) -> Result<(), SelfTestError> {
-    let io = |source| SelfTestError::Io { action: "write to", path: test.out.clone(), source };
-    std::fs::create_dir_all(&test.out).map_err(io)?;
-    let injections = Injection::all().map_err(SelfTestError::Injection)?;
+pub fn run(test: &SelfTest, interrupted: &AtomicBool, tell: &dyn Fn(&str)) -> anyhow::Result<()> {
+    let out = test.out.display();
+    std::fs::create_dir_all(&test.out)
+        .map_err(|error| anyhow!("cannot write to {out}: {error}"))?;
+    let injections = Injection::all().map_err(unfit)?;
     let mut missing = Vec::new();
     for trial in trials(test.plan, &injections) {
         if trial.id.contains(&test.filter) && !is_made(test, &trial)? {
@@ -83,7 +65,7 @@ fn make(
     injections: &[Injection],
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
-) -> Result<(), SelfTestError> {
+) -> anyhow::Result<()> {
     let mut builds = TrialBuilds::new(test, interrupted, tell)?;
     for (number, trial) in missing.iter().enumerate() {
         if interrupted.load(Ordering::Relaxed) {
@@ -92,7 +74,9 @@ fn make(
         let (number, all) = (number + 1, missing.len());
         tell(&format!("trial {number} of {all}: {}", trial.id));
         match builds.make(trial, injections) {
-            Err(SelfTestError::Build(BuildError::Interrupted { .. })) => break,
+            Err(error) if matches!(error.downcast_ref(), Some(BuildError::Interrupted { .. })) => {
+                break;
+            }
             made => made?,
         }
     }
@@ -100,7 +84,7 @@ fn make(
 }
 
 /// Findings from the stored trials alone, written beside them.
-fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError> {
+fn write(test: &SelfTest, injections: &[Injection]) -> anyhow::Result<()> {
     let mut made = Vec::new();
     for trial in trials(test.plan, injections) {
         let folder = test.out.join(&trial.id);
@@ -117,13 +101,13 @@ fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError>
     for (name, text) in RESULTS.iter().zip(texts) {
         let path = test.out.join(name);
         let written = std::fs::write(&path, text);
-        written.map_err(|source| SelfTestError::Io { action: "write", path, source })?;
+        written.map_err(|error| anyhow!("cannot write {}: {error}", path.display()))?;
     }
     Ok(())
 }
 
 /// Trials of other settings are no part of the same findings. Of its gates a trial may have had fewer, where one could not be run.
-fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
+fn is_made(test: &SelfTest, trial: &Trial) -> anyhow::Result<bool> {
     let folder = test.out.join(&trial.id);
     let Ok(stored) = StoredComparison::read(&folder) else {
         return Ok(false);
@@ -131,7 +115,8 @@ fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
     let wanted = test.settings_of(trial);
     let found = GateSettings { gates: wanted.gates.clone(), ..stored.header.settings.clone() };
     if found != wanted {
-        return Err(SelfTestError::OtherSettings(folder));
+        let folder = folder.display();
+        bail!("{folder} was measured with other settings: choose another folder with --out");
     }
     Ok(stored.came_to_its_end())
 }
@@ -169,7 +154,7 @@ impl<'a> TrialBuilds<'a> {
         test: &'a SelfTest,
         interrupted: &'a AtomicBool,
         tell: &'a dyn Fn(&str),
-    ) -> Result<Self, SelfTestError> {
+    ) -> anyhow::Result<Self> {
         let repository = build::repository(&test.repository)?;
         let commit = build::commit(&repository, "HEAD")?;
         let short = commit.get(..12).unwrap_or(&commit);
@@ -183,7 +168,7 @@ impl<'a> TrialBuilds<'a> {
         })
     }
 
-    fn make(&mut self, trial: &Trial, injections: &[Injection]) -> Result<(), SelfTestError> {
+    fn make(&mut self, trial: &Trial, injections: &[Injection]) -> anyhow::Result<()> {
         let compilation = match trial.variant {
             Variant::Again | Variant::Unrelated => Compilation::Whole,
             Variant::Injected(..) | Variant::Every(_) => Compilation::Incremental,
@@ -208,10 +193,10 @@ impl<'a> TrialBuilds<'a> {
         let load = trial.loaded.then(|| Load::start(&base));
         let measured = flow::measure(&options, self.interrupted, self.tell);
         drop(load);
-        measured.map(drop).map_err(|error| SelfTestError::Trial { trial: trial.id.clone(), error })
+        measured.map(drop).map_err(|error| anyhow!("trial {}: {error}", trial.id))
     }
 
-    fn base(&self, compilation: Compilation) -> Result<PathBuf, SelfTestError> {
+    fn base(&self, compilation: Compilation) -> anyhow::Result<PathBuf> {
         let name = match compilation {
             Compilation::Whole => "base",
             Compilation::Incremental => "base-of-injections",
@@ -227,7 +212,7 @@ impl<'a> TrialBuilds<'a> {
         variant: &Variant,
         compilation: Compilation,
         injections: &[Injection],
-    ) -> Result<PathBuf, SelfTestError> {
+    ) -> anyhow::Result<PathBuf> {
         if let Some((known, program)) = &self.at_hand {
             if known == variant {
                 return Ok(program.clone());
@@ -247,7 +232,7 @@ impl<'a> TrialBuilds<'a> {
                 .and_then(|injection| injection.changes(*size, &read)),
             Variant::Every(size) => every(injections, *size, &read),
         };
-        let changes = changes.map_err(SelfTestError::Injection)?;
+        let changes = changes.map_err(unfit)?;
         let program = self.programs.join(variant.to_string());
         self.build(&changes, compilation, &program)?;
         if compilation == Compilation::Incremental {
@@ -261,7 +246,7 @@ impl<'a> TrialBuilds<'a> {
         changes: &Changes,
         compilation: Compilation,
         program: &Path,
-    ) -> Result<(), SelfTestError> {
+    ) -> anyhow::Result<()> {
         if program.is_file() {
             return Ok(());
         }

@@ -8,60 +8,56 @@ use std::process::{Command, Output};
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{CellVerdict, Verdicts};
 use serde_json::Value;
+use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_own_pipeline");
 
-fn run(arguments: &[&str]) -> Output {
-    Command::new(PROGRAM).args(arguments).output().expect("the program starts")
+/// Runs the program in a folder, with these words as arguments.
+fn run(folder: &Path, words: &str) -> Output {
+    let mut program = Command::new(PROGRAM);
+    program.current_dir(folder).args(words.split_whitespace()).output().expect("it starts")
 }
 
 /// Standard output of a command that does well.
-fn told(arguments: &[&str]) -> String {
-    let out = run(arguments);
-    assert!(out.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&out.stderr));
+fn told(folder: &Path, words: &str) -> String {
+    let out = run(folder, words);
+    assert!(out.status.success(), "{words}: {}", String::from_utf8_lossy(&out.stderr));
     String::from_utf8(out.stdout).unwrap()
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
 }
 
 #[test]
 fn listings_hold_what_the_crate_brings_beside_what_fathom_brings() {
-    let pipelines = told(&["list", "pipelines"]);
+    let told = |words| told(Path::new("."), words);
+    let pipelines = told("list pipelines");
     assert!(pipelines.contains("ripples") && pipelines.contains("underwater"), "{pipelines}");
-    let stages = told(&["list", "stages", "--pipeline", "ripples"]);
+    let stages = told("list stages --pipeline ripples");
     let names: Vec<&str> =
         stages.lines().filter_map(|line| line.split_whitespace().next()).collect();
     assert_eq!(names, ["ripple/draw", "ripple/blur"]);
-    let parameters = told(&["list", "parameters", "--pipeline", "ripples", "--scene", "puddle"]);
+    let parameters = told("list parameters --pipeline ripples --scene puddle");
     let rings = parameters.lines().find(|line| line.contains("ripples.rings")).unwrap();
     for part in ["8", "1 … 4096", "Rings that are added up"] {
         assert!(rings.contains(part), "{rings}");
     }
-    assert_eq!(told(&["list", "experiments"]).lines().count(), 1);
-    let out = run(&["render", "puddle", "--pipeline", "ripples", "--set", "ripples.rings=0"]);
-    let message = String::from_utf8(out.stderr).unwrap();
+    assert_eq!(told("list experiments").lines().count(), 1);
+    let none = "render puddle --pipeline ripples --set ripples.rings=0";
+    let message = String::from_utf8(run(Path::new("."), none).stderr).unwrap();
     assert!(message.contains("ripples.rings is 0: it must lie within 1 … 4096"), "{message}");
 }
 
 #[test]
 fn pictures_and_outputs_are_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let picture = folder.path().join("puddle.png");
-    let view = ["--set", "view.width=40", "--set", "view.height=30"];
-    let render = ["render", "puddle", "--pipeline", "ripples", "-o", text(&picture)];
-    told(&[&render[..], &view].concat());
-    assert!(fs::metadata(&picture).unwrap().len() > 200);
-    let target = text(folder.path());
-    let dump = ["dump", "ripple/draw", "--pipeline", "ripples", "--scene", "puddle", "-o", target];
-    told(&[&dump[..], &view].concat());
+    let folder = TempDir::new().unwrap();
+    let puddle = "puddle --pipeline ripples --set view.width=40 --set view.height=30";
+    told(folder.path(), &format!("render {puddle} -o puddle.png"));
+    assert!(fs::metadata(folder.path().join("puddle.png")).unwrap().len() > 200);
+    told(folder.path(), &format!("dump ripple/draw --scene {puddle} -o ."));
     assert!(folder.path().join("ripple-draw-image.npy").exists());
 }
 
 #[test]
 fn checks_are_sound_and_their_controls_fail() {
-    let checks = told(&["verify", "ripple"]);
+    let checks = told(Path::new("."), "verify ripple");
     for stage in ["ripple/draw", "ripple/blur"] {
         assert!(checks.contains(stage), "{checks}");
     }
@@ -69,34 +65,30 @@ fn checks_are_sound_and_their_controls_fail() {
 
 #[test]
 fn the_experiment_runs_and_is_told_again_from_its_records() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("run");
-    told(&["run", "--no-ceilings", "--budget", "6", "--out", text(&out)]);
-    let summary = fs::read_to_string(out.join("summary.md")).unwrap();
+    let folder = TempDir::new().unwrap();
+    told(folder.path(), "run --no-ceilings --budget 6 --out run");
+    let path = folder.path().join("run/summary.md");
+    let summary = fs::read_to_string(&path).unwrap();
     assert!(summary.contains("More rings take longer to draw"), "{summary}");
-    fs::remove_file(out.join("summary.md")).unwrap();
-    told(&["report", text(&out)]);
-    assert_eq!(fs::read_to_string(out.join("summary.md")).unwrap(), summary);
+    fs::remove_file(&path).unwrap();
+    told(folder.path(), "report run");
+    assert_eq!(fs::read_to_string(&path).unwrap(), summary);
 }
 
 #[test]
 fn criterion_times_the_gate_cell() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = Command::new(PROGRAM).args(["bench", "blur"]).current_dir(folder.path()).output();
-    let out = out.expect("the program starts");
-    let told = String::from_utf8(out.stdout).unwrap();
-    assert!(out.status.success(), "{told}");
+    let folder = TempDir::new().unwrap();
+    let told = told(folder.path(), "bench blur");
     assert!(told.contains("puddle/ripple/blur") && !told.contains("ripple/draw"), "{told}");
 }
 
 /// The program over shaders in a folder of their own.
-fn with_shaders(folder: &Path, name: &str, shaders: &Path) -> PathBuf {
+fn with_shaders(folder: &Path, name: &str, shaders: &Path) {
     let path = folder.join(name);
     let script =
         format!("#!/bin/sh\nOWN_PIPELINE_SHADERS={} exec {PROGRAM} \"$@\"\n", shaders.display());
     fs::write(&path, script).unwrap();
     fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    path
 }
 
 /// The crate's shaders, with each pass over the rings made `times` times.
@@ -134,16 +126,17 @@ fn with_times(from: &Path, to: &Path, draw: f64) {
 /// Both sides are measured. What is made of it is tested on times of a modelled clock: those of this machine depend on its load.
 #[test]
 fn its_own_compare_catches_a_slowdown_of_its_shader_and_nothing_else() {
-    let folder = tempfile::tempdir().unwrap();
-    let sound = with_shaders(folder.path(), "base", &shaders(folder.path(), 1));
-    let head = with_shaders(folder.path(), "slow", &shaders(folder.path(), 2));
-    let out = folder.path().join("compared");
-    let gates = ["compare", "--gates", "exact,time", "--launches", "10", "--pairs", "2"];
-    let sides = ["--base-bin", text(&sound), "--head-bin", text(&head), "--out", text(&out)];
-    let measured = run(&[&gates[..], &sides].concat());
-    let judged = |folder: &Path| {
-        let told = run(&["compare", "--replay", text(folder)]);
-        let comparison = StoredComparison::read(folder).unwrap();
+    let place = TempDir::new().unwrap();
+    let folder = place.path();
+    with_shaders(folder, "base", &shaders(folder, 1));
+    with_shaders(folder, "slow", &shaders(folder, 2));
+    let [base, head] = ["base", "slow"].map(|name| folder.join(name).display().to_string());
+    let sides = format!("--base-bin {base} --head-bin {head} --out compared");
+    let gates = "--gates exact,time --launches 10 --pairs 2";
+    let measured = run(folder, &format!("compare {gates} {sides}"));
+    let judged = |name: &str| {
+        let told = run(folder, &format!("compare --replay {name}"));
+        let comparison = StoredComparison::read(&folder.join(name)).unwrap();
         let verdicts = Verdicts::of(&comparison);
         let of = |name: &str| {
             let cell = verdicts.cells.iter().find(|judged| judged.cell.as_str() == name);
@@ -151,7 +144,7 @@ fn its_own_compare_catches_a_slowdown_of_its_shader_and_nothing_else() {
         };
         (told.status.code(), of("puddle ripple/draw"), of("puddle ripple/blur"))
     };
-    let (status, ..) = judged(&out);
+    let (status, ..) = judged("compared");
     assert!(matches!(status, Some(0 | 1 | 3)), "{measured:?}");
     assert_eq!(measured.status.code(), status, "{measured:?}");
     for (name, draw, expected) in [
@@ -159,8 +152,7 @@ fn its_own_compare_catches_a_slowdown_of_its_shader_and_nothing_else() {
         // More rings draw another picture, whatever its time: the changed shader did run.
         ("equal", 1.0, (Some(1), CellVerdict::LessAccurate, CellVerdict::Same)),
     ] {
-        let planted = folder.path().join(name);
-        with_times(&out, &planted, draw);
-        assert_eq!(judged(&planted), expected, "{name}");
+        with_times(&folder.join("compared"), &folder.join(name), draw);
+        assert_eq!(judged(name), expected, "{name}");
     }
 }

@@ -3,11 +3,11 @@
 use std::fs::{self, File};
 use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use tempfile::TempDir;
+use crate::common::{Place, names};
 
 pub const NODES: [&str; 2] = ["n1", "n2"];
 /// Where Debian puts daemons.
@@ -16,7 +16,7 @@ const PATH: &str = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 const LONGEST_WAIT: Duration = Duration::from_secs(600);
 
 pub struct Cluster {
-    pub folder: TempDir,
+    pub place: Place,
     ports: [u16; 3],
     daemons: Vec<Child>,
     pub nodes: Vec<Child>,
@@ -33,12 +33,12 @@ impl Cluster {
     pub fn start() -> Self {
         let listeners = [0; 3].map(|_| TcpListener::bind("127.0.0.1:0").unwrap());
         let ports = listeners.map(|listener| listener.local_addr().unwrap().port());
-        let folder = TempDir::new().unwrap();
-        let mut cluster = Self { folder, ports, daemons: Vec::new(), nodes: Vec::new() };
+        let place = Place::new();
+        let mut cluster = Self { place, ports, daemons: Vec::new(), nodes: Vec::new() };
         cluster.configure();
         let munged = cluster.munged();
         cluster.daemons.push(munged);
-        wait("munged", || cluster.path("munge.socket").exists());
+        wait("munged", || cluster.place.path("munge.socket").exists());
         let controller = cluster.daemon("slurmctld", &[]);
         cluster.daemons.push(controller);
         cluster.nodes = NODES.map(|node| cluster.node(node)).into();
@@ -48,18 +48,14 @@ impl Cluster {
         cluster
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
     fn configure(&self) {
         let name = |option: &str| {
             let output = Command::new("id").arg(option).output().unwrap();
             String::from_utf8(output.stdout).unwrap().trim().to_owned()
         };
         let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap();
-        let (user, host, folder) =
-            (name("-un"), host.trim().to_owned(), self.folder.path().display());
+        let (user, host, folder) = (name("-un"), host.trim(), self.place.path(""));
+        let folder = folder.display();
         let [controller, ports @ ..] = self.ports;
         let mut text = format!(
             "ClusterName=fathom\nSlurmctldHost={host}(127.0.0.1)\nSlurmctldPort={controller}\nSlurmUser={user}\nSlurmdUser={user}\n\
@@ -76,10 +72,10 @@ impl Cluster {
         }
         text += "PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP PriorityTier=1\n\
                  PartitionName=urgent Nodes=ALL MaxTime=INFINITE State=UP PriorityTier=9 PreemptMode=OFF\n";
-        fs::create_dir_all(self.path("state")).unwrap();
-        fs::write(self.path("slurm.conf"), text).unwrap();
-        fs::write(self.path("munge.key"), [42; 1024]).unwrap();
-        fs::set_permissions(self.path("munge.key"), fs::Permissions::from_mode(0o400)).unwrap();
+        fs::create_dir_all(self.place.path("state")).unwrap();
+        self.place.write("slurm.conf", text);
+        let key = self.place.write("munge.key", [42; 1024]);
+        fs::set_permissions(key, fs::Permissions::from_mode(0o400)).unwrap();
     }
 
     fn munged(&self) -> Child {
@@ -92,7 +88,7 @@ impl Cluster {
             ("--log-file", "munge.log"),
             ("--seed-file", "munge.seed"),
         ] {
-            munged.arg(format!("{option}={}", self.path(name).display()));
+            munged.arg(format!("{option}={}", self.place.path(name).display()));
         }
         self.spawn(munged, "munged")
     }
@@ -108,14 +104,14 @@ impl Cluster {
     }
 
     fn spawn(&self, mut command: Command, log: &str) -> Child {
-        let log = File::create(self.path(&format!("{log}.log"))).unwrap();
+        let log = File::create(self.place.path(format!("{log}.log"))).unwrap();
         command.stdin(Stdio::null()).stdout(log.try_clone().unwrap()).stderr(log).spawn().unwrap()
     }
 
     /// A command that finds this Slurm.
     pub fn command(&self, program: &str) -> Command {
         let mut command = Command::new(program);
-        command.env("SLURM_CONF", self.path("slurm.conf")).env("PATH", PATH);
+        command.env("SLURM_CONF", self.place.path("slurm.conf")).env("PATH", PATH);
         command
     }
 
@@ -128,10 +124,9 @@ impl Cluster {
 impl Drop for Cluster {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            for log in ["slurmctld.log", "slurmd-Nn1.log", "slurmd-Nn2.log", "munged.log"] {
-                let text = fs::read_to_string(self.path(log)).unwrap_or_default();
-                eprintln!("{log}:\n{text}");
-            }
+            let logs =
+                names(&self.place.path("")).into_iter().filter(|name| name.ends_with(".log"));
+            logs.for_each(|log| eprintln!("{log}:\n{}", self.place.read(&log)));
         }
         self.told("scancel", &["--quiet", "--state=PENDING", "--me"]);
         self.told("scancel", &["--quiet", "--me"]);

@@ -1,56 +1,37 @@
 //! Runs and repositories that were never measured.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 use fathom::record::{
-    Adapter, Cell, Clock, ErrorFigure, Estimate, FrameRecord, Measured, Outcome, Record, Run,
-    SCHEMA, StageRecord, Work,
+    Adapter, Clock, ErrorFigure, FrameRecord, Measured, Outcome, Record, Run, SCHEMA,
 };
 use fathom::statistics::estimate;
-use serde_json::{Map, json};
+use serde_json::json;
+
+use crate::common::{own_cell, stage};
 
 pub const CELLS: usize = 3;
 /// Frame, a stage and an error.
 pub const FIGURES_OF_A_CELL: usize = 3;
 
 /// Samples about a time, nanoseconds.
-fn samples(ns: f64) -> (Vec<f64>, Estimate) {
-    let samples: Vec<f64> = (0..7).map(|i| ns * (1.0 + 1e-3 * f64::from(i))).collect();
-    let estimate = estimate(&samples);
-    (samples, estimate)
+fn samples(ns: f64) -> Vec<f64> {
+    (0..7).map(|i| ns * (1.0 + 1e-3 * f64::from(i))).collect()
 }
 
 fn cell(number: usize, ns: f64) -> Record {
-    let (samples_ns, time) = samples(ns);
-    let (untimed_samples_ns, untimed) = samples(2.0 * ns);
-    let stage = StageRecord {
-        stage: "caustics/trace".into(),
-        clock: Clock::ProcessCpu,
-        samples_ns,
-        time,
-        fenced: None,
-        work: Work::default(),
-        least_work: None,
-        counters: fathom::record::Named::default(),
-        ceiling: None,
-    };
+    let untimed_samples_ns = samples(2.0 * ns);
+    let untimed = estimate(&untimed_samples_ns);
     let measured = Measured {
-        stages: vec![stage],
+        stages: vec![stage("caustics/trace", Clock::ProcessCpu, samples(ns))],
         frame: FrameRecord { untimed_samples_ns, untimed, ..FrameRecord::default() },
         errors: vec![ErrorFigure::new("photon_error_p99_m", 0.25, "m", "caustics/trace")],
         ..Measured::default()
     };
-    Record::Cell(Box::new(Cell {
-        experiment: "own".to_owned(),
-        cell: format!("n={number}"),
-        axes: Map::new(),
-        pipeline: "underwater".to_owned(),
-        scene: "tank".to_owned(),
-        stand_ins: Vec::new(),
-        params: json!({ "n": number }).into(),
-        outcome: Outcome::Measured(Box::new(measured)),
-    }))
+    let mut cell = own_cell(&format!("n={number}"), Outcome::Measured(Box::new(measured)));
+    cell.params = json!({ "n": number }).into();
+    Record::Cell(Box::new(cell))
 }
 
 /// Of a run that starts at a second on a machine.
@@ -81,14 +62,6 @@ pub fn records(second: usize, cells: usize, ns: f64) -> Vec<u8> {
     lines(std::iter::once(header(second, None)).chain(cells))
 }
 
-/// A folder with these records.
-pub fn folder(parent: &Path, name: &str, records: &[u8]) -> PathBuf {
-    let folder = parent.join(name);
-    std::fs::create_dir_all(&folder).unwrap();
-    std::fs::write(folder.join("records.jsonl"), records).unwrap();
-    folder
-}
-
 /// A repository of empty commits, one a day.
 pub struct Repository {
     pub folder: PathBuf,
@@ -96,9 +69,9 @@ pub struct Repository {
 }
 
 impl Repository {
-    pub fn new(folder: &Path, days: usize) -> Repository {
-        std::fs::create_dir_all(folder).unwrap();
-        let repository = Repository { folder: folder.to_owned(), commits: Vec::new() };
+    pub fn new(folder: PathBuf, days: usize) -> Repository {
+        std::fs::create_dir_all(&folder).unwrap();
+        let repository = Repository { folder, commits: Vec::new() };
         repository.git(&["init", "--quiet", "--initial-branch", "main"], "");
         let commits = (0..days).map(|day| {
             let date = format!("2026-{:02}-{:02}T12:00:00Z", 1 + day / 28, 1 + day % 28);

@@ -13,151 +13,134 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::common::hostile::HOSTILE;
-use crate::common::{fathom, refused, stderr};
+use crate::common::{Ends, Place, fathom, holds, names};
 use fathom::record::Record;
-use made::{CELLS, FIGURES_OF_A_CELL, Repository};
+use made::{CELLS, FIGURES_OF_A_CELL, Repository, records};
 use nix::sys::signal::Signal;
 use serde_json::Value;
 
-/// `fathom history` in a folder, without the variables of a job.
-fn history(folder: &Path, place: &str, arguments: &[&str]) -> Command {
-    let mut command = fathom();
-    for name in
-        ["GITHUB_SHA", "GITHUB_REF_NAME", "CI_COMMIT_SHA", "CI_COMMIT_REF_NAME", "FATHOM_HISTORY"]
-    {
+/// What a job of continuous integration says to `fathom history`.
+const OF_A_JOB: [&str; 5] =
+    ["GITHUB_SHA", "GITHUB_REF_NAME", "CI_COMMIT_SHA", "CI_COMMIT_REF_NAME", "FATHOM_HISTORY"];
+
+/// `fathom history` with these words in a folder, over a database, without the variables of a job.
+fn history(folder: &Path, db: &str, words: impl AsRef<str>) -> Command {
+    let mut command = fathom(format!("history {} --db", words.as_ref()));
+    command.arg(db).current_dir(folder);
+    for name in OF_A_JOB {
         command.env_remove(name);
     }
-    command.current_dir(folder).arg("history").args(arguments).args(["--db", place]);
     command
 }
 
-#[track_caller]
-fn done(mut command: Command) -> String {
-    let output = command.output().unwrap();
-    stderr(&output, 0);
-    String::from_utf8(output.stdout).unwrap()
+fn add(folder: &str, commit: &str) -> String {
+    format!("add {folder} --commit {commit} --branch main --machine m")
 }
 
-fn add<'a>(folder: &'a str, commit: &'a str) -> [&'a str; 8] {
-    ["add", folder, "--commit", commit, "--branch", "main", "--machine", "m"]
+/// Writes a folder's records.
+fn put(folder: &Path, records: &[u8]) {
+    std::fs::create_dir_all(folder).unwrap();
+    std::fs::write(folder.join("records.jsonl"), records).unwrap();
 }
 
 /// Names of the stored runs, in their order.
-fn runs(folder: &Path, place: &str) -> Vec<String> {
-    let listed = done(history(folder, place, &["list"]));
+fn runs(folder: &Path, db: &str) -> Vec<String> {
+    let listed = history(folder, db, "list").answer();
     listed.lines().skip(1).map(|line| line.split(' ').next().unwrap().to_owned()).collect()
 }
 
-fn got(folder: &Path, place: &str, run: &str) -> Vec<u8> {
-    let out = tempfile::tempdir().unwrap();
-    done(history(folder, place, &["get", run, "--out", out.path().to_str().unwrap()]));
-    std::fs::read(out.path().join("records.jsonl")).unwrap()
+fn got(folder: &Path, db: &str, run: &str) -> Vec<u8> {
+    let out = Place::new();
+    history(folder, db, format!("get {run} --out {}", out.path("").display())).ends(0);
+    std::fs::read(out.path("records.jsonl")).unwrap()
+}
+
+/// What changed, as JSON.
+fn changes(folder: &Path, db: &str) -> Value {
+    history(folder, db, "changes --json").ends(0).json()
 }
 
 /// What both databases do alike.
-fn keeps_runs_whole(folder: &Path, place: &str) {
-    let repository = Repository::new(&folder.join("repository"), 2);
+fn keeps_runs_whole(place: &Place, db: &str) {
+    let repository = Repository::new(place.path("repository"), 2);
     let here = &repository.folder;
-    let records = [made::records(1, CELLS, 5e6), made::records(2, CELLS, 5e6)];
-    made::folder(folder, "first", &records[0]);
-    made::folder(folder, "second", &records[1]);
+    let history = |words: &str| history(here, db, words);
+    let records = [records(1, CELLS, 5e6), records(2, CELLS, 5e6)];
+    put(&place.path("first"), &records[0]);
+    put(&place.path("second"), &records[1]);
     // The later commit first: the order is that of the commits.
-    let told = done(history(here, place, &["add", "../second", "--machine", "m"]));
-    assert!(
-        told.contains(&format!("{CELLS} cells with {} figures stored", CELLS * FIGURES_OF_A_CELL)),
-        "{told}"
-    );
-    assert!(told.contains(&repository.commits[1]) && told.contains("on main"), "{told}");
-    done(history(here, place, &["add", "../first", "--commit", "HEAD~1"]));
-    let stored = runs(here, place);
+    let told = history("add ../second --machine m").answer();
+    let figures = CELLS * FIGURES_OF_A_CELL;
+    let stored = format!("{CELLS} cells with {figures} figures stored");
+    holds(&told, &[&stored, &repository.commits[1], "on main"]);
+    history("add ../first --commit HEAD~1").ends(0);
+    let stored = runs(here, db);
     assert_eq!(stored.len(), 2);
     for (run, records) in stored.iter().zip(&records) {
-        assert_eq!(&got(here, place, run), records);
+        assert_eq!(&got(here, db, run), records);
     }
     // Again, and as another commit's.
-    let told = done(history(here, place, &["add", "../second"]));
-    assert!(told.contains("stored already, nothing changed"), "{told}");
-    let other = history(here, place, &["add", "../first"]).output().unwrap();
-    let told = refused(&other, "is stored already, as one of commit");
-    assert!(told.contains(&repository.commits[0]), "{told}");
-    assert_eq!(runs(here, place), stored);
-    let unknown = history(here, place, &["get", "ffffffff", "--out", "x"]).output().unwrap();
-    refused(&unknown, "no run `ffffffff`");
+    holds(&history("add ../second").answer(), &["stored already, nothing changed"]);
+    let told = history("add ../first").refused("is stored already, as one of commit");
+    holds(&told, &[&repository.commits[0]]);
+    assert_eq!(runs(here, db), stored);
+    history("get ffffffff --out x").refused("no run `ffffffff`");
 }
 
 /// A shard that another machine measured than the night before begins new series.
-fn tells_machines_apart(folder: &Path, place: &str) {
-    let repository = Repository::new(&folder.join("machines"), 3);
+fn tells_machines_apart(place: &Place, db: &str) {
+    let repository = Repository::new(place.path("machines"), 3);
     let here = &repository.folder;
-    let nights = [&["n1", "n2"], &["n1", "n2"], &["n2", "n1"]];
-    let series = || {
-        let told = done(history(here, place, &["changes", "--json"]));
-        serde_json::from_str::<Value>(&told).unwrap()["too_short"].as_u64().unwrap() as usize
-    };
+    let run = here.join("run");
+    let nights = [["n1", "n2"], ["n1", "n2"], ["n2", "n1"]];
+    let series = || changes(here, db)["too_short"].as_u64().unwrap() as usize / FIGURES_OF_A_CELL;
     let mut counted = Vec::new();
     for (night, (hosts, commit)) in nights.iter().zip(&repository.commits).enumerate() {
-        made::folder(here, "run", &made::merged(night, *hosts));
-        done(history(here, place, &["add", "run", "--commit", commit]));
-        counted.push(series() / FIGURES_OF_A_CELL);
+        put(&run, &made::merged(night, hosts));
+        history(here, db, format!("add run --commit {commit}")).ends(0);
+        counted.push(series());
     }
     assert_eq!(counted, [2, 2, 4]);
-    let listed = done(history(here, place, &["list"]));
-    assert!(listed.contains(" n1, n2 ") && listed.contains(" n2, n1 "), "{listed}");
+    holds(&history(here, db, "list").answer(), &[" n1, n2 ", " n2, n1 "]);
     // What was said goes before what the records name.
-    made::folder(here, "run", &made::merged(nights.len(), &["n3", "n4"]));
-    done(history(here, place, &["add", "run", "--machine", "farm"]));
-    assert_eq!(series(), 6 * FIGURES_OF_A_CELL);
-    assert!(done(history(here, place, &["list"])).contains(" farm "));
+    put(&run, &made::merged(nights.len(), &["n3", "n4"]));
+    history(here, db, "add run --machine farm").ends(0);
+    assert_eq!(series(), 6);
+    holds(&history(here, db, "list").answer(), &[" farm "]);
 }
 
 /// Forty days, cell 0 slower by 10 % from day 25 on.
-fn names_the_commits_of_a_change(folder: &Path, place: &str) {
-    let repository = Repository::new(&folder.join("days"), 40);
-    let here = &repository.folder;
-    for (day, commit) in repository.commits.iter().enumerate() {
+fn names_the_commits_of_a_change(place: &Place, db: &str) {
+    let Repository { folder: here, commits } = &Repository::new(place.path("days"), 40);
+    for (day, commit) in commits.iter().enumerate() {
         let ns = if day >= 25 { 5.5e6 } else { 5e6 };
-        made::folder(here, "run", &made::records(day, CELLS, ns));
-        done(history(here, place, &add("run", commit)));
+        put(&here.join("run"), &records(day, CELLS, ns));
+        history(here, db, add("run", commit)).ends(0);
     }
-    let told: Value =
-        serde_json::from_str(&done(history(here, place, &["changes", "--json"]))).unwrap();
+    let told = changes(here, db);
     let changes = told["changes"].as_array().unwrap();
     assert_eq!(changes.len(), 2, "{told:#}");
     for change in changes {
         assert_eq!(change["cell"], "own n=0");
-        assert_eq!(change["before"]["commit"], repository.commits[24]);
-        assert_eq!(change["after"]["commit"], repository.commits[25]);
+        assert_eq!(change["before"]["commit"], commits[24]);
+        assert_eq!(change["after"]["commit"], commits[25]);
         assert_eq!((&change["runs_before"], &change["runs_after"]), (&25.into(), &15.into()));
         let [low, high] = ["low", "high"].map(|end| change["change"][end].as_f64().unwrap());
         assert!(low < 0.1 && 0.1 < high && high - low < 0.02, "{change}");
         assert_eq!(change["sure"], true);
     }
-    let text = done(history(here, place, &["changes", "caustics/trace"]));
-    assert!(
-        text.contains(&format!(
-            "{} → {}",
-            &repository.commits[24][..10],
-            &repository.commits[25][..10]
-        )),
-        "{text}"
-    );
-    let shown =
-        done(history(here, place, &["show", "n=0 caustics", "--since", &repository.commits[20]]));
-    assert!(shown.contains("20 runs") && shown.contains("n = 7"), "{shown}");
-    done(history(here, place, &["show", "--out", "page"]));
+    let [before, after] = [24, 25].map(|day| &commits[day][..10]);
+    let text = history(here, db, "changes caustics/trace").answer();
+    holds(&text, &[&format!("{before} → {after}")]);
+    let mut show = history(here, db, format!("show --since {}", commits[20]));
+    holds(&show.arg("n=0 caustics").answer(), &["20 runs", "n = 7"]);
+    history(here, db, "show --out page").ends(0);
     let page = std::fs::read_to_string(here.join("page/index.html")).unwrap();
-    for part in [
-        "id=\"history\"",
-        "own n=0 caustics/trace",
-        &repository.commits[25][..10],
-        "class=\"change bad\"",
-    ] {
-        assert!(page.contains(part), "{part}");
-    }
-    done(history(here, place, &["export", "--otava", "otava"]));
+    let parts = ["id=\"history\"", "own n=0 caustics/trace", after, "class=\"change bad\""];
+    holds(&page, &parts);
+    history(here, db, "export --otava otava").ends(0);
     otava_reads(&here.join("otava"), 40);
-    let nothing = history(here, place, &["show", "nowhere"]).output().unwrap();
-    refused(&nothing, "nothing in this history fits `nowhere`");
+    history(here, db, "show nowhere").refused("nothing in this history fits `nowhere`");
 }
 
 /// The configuration names files that are there, and each has the columns that it says.
@@ -175,81 +158,76 @@ fn otava_reads(folder: &Path, runs: usize) {
 }
 
 /// Names that mean something to SQL, terminals and file systems, and NUL.
-fn takes_hostile_names_as_text(folder: &Path, place: &str) {
-    let repository = Repository::new(&folder.join("hostile"), 1);
+fn takes_hostile_names_as_text(place: &Place, db: &str) {
+    let repository = Repository::new(place.path("hostile"), 1);
     let here = &repository.folder;
-    let path = made::folder(here, "run", crate::common::hostile::records().as_bytes())
-        .join("records.jsonl");
-    let mut records = fathom::record::read_good(&path).unwrap().records;
+    let run = here.join("run");
+    put(&run, crate::common::hostile::records().as_bytes());
+    let mut records = fathom::record::read_good(&run.join("records.jsonl")).unwrap().records;
     let text = |records: &[Record]| -> String {
         records.iter().map(|record| serde_json::to_string(record).unwrap() + "\n").collect()
     };
     assert!(text(&records).contains("\\u0000"));
-    std::fs::write(&path, text(&records)).unwrap();
+    put(&run, text(&records).as_bytes());
     let sql = "x'); DROP TABLE fathom_run; --\" ../../up \u{1b}[31m";
-    done(history(here, place, &["add", "run", "--branch", sql, "--machine", sql]));
+    history(here, db, "add run").args(["--branch", sql, "--machine", sql]).ends(0);
     // Commits that git does not know are placed by the start of the run.
     for (second, commit) in [sql, "--output=../x"].into_iter().enumerate() {
-        let Record::Run(run) = &mut records[0] else { panic!("{:?}", records[0]) };
-        run.started_at = format!("2026-02-03T04:05:0{second}Z");
+        let Record::Run(header) = &mut records[0] else { panic!("{:?}", records[0]) };
+        header.started_at = format!("2026-02-03T04:05:0{second}Z");
         let again = text(&records);
-        std::fs::write(&path, &again).unwrap();
-        let commit = format!("--commit={commit}");
-        done(history(here, place, &["add", "run", &commit, "--branch", "b", "--machine", "m"]));
-        let stored = runs(here, place);
-        assert!(stored.iter().any(|run| got(here, place, run) == again.as_bytes()));
+        put(&run, again.as_bytes());
+        let mut add = history(here, db, "add run --branch b --machine m");
+        add.arg(format!("--commit={commit}")).ends(0);
+        let stored = runs(here, db);
+        assert!(stored.iter().any(|run| got(here, db, run) == again.as_bytes()));
     }
-    assert_eq!(runs(here, place).len(), 3);
-    let shown = done(history(here, place, &["show"]));
+    assert_eq!(runs(here, db).len(), 3);
+    let shown = history(here, db, "show").answer();
     let hidden = shown.chars().find(|c| c.is_control() && *c != '\n');
     assert_eq!(hidden, None);
-    let by_branch = history(here, place, &["show", "--branch", "b' OR '1'='1"]).output().unwrap();
-    refused(&by_branch, "nothing in this history fits");
-    done(history(here, place, &["show", "--out", "page"]));
+    let mut by_branch = history(here, db, "show");
+    by_branch.args(["--branch", "b' OR '1'='1"]).refused("nothing in this history fits");
+    history(here, db, "show --out page").ends(0);
     let page = std::fs::read_to_string(here.join("page/index.html")).unwrap();
     assert_eq!(page.matches("<script").count(), 2);
     assert!(HOSTILE.iter().all(|name| !name.starts_with("<script") || !page.contains(name)));
-    done(history(here, place, &["export", "--otava", "otava"]));
-    let mut names: Vec<String> = std::fs::read_dir(here)
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
+    history(here, db, "export --otava otava").ends(0);
+    let mut names = names(here);
     names.retain(|name| !name.starts_with("history.sqlite"));
-    names.sort();
     assert_eq!(names, [".git", "otava", "page", "run"]);
 }
 
 /// Kills `history add` after each of some shares of what it writes. A run whose end was not written is not stored, what was stored
 /// stays, and what is there is whole.
-fn survives_kills(folder: &Path, place: &str, target: &mut dyn Target) {
+fn survives_kills(folder: &Path, db: &str, target: &mut dyn Target) {
     const MOMENTS: usize = 30;
     const MANY: usize = 150;
     const FIGURES: i64 = (MANY * FIGURES_OF_A_CELL) as i64;
     let commit = "c".repeat(40);
-    let adding = |place: &str, records: &[u8]| {
-        let run = made::folder(folder, "run", records);
-        history(folder, place, &add(run.to_str().unwrap(), &commit))
+    let adding = |db: &str, records: &[u8]| {
+        put(&folder.join("run"), records);
+        history(folder, db, add("run", &commit))
     };
     // The first makes the tables.
     for second in [3_000, 3_001] {
-        target.add_whole(adding(&target.place(), &made::records(second, MANY, 5e6)));
+        target.add_whole(adding(&target.place(), &records(second, MANY, 5e6)));
     }
-    let stored = runs(folder, place);
+    let stored = runs(folder, db);
     assert_eq!(stored.len(), 2);
-    let sources: Vec<Vec<u8>> =
-        (0..MOMENTS).map(|second| made::records(second, MANY, 5e6)).collect();
+    let sources: Vec<Vec<u8>> = (0..MOMENTS).map(|second| records(second, MANY, 5e6)).collect();
     for (moment, source) in sources.iter().enumerate() {
         let share = (moment as f64 + 0.5) / MOMENTS as f64;
         target.add_and_kill(adding(&target.place(), source), share);
-        assert_eq!(runs(folder, place), stored, "moment {moment}");
+        assert_eq!(runs(folder, db), stored, "moment {moment}");
         assert_eq!(target.figures(), [(FIGURES, FIGURES); 2], "moment {moment}");
     }
     for source in &sources {
-        done(adding(place, source));
+        adding(db, source).ends(0);
     }
     assert_eq!(target.figures(), [(FIGURES, FIGURES); MOMENTS + 2]);
-    let stored = runs(folder, place);
-    assert!(sources.contains(&got(folder, place, &stored[MOMENTS / 2])));
+    let stored = runs(folder, db);
+    assert!(sources.contains(&got(folder, db, &stored[MOMENTS / 2])));
 }
 
 /// A database, and how a program is killed that writes to it.
@@ -269,13 +247,16 @@ const FIGURES: &str =
 
 #[test]
 fn a_file_of_sqlite_is_a_history() {
-    let folder = tempfile::tempdir().unwrap();
-    let place =
-        |name: &str| folder.path().join(name).join("history.sqlite").to_str().unwrap().to_owned();
-    keeps_runs_whole(folder.path(), &place("whole"));
-    tells_machines_apart(folder.path(), &place("machines"));
-    names_the_commits_of_a_change(folder.path(), &place("change"));
-    takes_hostile_names_as_text(folder.path(), &place("names"));
+    let place = Place::new();
+    let all: [fn(&Place, &str); 4] = [
+        keeps_runs_whole,
+        tells_machines_apart,
+        names_the_commits_of_a_change,
+        takes_hostile_names_as_text,
+    ];
+    for (number, test) in all.into_iter().enumerate() {
+        test(&place, place.path(format!("{number}/history.sqlite")).to_str().unwrap());
+    }
 }
 
 /// A file, its size and by how much a run makes it grow, bytes.
@@ -290,8 +271,8 @@ impl Target for SqliteFile {
         self.path.to_str().unwrap().to_owned()
     }
 
-    fn add_whole(&mut self, command: Command) {
-        done(command);
+    fn add_whole(&mut self, mut command: Command) {
+        command.ends(0);
         let bytes = std::fs::metadata(&self.path).unwrap().len();
         (self.growth, self.bytes) = (bytes - self.bytes, bytes);
     }
@@ -313,16 +294,15 @@ impl Target for SqliteFile {
 
 #[test]
 fn a_killed_add_leaves_no_half_run_in_sqlite() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("history.sqlite");
-    let mut file = SqliteFile { path, bytes: 0, growth: 0 };
-    survives_kills(folder.path(), &file.place(), &mut file);
+    let place = Place::new();
+    let mut file = SqliteFile { path: place.path("history.sqlite"), bytes: 0, growth: 0 };
+    survives_kills(&place.path(""), &file.place(), &mut file);
 }
 
 #[test]
 fn what_may_hold_a_password_is_neither_shown_nor_a_file() {
-    let folder = tempfile::tempdir().unwrap();
-    for (place, reason) in [
+    let place = Place::new();
+    for (db, reason) in [
         ("Postgres://user:secret@h/d", "not understood"),
         (" postgres://user:secret@h/d", "not understood"),
         ("jdbc:postgresql://h/d?password=secret", "not understood"),
@@ -333,34 +313,38 @@ fn what_may_hold_a_password_is_neither_shown_nor_a_file() {
             "build it with `cargo build --release --locked --features postgres`",
         ),
     ] {
-        refused_and_not_shown(folder.path(), place, reason);
+        refused_and_not_shown(&place, db, reason);
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    assert_eq!(names(&place.path("")), [""; 0]);
 }
 
-/// The place is refused as an option and as a variable, and its password is not in the message.
+/// The database is refused as an option and as a variable, and its password is not in the message.
 #[track_caller]
-fn refused_and_not_shown(folder: &Path, place: &str, reason: &str) {
-    let as_option = history(folder, place, &["list"]).output().unwrap();
-    let mut by_variable = fathom();
-    by_variable.current_dir(folder).args(["history", "list"]);
-    let by_variable = by_variable.env("FATHOM_HISTORY", place).output().unwrap();
-    for output in [as_option, by_variable] {
-        refused(&output, reason);
-        let told = [output.stdout, output.stderr].concat();
-        assert!(!String::from_utf8_lossy(&told).contains("secret"), "{place}");
+fn refused_and_not_shown(place: &Place, db: &str, reason: &str) {
+    let as_option = history(&place.path(""), db, "list");
+    let mut by_variable = place.fathom("history list");
+    by_variable.env("FATHOM_HISTORY", db);
+    for mut command in [as_option, by_variable] {
+        let told = command.ends(2);
+        told.error(reason);
+        assert!(!told.err.contains("secret") && !told.out.contains("secret"), "{db}");
     }
+}
+
+/// Where the tests below keep a history, and a run of few cells.
+fn sqlite() -> (Place, impl Fn(&str) -> Command) {
+    let place = Place::new();
+    put(&place.path("run"), &records(1, CELLS, 5e6));
+    let folder = place.path("");
+    (place, move |words| history(&folder, "history.sqlite", words))
 }
 
 /// Views in the place of tables: one gives rows without end, one looks for them without end.
 #[test]
 fn views_without_end_end_in_an_error() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("history.sqlite");
-    let place = path.to_str().unwrap();
-    let run = made::folder(folder.path(), "run", &made::records(1, CELLS, 5e6));
-    done(history(folder.path(), place, &add(run.to_str().unwrap(), "c")));
-    let connection = rusqlite::Connection::open(&path).unwrap();
+    let (place, history) = sqlite();
+    history(&add("run", "c")).ends(0);
+    let connection = rusqlite::Connection::open(place.path("history.sqlite")).unwrap();
     connection.execute_batch("DROP TABLE fathom_figure").unwrap();
     for condition in ["1", "x < 0"] {
         let view = format!(
@@ -369,91 +353,70 @@ fn views_without_end_end_in_an_error() {
              SELECT x AS series, 1 AS run, 1.0 AS median, NULL AS low, NULL AS high, 1 AS n FROM c WHERE {condition}"
         );
         connection.execute_batch(&view).unwrap();
-        let output = history(folder.path(), place, &["show"]).output().unwrap();
-        refused(&output, "no history holds so much");
+        history("show").refused("no history holds so much");
     }
 }
 
 #[test]
 fn damaged_runs_are_named_and_not_stored() {
-    let folder = tempfile::tempdir().unwrap();
-    let place = folder.path().join("history.sqlite").to_str().unwrap().to_owned();
-    let good = made::records(1, CELLS, 5e6);
-    let text = String::from_utf8(good.clone()).unwrap();
-    let lines: Vec<&str> = text.lines().collect();
-    let cases: [(&str, Vec<u8>, &str); 5] = [
-        ("torn", good[..good.len() - 40].to_vec(), "torn off while it was written"),
-        ("nothing", b"not json\n".to_vec(), "holds no sound record"),
-        ("empty", Vec::new(), "holds no sound record"),
-        ("headless", lines[1..].join("\n").into_bytes(), "does not begin with a run's header"),
-        ("between", [lines[0], "{\"record\":", lines[1], ""].join("\n").into_bytes(), "line 2"),
-    ];
-    made::folder(folder.path(), "good", &good);
-    for (name, records, reason) in cases {
-        let run = made::folder(folder.path(), name, &records);
-        let both = ["add", "good", run.to_str().unwrap(), "--commit", "c", "--branch", "b"];
-        let told = refused(&history(folder.path(), &place, &both).output().unwrap(), reason);
-        assert!(told.contains(name), "{told}");
+    let (place, history) = sqlite();
+    let good = place.read("run/records.jsonl");
+    let lines: Vec<&str> = good.lines().collect();
+    for (name, records, reason) in [
+        ("torn", good[..good.len() - 40].to_owned(), "torn off while it was written"),
+        ("nothing", "not json\n".to_owned(), "holds no sound record"),
+        ("empty", String::new(), "holds no sound record"),
+        ("headless", lines[1..].join("\n"), "does not begin with a run's header"),
+        ("between", [lines[0], "{\"record\":", lines[1], ""].join("\n"), "line 2"),
+    ] {
+        put(&place.path(name), records.as_bytes());
+        let both = format!("add run {name} --commit c --branch b");
+        holds(&history(&both).refused(reason), &[name]);
     }
-    let missing = history(folder.path(), &place, &add("nowhere", "c")).output().unwrap();
-    refused(&missing, "nowhere holds no run");
+    history(&add("nowhere", "c")).refused("nowhere holds no run");
     // The good one beside them was not stored either.
-    refused(&history(folder.path(), &place, &["list"]).output().unwrap(), "there is no history in");
-    let nobody =
-        history(folder.path(), &place, &["add", "good"]).env("GIT_DIR", "/nowhere").output();
-    refused(&nobody.unwrap(), "of which commit is this run?");
+    history("list").refused("there is no history in");
+    history("add run").env("GIT_DIR", "/nowhere").refused("of which commit is this run?");
 }
 
 #[test]
 fn packed_records_are_the_same_run() {
-    let folder = tempfile::tempdir().unwrap();
-    let place = folder.path().join("history.sqlite").to_str().unwrap().to_owned();
-    let records = made::records(1, CELLS, 5e6);
-    made::folder(folder.path(), "plain", &records);
-    let packed = made::folder(folder.path(), "packed", &records).join("records.jsonl");
-    assert!(Command::new("gzip").arg(&packed).status().unwrap().success());
-    done(history(folder.path(), &place, &add("packed", "c")));
-    let told = done(history(folder.path(), &place, &add("plain", "c")));
-    assert!(told.contains("stored already"), "{told}");
-    let run = &runs(folder.path(), &place)[0];
-    assert_eq!(got(folder.path(), &place, run), records);
+    let (place, history) = sqlite();
+    let records = place.read("run/records.jsonl");
+    let packed = place.write("packed/records.jsonl", &records);
+    assert!(Command::new("gzip").arg(packed).status().unwrap().success());
+    history(&add("packed", "c")).ends(0);
+    holds(&history(&add("run", "c")).answer(), &["stored already"]);
+    let (folder, db) = (&place.path(""), "history.sqlite");
+    assert_eq!(got(folder, db, &runs(folder, db)[0]), records.as_bytes());
 }
 
 #[test]
 fn other_databases_are_left_as_they_are() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = made::folder(folder.path(), "run", &made::records(1, CELLS, 5e6));
-    let [other, newer, text] =
-        ["other.sqlite", "newer.sqlite", "text"].map(|name| folder.path().join(name));
-    rusqlite::Connection::open(&other)
-        .unwrap()
-        .execute_batch("CREATE TABLE notes (t TEXT)")
-        .unwrap();
-    std::fs::write(&text, "no database at all").unwrap();
-    let connection = rusqlite::Connection::open(&newer).unwrap();
-    connection
-        .execute_batch(
-            "CREATE TABLE fathom_history (format BIGINT); INSERT INTO fathom_history VALUES (2)",
-        )
-        .unwrap();
-    drop(connection);
-    let damaged = folder.path().join("damaged.sqlite");
-    let mut bytes = std::fs::read(&other).unwrap();
+    let (place, _) = sqlite();
+    let tables = |name: &str, statements: &str| {
+        let connection = rusqlite::Connection::open(place.path(name)).unwrap();
+        connection.execute_batch(statements).unwrap();
+    };
+    tables("other.sqlite", "CREATE TABLE notes (t TEXT)");
+    let newer =
+        "CREATE TABLE fathom_history (format BIGINT); INSERT INTO fathom_history VALUES (2)";
+    tables("newer.sqlite", newer);
+    place.write("text", "no database at all");
+    let mut bytes = std::fs::read(place.path("other.sqlite")).unwrap();
     bytes[16..].fill(0xff);
-    std::fs::write(&damaged, bytes).unwrap();
-    for (path, reason) in [
-        (&other, "is the database of another program"),
-        (&newer, "has history format 2, but this build reads format 1"),
-        (&text, "is no database of SQLite"),
-        (&damaged, "damaged.sqlite: "),
-        (&folder.path().to_owned(), "is no database of SQLite"),
+    place.write("damaged.sqlite", bytes);
+    for (db, reason) in [
+        ("other.sqlite", "is the database of another program"),
+        ("newer.sqlite", "has history format 2, but this build reads format 1"),
+        ("text", "is no database of SQLite"),
+        ("damaged.sqlite", "damaged.sqlite: "),
+        (".", "is no database of SQLite"),
     ] {
-        let before = std::fs::read(path).ok();
-        for arguments in [&["changes"][..], &add(run.to_str().unwrap(), "c")] {
-            let output =
-                history(folder.path(), path.to_str().unwrap(), arguments).output().unwrap();
-            refused(&output, reason);
+        let before = std::fs::read(place.path(db)).ok();
+        for words in ["changes", &add("run", "c")] {
+            history(&place.path(""), db, words).refused(reason);
         }
-        assert_eq!(std::fs::read(path).ok(), before);
+        assert_eq!(std::fs::read(place.path(db)).ok(), before);
     }
 }

@@ -2,36 +2,34 @@
 //! names. Without Chromium these tests say that they were skipped.
 
 mod browser;
-use std::path::{Path, PathBuf};
 
-use crate::common::fathom;
-use crate::common::hostile;
+use std::fs;
+use std::path::PathBuf;
+
+use crate::common::{Ends, Place, hostile, reference};
 use browser::{Browser, Display, NARROW, WIDE, axe};
-use serde_json::Value;
-use tempfile::TempDir;
+use serde_json::{Value, json};
 
 /// Cells of the large page.
 const MANY: usize = 2_000;
 
 /// A folder with these records and the page that is made from them.
-fn page_of(records: &str) -> (TempDir, PathBuf) {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("records.jsonl"), records).unwrap();
-    let made = fathom().arg("report").arg(folder.path()).output().unwrap();
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-    let page = folder.path().join("index.html");
-    (folder, page)
+fn page_of(records: &str) -> (Place, PathBuf) {
+    let place = Place::new();
+    place.write("records.jsonl", records);
+    place.fathom("report .").ends(0);
+    let page = place.path("index.html");
+    (place, page)
 }
 
 /// Records of a whole run on a software driver, as committed.
-fn reference() -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe/records.jsonl");
-    std::fs::read_to_string(path).unwrap()
+fn committed() -> String {
+    fs::read_to_string(reference()).unwrap()
 }
 
 /// The reference run's cells over and over under new names, up to [`MANY`].
 fn many() -> String {
-    let records = reference();
+    let records = committed();
     let lines: Vec<Value> =
         records.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let (cells, others): (Vec<Value>, Vec<Value>) =
@@ -58,7 +56,7 @@ fn in_browser(test: impl FnOnce(&Browser)) {
 
 #[test]
 fn the_reference_page_opens_without_errors_at_every_width_and_mode() {
-    let (_folder, page) = page_of(&reference());
+    let (_folder, page) = page_of(&committed());
     in_browser(|browser| {
         for display in [
             WIDE,
@@ -93,12 +91,12 @@ fn fits(browser: &Browser, display: Display) {
              }
              return [...small].slice(0, 5)",
         );
-    assert_eq!(small, serde_json::json!([]), "{display:?}");
+    assert_eq!(small, json!([]), "{display:?}");
 }
 
 #[test]
 fn cells_are_sorted_filtered_and_opened() {
-    let (_folder, page) = page_of(&reference());
+    let (_folder, page) = page_of(&committed());
     in_browser(|browser| {
         browser.show(&page, WIDE);
         browser.eval("document.getElementById('cell-more').click()");
@@ -144,7 +142,7 @@ fn numbers(values: &Value) -> Vec<f64> {
 
 #[test]
 fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
-    let (_folder, page) = page_of(&reference());
+    let (_folder, page) = page_of(&committed());
     in_browser(|browser| {
         browser.show(&page, WIDE);
         let told = browser.eval(
@@ -153,7 +151,7 @@ fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
                  const tip = document.getElementById('tip');
                  return [tip.hidden, tip.textContent === mark.dataset.tip]",
         );
-        assert_eq!(told, serde_json::json!([false, true]));
+        assert_eq!(told, json!([false, true]));
         let walked = browser
             .eval(
                 "const chart = [...document.querySelectorAll('svg.chart')].find((chart) => chart.querySelectorAll('[data-tip]').length > 2);
@@ -165,13 +163,13 @@ fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
                  press('Escape');
                  return [told[0] !== told[1], told[0] === told[2], tip.hidden]",
             );
-        assert_eq!(walked, serde_json::json!([true, true, true]));
+        assert_eq!(walked, json!([true, true, true]));
     });
 }
 
 #[test]
 fn print_shows_everything_but_the_controls() {
-    let (_folder, page) = page_of(&reference());
+    let (_folder, page) = page_of(&committed());
     in_browser(|browser| {
         browser.show(&page, Display { print: true, ..WIDE });
         let shown = browser
@@ -180,19 +178,19 @@ fn print_shows_everything_but_the_controls() {
                  return [[...document.querySelectorAll('nav, .controls, button.copy')].some(visible),
                          [...document.querySelectorAll('main > section')].every(visible)]",
             );
-        assert_eq!(shown, serde_json::json!([false, true]));
+        assert_eq!(shown, json!([false, true]));
     });
 }
 
 #[test]
 fn axe_finds_no_serious_fault() {
     let Some(axe) = axe() else { return };
-    let (_folder, page) = page_of(&reference());
+    let (_folder, page) = page_of(&committed());
     in_browser(|browser| {
         for display in [WIDE, NARROW, Display { dark: true, ..WIDE }] {
             browser.show(&page, display);
             let found = serious(browser, &axe);
-            assert_eq!(found, serde_json::json!([]), "{display:?}");
+            assert_eq!(found, json!([]), "{display:?}");
         }
         // What it must find: an image without a text, and grey on grey.
         browser.eval(
@@ -228,7 +226,7 @@ fn hostile_names_run_no_script() {
                 "return [document.scripts.length, document.querySelectorAll('main script, main iframe, main object, main [onerror]').length,
                          document.body.textContent.includes('<script>alert(1)</script>')]",
             );
-        assert_eq!(found, serde_json::json!([2, 0, true]));
+        assert_eq!(found, json!([2, 0, true]));
         assert_eq!(browser.console(), Vec::<String>::new());
         // The page's policy holds where escaping would not: an injected handler does not run.
         let ran = browser
@@ -247,7 +245,7 @@ fn hostile_names_run_no_script() {
 #[test]
 fn two_thousand_cells_are_sorted_and_filtered() {
     let (_folder, page) = page_of(&many());
-    let bytes = std::fs::metadata(&page).unwrap().len();
+    let bytes = fs::metadata(&page).unwrap().len();
     assert!(bytes < 5_000_000, "{bytes} bytes");
     in_browser(|browser| {
         browser.show(&page, WIDE);
