@@ -152,7 +152,7 @@ struct Device {
     prepared: BTreeMap<String, Prepared>,
 }
 
-type Prepared = (Subject, Box<dyn AnyPipeline>);
+type Prepared = (Subject, Box<AnyPipeline>);
 
 impl RequestServer<'_> {
     fn answer(&mut self, request: WorkerRequest) -> Result<Reply, Refusal> {
