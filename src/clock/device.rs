@@ -170,14 +170,14 @@ impl WatchedDevice {
         layout: &wgpu::BindGroupLayout,
         buffers: &[&wgpu::Buffer],
     ) -> wgpu::BindGroup {
-        let entry = |(buffer, binding): (&&wgpu::Buffer, u32)| wgpu::BindGroupEntry {
+        let entries = buffers.iter().zip(0..).map(|(buffer, binding)| wgpu::BindGroupEntry {
             binding,
             resource: buffer.as_entire_binding(),
-        };
+        });
         self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(label),
             layout,
-            entries: &buffers.iter().zip(0..).map(entry).collect::<Vec<_>>(),
+            entries: &entries.collect::<Vec<_>>(),
         })
     }
 

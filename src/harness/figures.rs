@@ -1,8 +1,8 @@
 //! Published figures as data: `benches/figures/*.toml`. Each lists the panels that are rendered for it, which [`sheet`](super::sheet)
 //! puts together with their captions.
 
-use std::error::Error;
 use std::collections::BTreeMap;
+use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use fathom_picture::RgbImage;

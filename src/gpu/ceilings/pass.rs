@@ -31,7 +31,8 @@ impl EmptyPasses {
             compilation_options: compilation_options(),
             cache: None,
         });
-        let counted = gpu.buffer("ceiling", WORD, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST);
+        let counted =
+            gpu.buffer("ceiling", WORD, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST);
         let bindings = gpu.bind("ceiling", &pipeline.get_bind_group_layout(0), &[&counted]);
         let usages = [Usage::COPY_SRC | Usage::COPY_DST, Usage::COPY_SRC | Usage::COPY_DST];
         let copied = usages.map(|usage| gpu.buffer("ceiling", WORD, usage));
