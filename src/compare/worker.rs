@@ -158,7 +158,7 @@ struct Device {
 
 struct Prepared {
     subject: Subject,
-    pipeline: Box<dyn AnyPipeline>,
+    pipeline: Box<AnyPipeline>,
 }
 
 impl RequestServer<'_> {

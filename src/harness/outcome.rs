@@ -43,7 +43,7 @@ impl Counts {
 /// The record of a measured cell, whose frame time was to have this precision. Quantities that are not finite are left out and noted.
 pub fn measured(
     samples: &Samples,
-    pipeline: &dyn AnyPipeline,
+    pipeline: &AnyPipeline,
     counters: &[StageCounters],
     found: Findings,
     precision: f64,
@@ -76,7 +76,7 @@ pub fn measured(
 
 fn stage_records(
     samples: &Samples,
-    pipeline: &dyn AnyPipeline,
+    pipeline: &AnyPipeline,
     counters: &[StageCounters],
 ) -> Vec<StageRecord> {
     let stages = pipeline.stages();
