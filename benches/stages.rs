@@ -119,7 +119,7 @@ impl Suite {
 fn counted_samples(
     gpu: &Gpu,
     subject: &Subject,
-    pipeline: &dyn AnyPipeline,
+    pipeline: &AnyPipeline,
 ) -> Result<Option<u64>, GpuError> {
     let quantities = pipeline.quantities(gpu)?;
     let number = |path| parameter::get(&subject.params, path).and_then(Value::as_f64);

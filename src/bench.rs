@@ -44,9 +44,6 @@ impl StageBench {
     }
 
     /// Runs a frame, which fills every stage's inputs and compiles the shaders.
-    ///
-    /// # Errors
-    /// What the GPU reports.
     pub fn warm_up(&mut self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
         self.timer.untimed(&self.gpu, stages)?;
         Ok(())
@@ -54,9 +51,6 @@ impl StageBench {
 
     /// One stage alone in its frames; faulty readings are taken again, and are an error if they go on. Throughput is in `counted`
     /// elements, or in those that the stage declares.
-    ///
-    /// # Errors
-    /// What the GPU reports.
     pub fn stage(
         &mut self,
         group: &str,
@@ -93,9 +87,6 @@ impl StageBench {
 }
 
 /// Criterion over gate cells of a catalogue.
-///
-/// # Errors
-/// Cells that cannot be built, and what the GPU reports.
 pub fn gate_cells(
     catalog: &Catalog,
     bench: &mut StageBench,

@@ -154,55 +154,46 @@ fn put_rows(
     Ok(vec![path])
 }
 
-/// What a folder gives to a page.
-enum Content {
-    Run { folder: PathBuf, records: Vec<Record> },
-    Comparison(ComparisonOnPage),
-}
-
 /// One page of several folders of runs and comparisons. What cannot be read is left out and listed. Where nothing can be read
 /// the first folder's error is returned.
 pub fn page_of(folders: &[PathBuf]) -> Result<Artifact, ExportError> {
-    let (mut contents, mut left_out, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut runs, mut comparisons) = (Vec::new(), Vec::new());
+    let (mut left_out, mut errors) = (Vec::new(), Vec::new());
     for folder in folders {
         match content(folder, &mut left_out) {
-            Ok(content) => contents.push(content),
+            Ok(Content::Run(records)) => runs.push((folder, records)),
+            Ok(Content::Comparison(comparison)) => comparisons.push(comparison),
             Err(error) => {
                 left_out.push(LeftOut::new(folder.display(), &error));
                 errors.push(error);
             }
         }
     }
-    if contents.is_empty() {
+    if runs.is_empty() && comparisons.is_empty() {
         return Err(errors.swap_remove(0));
     }
-    Ok(page(contents, left_out))
+    let views: Vec<(&Path, ReportView<'_>)> = runs
+        .iter()
+        .map(|(folder, records)| (folder.as_path(), ReportView::new(records, Some(folder))))
+        .collect();
+    Ok(Page { comparisons, left_out, ..Page::new(page::labelled(&views)) }.file())
+}
+
+/// What a folder gives to a page.
+enum Content {
+    Run(Vec<Record>),
+    Comparison(ComparisonOnPage),
 }
 
 fn content(folder: &Path, left_out: &mut Vec<LeftOut>) -> Result<Content, ExportError> {
     let path = folder.join(RECORDS);
     let reading = record::read_good(&path).map_err(StoreError::from)?;
     left_out.extend(LeftOut::lines(&path, &reading.damaged));
-    if holds_comparison(&reading.records) {
-        let comparison = StoredComparison::of(reading, &path)?;
-        return Ok(Content::Comparison(tables::on_page(&Verdicts::of(&comparison))));
+    if !holds_comparison(&reading.records) {
+        return Ok(Content::Run(reading.records));
     }
-    Ok(Content::Run { folder: folder.to_owned(), records: reading.records })
-}
-
-fn page(contents: Vec<Content>, left_out: Vec<LeftOut>) -> Artifact {
-    let (mut runs, mut comparisons) = (Vec::new(), Vec::new());
-    for content in contents {
-        match content {
-            Content::Run { folder, records } => runs.push((folder, records)),
-            Content::Comparison(comparison) => comparisons.push(comparison),
-        }
-    }
-    let views: Vec<(&Path, ReportView<'_>)> = runs
-        .iter()
-        .map(|(folder, records)| (folder.as_path(), ReportView::new(records, Some(folder))))
-        .collect();
-    Page { comparisons, left_out, ..Page::new(page::labelled(&views)) }.file()
+    let comparison = StoredComparison::of(reading, &path)?;
+    Ok(Content::Comparison(tables::on_page(&Verdicts::of(&comparison))))
 }
 
 /// Writes files into a folder, which is made if need be, and gives their paths.

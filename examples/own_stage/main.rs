@@ -98,7 +98,7 @@ fn main() -> anyhow::Result<()> {
         writeln!(
             out,
             "{:18} {bound:1}{ms:8.3} ms  {fragments:>9} fragments declared",
-            sample.name
+            sample.stage
         )?;
     }
     Ok(())

@@ -16,10 +16,7 @@ const READ_AT_ONCE: usize = 1 << 20;
 /// First bytes of what gzip compressed. RFC 1952, 2.3.1.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// Opens a regular file to read it.
-///
-/// # Errors
-/// Anything else than a regular file is an error: reading a pipe or a device may wait for ever.
+/// Opens a regular file to read it. Anything else is an error: reading a pipe or a device may wait for ever.
 pub fn open(path: &Path) -> io::Result<File> {
     // Asked before it is opened, because opening a device can act on it, and again of what was opened.
     regular(&fs::metadata(path)?)?;

@@ -10,7 +10,7 @@ use super::commands::Outcome;
 use super::export::write_into;
 use crate::history::{
     self, Added, DEFAULT_FILE, Findings, History, HistoryError, Location, NewRun, Said, Selection,
-    VARIABLE, on_page, otava, tables,
+    StoredRuns, VARIABLE, on_page, otava, tables,
 };
 use crate::record::output::RECORDS;
 use crate::report::Artifact;
@@ -25,8 +25,6 @@ pub enum HistoryCommand {
     List {
         #[command(flatten)]
         selection: SelectionArgs,
-        #[command(flatten)]
-        place: PlaceArgs,
     },
     /// Show figures over commits as text, or as a page with plots
     Show {
@@ -37,8 +35,6 @@ pub enum HistoryCommand {
         out: Option<PathBuf>,
         #[command(flatten)]
         selection: SelectionArgs,
-        #[command(flatten)]
-        place: PlaceArgs,
     },
     /// Tell between which commits figures changed, by how much, and how sure that is
     Changes {
@@ -49,8 +45,6 @@ pub enum HistoryCommand {
         json: bool,
         #[command(flatten)]
         selection: SelectionArgs,
-        #[command(flatten)]
-        place: PlaceArgs,
     },
     /// Get the records of a run back, byte for byte
     Get {
@@ -71,8 +65,6 @@ pub enum HistoryCommand {
         filter: Option<String>,
         #[command(flatten)]
         selection: SelectionArgs,
-        #[command(flatten)]
-        place: PlaceArgs,
     },
 }
 
@@ -120,26 +112,34 @@ pub struct SelectionArgs {
     /// Only runs of commits from here on: a date such as 2026-01-31, or a commit of the history
     #[arg(long, value_name = "DATE|COMMIT")]
     pub since: Option<String>,
+    #[command(flatten)]
+    pub place: PlaceArgs,
 }
 
 impl SelectionArgs {
-    fn with(self, filter: Option<String>) -> Selection {
-        Selection { branch: self.branch, since: self.since, filter }
+    fn open(self, filter: Option<String>) -> anyhow::Result<(History, Selection)> {
+        let Self { branch, since, place } = self;
+        Ok((History::open(&place.location()?)?, Selection { branch, since, filter }))
+    }
+
+    fn stored(self, filter: Option<String>) -> anyhow::Result<StoredRuns> {
+        let (mut history, selection) = self.open(filter)?;
+        Ok(history.stored(&selection)?)
     }
 }
 
 pub fn history(command: HistoryCommand) -> Outcome {
     match command {
         HistoryCommand::Add(args) => add(args),
-        HistoryCommand::List { selection, place } => {
-            let runs = History::open(&place.location()?)?.runs(&selection.with(None))?;
-            answered(tables::runs(&runs))
+        HistoryCommand::List { selection } => {
+            let (mut history, selection) = selection.open(None)?;
+            answered(tables::runs(&history.runs(&selection)?))
         }
-        HistoryCommand::Show { filter, out, selection, place } => {
-            show(&selection.with(filter), out.as_deref(), &place.location()?)
+        HistoryCommand::Show { filter, out, selection } => {
+            show(&selection.stored(filter)?, out.as_deref())
         }
-        HistoryCommand::Changes { filter, json, selection, place } => {
-            let stored = History::open(&place.location()?)?.stored(&selection.with(filter))?;
+        HistoryCommand::Changes { filter, json, selection } => {
+            let stored = selection.stored(filter)?;
             let findings = Findings::of(&stored);
             answered(match json {
                 true => format!("{:#}", tables::changes_json(&stored, &findings)),
@@ -147,8 +147,8 @@ pub fn history(command: HistoryCommand) -> Outcome {
             })
         }
         HistoryCommand::Get { run, out, place } => get(&run, &out, &place.location()?),
-        HistoryCommand::Export { otava, filter, selection, place } => {
-            export(&otava, &selection.with(filter), &place.location()?)
+        HistoryCommand::Export { otava, filter, selection } => {
+            export(&otava, &selection.stored(filter)?)
         }
     }
 }
@@ -178,13 +178,12 @@ fn add(args: AddArgs) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn show(selection: &Selection, out: Option<&Path>, location: &Location) -> Outcome {
-    let stored = History::open(location)?.stored(selection)?;
-    let findings = Findings::of(&stored);
+fn show(stored: &StoredRuns, out: Option<&Path>) -> Outcome {
+    let findings = Findings::of(stored);
     let Some(out) = out else {
-        return answered(tables::series(&stored, &findings));
+        return answered(tables::series(stored, &findings));
     };
-    let shown = Some(on_page::on_page(&stored, &findings));
+    let shown = Some(on_page::on_page(stored, &findings));
     let page = Page { history: shown, ..Page::new(Vec::new()) }.file();
     write_into(out, vec![page])
 }
@@ -200,13 +199,12 @@ fn get(run: &str, out: &Path, location: &Location) -> Outcome {
     write_into(out, vec![Artifact { name: RECORDS.to_owned(), bytes }])
 }
 
-fn export(folder: &Path, selection: &Selection, location: &Location) -> Outcome {
-    let stored = History::open(location)?.stored(selection)?;
+fn export(folder: &Path, stored: &StoredRuns) -> Outcome {
     std::fs::create_dir_all(folder)
         .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     // Otava reads paths from the folder that it was started in.
     let whole = std::fs::canonicalize(folder)?;
-    let files = otava::files(&stored, &whole.to_string_lossy())?;
+    let files = otava::files(stored, &whole.to_string_lossy())?;
     let count = files.len() - 1;
     exporters::put(folder, files)?;
     tell::done(format!("{}: {count} series", folder.join(otava::CONFIGURATION).display()));

@@ -18,12 +18,11 @@ pub use error::{ClockError, DeviceError};
 pub use fathom_record as record;
 pub use frame::{
     ClockPlan, ColorTarget, CostMeter, DepthTarget, Fault, FrameSample, FrameTimer, HostClock,
-    HostTime, StageSample, StageScope, SubmitCost, Targets, TimedStage,
+    HostTime, StageScope, SubmitCost, Targets, TimedStage,
 };
 pub use machine::MachineReader;
 pub use sampling::{
-    MAX_REJECTED_SHARE, MAX_WARM_UP_FRAMES, MIN_JUDGED_FRAMES, Samples, StageSamples, Stopped,
-    WARM_UP_TOLERANCE, WarmUp, accounting_error, fault, frame_pair, frame_record, sampling_notes,
-    stage_record,
+    MAX_REJECTED_SHARE, MAX_WARM_UP_FRAMES, MIN_JUDGED_FRAMES, Samples, Stopped, WARM_UP_TOLERANCE,
+    WarmUp, accounting_error, fault, frame_pair, frame_record, sampling_notes, stage_record,
 };
 pub use session::{Frame, FrameClock, Sampling, TimedPass, features};

@@ -20,13 +20,13 @@ use fathom_base::parameter::ParamError;
 use fathom_base::quiet;
 use fathom_gpu as gpu;
 use fathom_gpu::{
-    ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageSample,
-    SubmitCost,
+    ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, MachineReader, Stage, SubmitCost,
 };
 use fathom_harness::MAX_PASSES;
 use fathom_harness::catalog::Catalog;
 use fathom_harness::subject::{Subject, SubjectError, Subjects};
 use fathom_pipelines::{AnyPipeline, Judge, Known};
+use fathom_record::StageTime;
 use fathom_scene::SceneError;
 use fathom_verify::{Case, Check, VerifyError, verify_stages};
 
@@ -158,7 +158,7 @@ struct Device {
 
 struct Prepared {
     subject: Subject,
-    pipeline: Box<dyn AnyPipeline>,
+    pipeline: Box<AnyPipeline>,
 }
 
 impl RequestServer<'_> {
@@ -338,11 +338,11 @@ fn find<'a>(
 }
 
 /// The stage's time; an error where it is below what the clock can tell from none, as a ratio of such times says nothing.
-fn resolved(sample: &StageSample) -> Result<f64, GpuError> {
+fn resolved(sample: &StageTime) -> Result<f64, GpuError> {
     sample.is_resolved().then_some(sample.ns).ok_or_else(|| {
         let message = format!(
             "{}: shorter than the {:.3} ms that the fenced host clock tells from none: choose a larger configuration",
-            sample.name,
+            sample.stage,
             sample.resolution_ns * 1e-6
         );
         DeviceError::Internal(message).into()

@@ -5,6 +5,7 @@
 //! pipeline: `scene` and `pipeline` choose what the cell runs on.
 
 mod claim;
+mod named;
 mod plot;
 
 use std::collections::HashSet;
@@ -12,6 +13,7 @@ use std::collections::HashSet;
 use serde::{Deserialize, Deserializer, de};
 use serde_json::{Map, Value};
 
+use self::named::{Named, tables};
 use super::{ExperimentError, Measure};
 use fathom_base::text;
 use fathom_record::Cell;
@@ -38,7 +40,7 @@ pub struct Experiment {
     #[serde(default)]
     pub profile: Profiles,
     /// Each sweep is the product of its axes; the experiment is their union. None: a single cell.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "tables")]
     pub sweep: Vec<Sweep>,
     /// Stages of every cell that `fathom compare` compares.
     #[serde(default)]
@@ -61,7 +63,7 @@ pub struct Experiment {
     pub error_picture: bool,
     #[serde(default, deserialize_with = "figures")]
     pub published: Vec<Published>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "tables")]
     pub claim: Vec<Claim>,
     #[serde(default)]
     pub plot: Vec<Plot>,
@@ -104,8 +106,14 @@ pub struct Sweep {
     #[serde(default)]
     pub errors_only: bool,
     /// May be left out where the sweep has an id.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "tables")]
     pub axis: Vec<Axis>,
+}
+
+impl Named for Sweep {
+    fn set_name(&mut self, name: String) {
+        self.id = Some(name);
+    }
 }
 
 /// An axis: a name and its values, the same in every profile or different ones.
@@ -115,6 +123,7 @@ pub struct Sweep {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Axis {
+    #[serde(default)]
     pub name: String,
     /// The parameters that its plain values are given to, where it is not named after one: a single one, or one for each item of
     /// a list. A list's label is its text, such as `640x480`.
@@ -125,6 +134,12 @@ pub struct Axis {
     pub values: Option<Vec<Value>>,
     pub quick: Option<Vec<Value>>,
     pub paper: Option<Vec<Value>>,
+}
+
+impl Named for Axis {
+    fn set_name(&mut self, name: String) {
+        self.name = name;
+    }
 }
 
 /// The result that the cells' results are held against: the same cell with other parameters.
@@ -304,6 +319,9 @@ impl Experiment {
         }
         self.check_sweeps()?;
         for claim in &self.claim {
+            if claim.id.is_empty() {
+                return Err("a claim needs an `id`".to_owned());
+            }
             self.check_over(claim.test.over(), &format!("claim `{}`", claim.id))?;
         }
         for plot in &self.plot {
@@ -404,6 +422,9 @@ impl Axis {
 
     fn check(&self) -> Result<(), String> {
         let (name, lists) = (&self.name, [&self.values, &self.quick, &self.paper]);
+        if name.is_empty() {
+            return Err("an axis needs a `name`".to_owned());
+        }
         if !matches!(lists, [Some(_), None, None] | [None, Some(_), Some(_)]) {
             return Err(format!("axis `{name}` needs either `values`, or `quick` and `paper`"));
         }

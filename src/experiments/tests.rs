@@ -170,6 +170,69 @@ fn repetitions_keep_the_cell_but_for_the_place_of_its_grids() {
 }
 
 #[test]
+fn tables_by_name_shared_figures_and_set_parameters_mean_what_they_do_at_length() {
+    let head = SWEPT.split("[params]").next().unwrap();
+    let at_length = r#"
+        [[sweep]]
+        id = "z"
+        [[sweep.axis]]
+        name = "viewport"
+        values = [{ label = "8x6", set = { view.width = 8, view.height = 6 } }]
+        [[sweep.axis]]
+        name = "grid"
+        values = [{ label = 5, set = { caustics.grid = 5 } }, { label = 7, set = { caustics.grid = 7 } }]
+        [[sweep]]
+        id = "a"
+        [[published]]
+        where = { grid = 5 }
+        comparison = "about"
+        fps = 3
+        hardware = "h"
+        [[published]]
+        where = { grid = 7 }
+        comparison = "about"
+        fps = 4
+        hardware = "h"
+        [[claim]]
+        id = "z"
+        text = "x"
+        test.at_least = { y = "fps", value = 1 }
+        [[claim]]
+        id = "a"
+        text = "x"
+        test.at_least = { y = "fps", value = 2 }
+    "#;
+    let short = r#"
+        [sweep.z]
+        axis.viewport = { sets = ["view.width", "view.height"], values = [[8, 6]] }
+        axis.grid = { sets = ["caustics.grid"], values = [5, 7] }
+        [sweep.a]
+        [[published]]
+        comparison = "about"
+        hardware = "h"
+        figures = [{ where = { grid = 5 }, fps = 3 }, { where = { grid = 7 }, fps = 4 }]
+        [claim.z]
+        text = "x"
+        test.at_least = { y = "fps", value = 1 }
+        [claim.a]
+        text = "x"
+        test.at_least = { y = "fps", value = 2 }
+    "#;
+    let [long, short] = [at_length, short].map(|rest| {
+        let experiment = Experiment::parse("own", &format!("{head}{rest}")).unwrap();
+        let mut cells = experiment.cells(Profile::Quick, &[], &[]).unwrap();
+        cells.iter_mut().for_each(|cell| cell.overrides.sort_by(|a, b| a.0.cmp(&b.0)));
+        (cells, experiment)
+    });
+    assert_eq!(short.0, long.0);
+    assert_eq!(
+        short.0.iter().map(|cell| cell.cell.as_str()).collect::<Vec<_>>(),
+        ["z,viewport=8x6,grid=5", "z,viewport=8x6,grid=7", "a"]
+    );
+    assert_eq!((short.1.published, short.1.claim), (long.1.published, long.1.claim));
+}
+
+#[test]
 fn too_few_repetitions_are_refused() {
     let text = Experiment::builtin_text("uw-filter").unwrap();
     let few = text.replace("count = 8", "count = 7");

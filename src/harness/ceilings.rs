@@ -12,9 +12,7 @@ use fathom_record::{Measured, Record, Run, StageRecord};
 
 /// The ceilings of a run: those of the latest run that this one goes on with, if it had the same adapter, conditions and clocks,
 /// else measured.
-///
-/// # Errors
-/// A fault of the device, or a result that is not the CPU's.
+/// A result that is not the CPU's is an error.
 pub fn of_run(
     gpu: &Gpu,
     plan: ClockPlan,
@@ -35,9 +33,7 @@ pub fn of_run(
 
 /// Puts each stage's share of its ceiling into the record. Where a stage is beyond its ceiling, the limits on that kind of work are
 /// measured once more: the machine may have been busy at the first time.
-///
-/// # Errors
-/// One line about a stage that did more than the adapter can.
+/// A stage that did more than the adapter can is an error of one line.
 pub fn add_shares(
     measured: &mut Measured,
     ceilings: &mut [Ceiling],
@@ -129,9 +125,6 @@ impl Answer {
 const COPIES: &str = "copies beside the CPU's";
 
 /// Measures all limits of an adapter, and on a software adapter compares its copies with the CPU's.
-///
-/// # Errors
-/// As of [`of_run`].
 pub fn answer(gpu: &Gpu, plan: ClockPlan) -> Result<Answer, GpuError> {
     let ceilings = gpu::ceilings(gpu, plan)?;
     let sets = ceilings.iter().filter_map(|ceiling| match ceiling.limit {

@@ -27,11 +27,7 @@ pub enum ReadoutError {
 }
 
 /// Texels of the first texture that the first present of the named stages leaves.
-pub fn image(
-    gpu: &Gpu,
-    pipeline: &dyn AnyPipeline,
-    stages: &[String],
-) -> Result<Pixels, ReadoutError> {
+pub fn image(gpu: &Gpu, pipeline: &AnyPipeline, stages: &[String]) -> Result<Pixels, ReadoutError> {
     let present = pipeline.stages();
     let named = |name: &String| present.iter().find(|stage| stage.name() == name);
     let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| stage.outputs());
@@ -56,7 +52,7 @@ impl References {
         &mut self,
         gpu: &Gpu,
         timer: &mut FrameTimer,
-        cell: &dyn AnyPipeline,
+        cell: &AnyPipeline,
         (subject, stages): (&Subject, &[String]),
     ) -> Result<f64, ReadoutError> {
         let known = self.images(gpu, timer, subject, &[stages])?;

@@ -19,7 +19,7 @@ use super::views::{Views, ViewsError};
 use super::{MAX_PASSES, picture};
 use fathom_base::folder::Folder;
 use fathom_clock::Samples;
-use fathom_experiments::schema::{Experiment, Pictures, RepeatedOutput};
+use fathom_experiments::schema::{Experiment, Pictures};
 use fathom_gpu as gpu;
 use fathom_gpu::{
     ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, Stage,
@@ -131,58 +131,39 @@ pub struct Output {
 
 impl Output {
     /// Writes the record of a cell that is done before anything is said of it.
-    pub fn finish(&mut self, cell: Cell) -> Result<(), RecordError> {
-        let record = Record::Cell(Box::new(cell));
-        self.held.writer.write(&record)?;
-        record.try_as_cell_ref().into_iter().for_each(|cell| self.progress.finished(cell));
+    pub fn finish(&mut self, cell: &Cell) -> Result<(), RecordError> {
+        self.held.writer.write(&Record::Cell(Box::new(cell.clone())))?;
+        self.progress.finished(cell);
         Ok(())
     }
 }
 
 struct Built {
-    pipeline: Box<dyn AnyPipeline>,
+    pipeline: Box<AnyPipeline>,
     counters: Vec<StageCounters>,
     /// Once they have been asked for.
     found: Option<Findings>,
 }
 
 impl Findings {
-    fn add<E: Display>(
+    /// What was found; why it was not is noted.
+    fn noted<T>(
+        &mut self,
+        kind: NoteKind,
+        failure: &str,
+        found: Result<T, impl Display>,
+    ) -> Option<T> {
+        let note = |error| Note::new(kind, format!("{failure}: {error}"));
+        found.map_err(|error| self.notes.push(note(error))).ok()
+    }
+
+    fn add(
         &mut self,
         failure: &str,
-        found: Result<impl IntoIterator<Item = (String, f64)>, E>,
+        found: Result<impl IntoIterator<Item = (String, f64)>, impl Display>,
     ) {
-        match found {
-            Ok(found) => self.quantities.extend(found),
-            Err(error) => self.note(NoteKind::NotComputed, failure, error),
-        }
-    }
-
-    fn add_repeated<E: Display>(
-        &mut self,
-        outputs: &[RepeatedOutput],
-        found: Result<Vec<NoiseAndBias>, E>,
-    ) {
-        match found {
-            Ok(found) => {
-                for (output, NoiseAndBias { noise, bias }) in outputs.iter().zip(found) {
-                    self.repeated.insert(output.noise.clone(), noise);
-                    self.quantities.insert(output.bias.clone(), bias);
-                }
-            }
-            Err(error) => self.note(NoteKind::NotComputed, "noise and bias not computed", error),
-        }
-    }
-
-    fn add_picture<E: Display>(&mut self, picture: Picture, failure: &str, saved: Result<(), E>) {
-        match saved {
-            Ok(()) => self.pictures.push(picture),
-            Err(error) => self.note(NoteKind::NoPicture, failure, error),
-        }
-    }
-
-    fn note(&mut self, kind: NoteKind, failure: &str, error: impl Display) {
-        self.notes.push(Note::new(kind, format!("{failure}: {error}")));
+        let found = self.noted(NoteKind::NotComputed, failure, found);
+        self.quantities.extend(found.into_iter().flatten());
     }
 }
 
@@ -234,7 +215,7 @@ impl<'a> CellExecutor<'a> {
 
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
-    fn find(&mut self, cell: usize, pipeline: &dyn AnyPipeline) -> Findings {
+    fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> Findings {
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
@@ -256,12 +237,9 @@ impl<'a> CellExecutor<'a> {
     /// The record of a cell from what was sampled of it up to now. None where its pipeline is gone.
     fn record(&mut self, cell: usize, samples: &Samples) -> Option<Cell> {
         let mut built = self.built[cell].take()?;
-        let found = match built.found.take() {
-            Some(found) => found,
-            None => self.find(cell, built.pipeline.as_ref()),
-        };
-        built.found = Some(found.clone());
         let pipeline = built.pipeline.as_ref();
+        let found = built.found.take().unwrap_or_else(|| self.find(cell, pipeline));
+        built.found = Some(found.clone());
         let measured = measured(samples, pipeline, &built.counters, found, self.precision);
         let outcome = Outcome::Measured(Box::new(measured));
         self.built[cell] = Some(built);
@@ -278,7 +256,7 @@ impl<'a> CellExecutor<'a> {
     fn views(
         &mut self,
         cell: usize,
-        pipeline: &dyn AnyPipeline,
+        pipeline: &AnyPipeline,
         findings: &mut Findings,
     ) -> Option<Result<RgbImage, PictureError>> {
         let name = &self.experiment.views.as_ref()?.quantity;
@@ -295,7 +273,7 @@ impl<'a> CellExecutor<'a> {
     }
 
     /// Differences from the cell's reference run, and between its repetitions.
-    fn compared(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
+    fn compared(&mut self, cell: usize, pipeline: &AnyPipeline, findings: &mut Findings) {
         let Session { gpu, timer, references, .. } = &mut *self.session;
         let PlannedCell { plan, reference, repetitions, .. } = &self.cells[cell];
         if let (Some(asked), Some(subject)) = (&plan.reference, reference) {
@@ -306,7 +284,13 @@ impl<'a> CellExecutor<'a> {
         }
         if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
             let found = repetitions::noise_and_bias(gpu, timer, references, planned, &asked.output);
-            findings.add_repeated(&asked.output, found);
+            let found = findings.noted(NoteKind::NotComputed, "noise and bias not computed", found);
+            for (output, NoiseAndBias { noise, bias }) in
+                asked.output.iter().zip(found.into_iter().flatten())
+            {
+                findings.repeated.insert(output.noise.clone(), noise);
+                findings.quantities.insert(output.bias.clone(), bias);
+            }
         }
     }
 
@@ -314,7 +298,7 @@ impl<'a> CellExecutor<'a> {
     fn pictures(
         &mut self,
         cell: usize,
-        pipeline: &dyn AnyPipeline,
+        pipeline: &AnyPipeline,
         views: Option<Result<RgbImage, PictureError>>,
         findings: &mut Findings,
     ) {
@@ -336,14 +320,16 @@ impl<'a> CellExecutor<'a> {
         };
         let saved = views.unwrap_or_else(|| picture::of(&self.session.gpu, pipeline));
         let saved = saved.and_then(|picture| save(&picture, &image.path));
-        findings.add_picture(image, "no picture", saved);
+        let saved = findings.noted(NoteKind::NoPicture, "no picture", saved);
+        findings.pictures.extend(saved.map(|()| image));
         if self.experiment.error_picture {
             let made = pipeline.error_picture(&mut self.judge(cell)).map_err(PictureError::from);
             let saved = made.and_then(|(picture, scale)| {
                 of_error.scale = Some(scale);
                 save(&picture, &of_error.path)
             });
-            findings.add_picture(of_error, "no picture of the error", saved);
+            let saved = findings.noted(NoteKind::NoPicture, "no picture of the error", saved);
+            findings.pictures.extend(saved.map(|()| of_error));
         }
     }
 
@@ -437,9 +423,9 @@ impl Executor for CellExecutor<'_> {
             CellResult::Failed(reason) => Some(self.failed(cell, reason)),
         };
         let record = record.unwrap_or_else(|| self.failed(cell, "its pipeline is gone".to_owned()));
-        self.finished.push(record.clone());
+        self.output.finish(&record)?;
         let failed = matches!(record.outcome, Outcome::Failed { .. });
-        self.output.finish(record)?;
+        self.finished.push(record);
         self.output.journal.close(&self.names[cell], failed)
     }
 

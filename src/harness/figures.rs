@@ -108,10 +108,7 @@ impl Figure {
         ids
     }
 
-    /// The figure of this id.
-    ///
-    /// # Errors
-    /// An unknown id, with the nearest known one; a file that is no figure.
+    /// The figure of this id. The error of an unknown one names the nearest.
     pub fn load(folders: &Folders, id: &str) -> Result<Self, FigureError> {
         match folders.text(&format!("{id}.toml")) {
             Some((_, text)) => Self::parse(id, &text),
@@ -123,9 +120,6 @@ impl Figure {
     }
 
     /// The figure of this id, or every figure.
-    ///
-    /// # Errors
-    /// As [`Self::load`].
     pub fn named(folders: &Folders, name: &str) -> Result<Vec<Self>, FigureError> {
         let ids = if name == ALL { Self::ids(folders) } else { vec![name.to_owned()] };
         ids.iter().map(|id| Self::load(folders, id)).collect()
@@ -177,10 +171,7 @@ impl Figure {
         (pipeline, named(&panel.scene, &self.scene), params)
     }
 
-    /// Renders every panel. `more` parameters hold for all of them.
-    ///
-    /// # Errors
-    /// A panel that cannot be rendered, named.
+    /// Renders every panel. `more` parameters hold for all of them. An error names the panel.
     pub fn render(
         &self,
         gpu: &Gpu,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fathom_clock::{Samples, StageSamples, frame_record, sampling_notes, stage_record};
+use fathom_clock::{Samples, frame_record, sampling_notes, stage_record};
 use fathom_gpu::StageCounters;
 use fathom_pipelines::AnyPipeline;
 use fathom_record::{Cell, ErrorFigure, Measured, Note, NoteKind, Outcome, Picture, StageRecord};
@@ -43,7 +43,7 @@ impl Counts {
 /// The record of a measured cell, whose frame time was to have this precision. Quantities that are not finite are left out and noted.
 pub fn measured(
     samples: &Samples,
-    pipeline: &dyn AnyPipeline,
+    pipeline: &AnyPipeline,
     counters: &[StageCounters],
     found: Findings,
     precision: f64,
@@ -76,7 +76,7 @@ pub fn measured(
 
 fn stage_records(
     samples: &Samples,
-    pipeline: &dyn AnyPipeline,
+    pipeline: &AnyPipeline,
     counters: &[StageCounters],
 ) -> Vec<StageRecord> {
     let stages = pipeline.stages();
@@ -88,11 +88,12 @@ fn stage_records(
         let found = counters.iter().find(|stage| stage.name == name);
         found.map(|stage| stage.counters.clone()).unwrap_or_default()
     };
-    let record =
-        |stage: &StageSamples| stage_record(stage, work(&stage.name), counted(&stage.name));
-    if samples.stages.is_empty() {
+    let mut names: Vec<&str> = samples.stages().iter().map(|stage| stage.stage.as_str()).collect();
+    if names.is_empty() {
         // Nothing was timed: what is known of its stages is their work.
-        return stages.iter().map(|stage| record(&StageSamples::none(stage.name()))).collect();
+        names = stages.iter().map(|stage| stage.name()).collect();
     }
-    samples.stages.iter().map(record).collect()
+    let record =
+        |stage: (usize, &str)| stage_record(samples, stage, work(stage.1), counted(stage.1));
+    names.into_iter().enumerate().map(record).collect()
 }

@@ -25,7 +25,7 @@ pub enum PictureError {
 }
 
 /// The image of the last frame; visibility gets a scale below.
-pub fn of(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureError> {
+pub fn of(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage, PictureError> {
     Ok(explained(bare(gpu, pipeline)?, pipeline.shows_visibility()))
 }
 
@@ -35,16 +35,12 @@ pub fn explained(image: RgbImage, shows_visibility: bool) -> RgbImage {
 }
 
 /// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not.
-pub fn bare(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureError> {
+pub fn bare(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage, PictureError> {
     reduced(gpu, pipeline, 1)
 }
 
 /// The same, `factor` times smaller: each pixel is the mean of a square of them. Light is averaged as light, visibility as it is.
-pub fn reduced(
-    gpu: &Gpu,
-    pipeline: &dyn AnyPipeline,
-    factor: u32,
-) -> Result<RgbImage, PictureError> {
+pub fn reduced(gpu: &Gpu, pipeline: &AnyPipeline, factor: u32) -> Result<RgbImage, PictureError> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {
         gpu.run(&presenting)?;

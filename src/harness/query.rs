@@ -14,6 +14,7 @@ use thiserror::Error;
 use super::subject::{Subject, SubjectError};
 use fathom_base::input::{self, Limited};
 use fathom_gpu::{Gpu, GpuError};
+use fathom_pipelines::settings::Deform;
 use fathom_pipelines::volume_ao::{PointQuery, VolumeAo, occlusion_at};
 use fathom_reference::ReferenceError;
 use fathom_reference::occlusion::{self as exact, Attenuation};
@@ -135,7 +136,7 @@ pub fn reference(
 ) -> Result<Vec<f64>, QueryError> {
     let params = subject.parameters::<VolumeAo>()?;
     let invalid = |what: &str| Err(QueryError::Invalid(what.to_owned()));
-    if params.animation.motion().is_some() {
+    if params.animation.deform != Deform::None {
         return invalid(
             "--reference: the geometry moves (animation.deform), and the reference knows it at rest only",
         );
@@ -146,7 +147,7 @@ pub fn reference(
             "--reference: with ao.occluder=opacity rays pass through transparent objects, those of the reference do not",
         );
     }
-    let marching = params.ao.marching(&subject.scene);
+    let marching = params.marching(&subject.scene);
     let attenuation = match marching.attenuation {
         marching::Attenuation::Linear => Attenuation::Linear,
         marching::Attenuation::Hard => Attenuation::Hard,

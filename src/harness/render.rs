@@ -22,7 +22,7 @@ impl Bare {
 }
 
 /// Builds the subject's pipeline and runs one frame, untimed.
-pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<dyn AnyPipeline>, GpuError> {
+pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<AnyPipeline>, GpuError> {
     let pipeline = subject.build(gpu)?;
     gpu.run(&pipeline.stages())?;
     Ok(pipeline)

@@ -358,7 +358,7 @@ impl Measurement<'_> {
     fn skip(&mut self, cells: &[PlannedCell]) -> Result<(), RecordError> {
         for cell in cells {
             if let Some(reason) = cell.skip.clone() {
-                self.output.finish(cell.record(Outcome::Skipped { reason }))?;
+                self.output.finish(&cell.record(Outcome::Skipped { reason }))?;
             }
         }
         Ok(())

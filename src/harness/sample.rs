@@ -122,7 +122,7 @@ impl Live {
     fn new(earlier: &[Addition]) -> Self {
         let samples = Samples::of(earlier);
         Self {
-            unconfirmed: !samples.stages.is_empty(),
+            unconfirmed: samples.pairs() > 0,
             target: look_after(samples.pairs().saturating_sub(1)).unwrap_or(MAX_PAIRS),
             spent_s: 0.0,
             samples,
@@ -351,7 +351,7 @@ impl<X: Executor> Sampler<'_, X> {
             live.samples = Samples::default();
             added.afresh = true;
         }
-        added.rejected = fault(&frame, untimed_ns, &live.samples.stages);
+        added.rejected = fault(&frame, untimed_ns, live.samples.stages());
         added.pair = added.rejected.is_none().then_some(pair);
         Ok(())
     }

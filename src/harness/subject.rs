@@ -60,7 +60,7 @@ impl Subject {
     }
 
     /// Makes the pipeline's resources; any fault of the device comes back as an error.
-    pub fn build(&self, gpu: &Gpu) -> Result<Box<dyn AnyPipeline>, GpuError> {
+    pub fn build(&self, gpu: &Gpu) -> Result<Box<AnyPipeline>, GpuError> {
         let beyond = self.beyond(&gpu.capacity);
         if let Some(reason) = beyond.map_err(|e| GpuError::Unusable(e.to_string()))? {
             return Err(GpuError::Limit(reason));

@@ -160,12 +160,12 @@ impl Views {
     pub fn of(
         gpu: &Gpu,
         timer: &mut FrameTimer,
-        cell: &dyn AnyPipeline,
+        cell: &AnyPipeline,
         others: &OtherViews,
     ) -> Result<Self, ViewsError> {
         let own = Shot::new(gpu, cell)?;
         // One at a time, as the pictures of a view are large.
-        let mut draw = |subject: &Subject| -> Result<Box<dyn AnyPipeline>, ViewsError> {
+        let mut draw = |subject: &Subject| -> Result<Box<AnyPipeline>, ViewsError> {
             let pipeline = subject.build(gpu)?;
             timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
             Ok(pipeline)
@@ -260,7 +260,7 @@ struct SeenPoint {
 }
 
 impl Shot {
-    fn new(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<Shot, ViewsError> {
+    fn new(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<Shot, ViewsError> {
         let buffers = pipeline.occlusion().ok_or(ViewsError::NoOcclusion)?;
         let depth = read_texture(gpu, &buffers.gbuffer.depth)?;
         let opening = 2.0 * (buffers.camera.fov_y_deg.to_radians() / 2.0).tan();

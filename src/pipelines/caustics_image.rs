@@ -6,8 +6,10 @@ use std::rc::Rc;
 use super::occlusion::signed_color;
 use super::settings::Animation;
 use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
+use fathom_gpu::Pixels;
 use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
+use fathom_reference::ReferenceError;
 use fathom_reference::image::Image;
 use fathom_reference::kept::Content;
 use fathom_reference::photon_map::{Lighting, PhotonMap};
@@ -38,6 +40,13 @@ pub struct FoundCaustics {
     pub irradiance: Image,
     /// The stage that left it.
     pub stage: &'static str,
+}
+
+/// The first channel of a texture that was read.
+pub fn first_channel(pixels: &Pixels) -> Result<Image, ReferenceError> {
+    let values = pixels.data.iter().step_by(pixels.channels as usize);
+    let values = values.map(|value| f64::from(*value)).collect();
+    Image::from_data(pixels.width, pixels.height, values)
 }
 
 /// Irradiance that was found and that of the photon map, over the same blocks of pixels.

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use super::lighting::{Composed, Seen};
 use super::occlusion::{self, Model, OcclusionBuffers};
-use super::{Pipeline, settings};
+use super::{Drawing, Pipeline, settings};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::geometry::Geometry;
@@ -68,7 +68,9 @@ impl Pipeline for Hsao {
         };
         Ok(Self { seen, composed, uniforms, hard, buffers })
     }
+}
 
+impl Drawing for Hsao {
     fn image(&self) -> &wgpu::Texture {
         self.composed.compose.texture()
     }

@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use thiserror::Error;
 
-use caustics_image::Compared;
+use caustics_image::{Compared, IMAGE_ERROR};
 use fathom_base::parameter::{self, Field, ParamError, Setting};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
 use fathom_picture::RgbImage;
@@ -110,8 +110,8 @@ pub fn staged(parameters: &impl Serialize, file: &SceneFile) -> Result<SceneFile
     })
 }
 
-/// A pipeline: its parameters, its stages and its figures.
-pub trait Pipeline: Sized + 'static {
+/// What makes a pipeline: its parameters and its stages.
+pub trait Pipeline: Drawing + Sized + 'static {
     const NAME: &'static str;
     const ABOUT: &'static str;
     type Params: Parameters;
@@ -125,7 +125,10 @@ pub trait Pipeline: Sized + 'static {
         scene: &Scene,
         params: &Self::Params,
     ) -> Result<Self, GpuError>;
+}
 
+/// A pipeline that was made: what it draws, and what is known of its last frame.
+pub trait Drawing {
     /// The final image, `Rgba8Unorm`.
     fn image(&self) -> &wgpu::Texture;
 
@@ -146,8 +149,7 @@ pub trait Pipeline: Sized + 'static {
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
 
     /// What an analysis of a stage's outputs needs in addition: an object whose keys go into the description of a dump.
-    fn context(&self, stage: &str) -> Value {
-        let _ = stage;
+    fn context(&self, _stage: &str) -> Value {
         Value::Null
     }
 
@@ -164,34 +166,19 @@ pub trait Pipeline: Sized + 'static {
         self.occlusion().map_or_else(|| Ok(Judged::default()), |buffers| buffers.judge(judge))
     }
 
-    /// Caustics of the last frame beside those of a photon map.
+    /// Caustics of the last frame beside those of a photon map; none where there are no caustics.
     ///
     /// # Errors
-    /// As [`Self::judge`], and pipelines without caustics.
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
-        let _ = judge;
-        Err(JudgeError::NoCaustics(Self::NAME))
-    }
-
-    /// A picture of the error of ambient occlusion or of caustics, point by point, and what its colours mean.
-    ///
-    /// # Errors
-    /// As [`Self::judge`], and pipelines with neither.
-    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
-        if let Some(buffers) = self.occlusion() {
-            return buffers.error_picture(judge);
-        }
-        match self.caustics(judge) {
-            Err(JudgeError::NoCaustics(name)) => Err(JudgeError::NoPicture(name)),
-            caustics => Ok(caustics?.error_picture()),
-        }
+    /// As [`Self::judge`].
+    fn caustics(&self, _judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
+        Ok(None)
     }
 }
 
 /// A picture of errors, and what its colours mean.
 pub type ErrorPicture = (RgbImage, PictureScale);
 
-/// What [`Pipeline::judge`] works with: the device, the scene, and earlier answers of the references.
+/// What [`Drawing::judge`] works with: the device, the scene, and earlier answers of the references.
 pub struct Judge<'a> {
     pub gpu: &'a Gpu,
     pub scene: &'a Rc<Scene>,
@@ -257,10 +244,14 @@ pub enum JudgeError {
 }
 
 /// A pipeline that was made for a scene, and what it runs.
-pub struct Built<P> {
-    pipeline: P,
+pub struct Built<P: ?Sized> {
+    name: &'static str,
     parts: Parts,
+    pipeline: P,
 }
+
+/// A built pipeline of any kind.
+pub type AnyPipeline = Built<dyn Drawing>;
 
 impl<P: Pipeline> Built<P> {
     /// Makes the pipeline; what it runs once has run on return.
@@ -272,11 +263,57 @@ impl<P: Pipeline> Built<P> {
         let pipeline = P::new(&resources, scene, params)?;
         let parts = resources.into_parts();
         parts.run_once(gpu)?;
-        Ok(Self { pipeline, parts })
+        Ok(Self { name: P::NAME, parts, pipeline })
     }
 }
 
-impl<P> Deref for Built<P> {
+impl<P: Drawing + ?Sized> Built<P> {
+    /// In frame order.
+    pub fn stages(&self) -> Vec<&dyn Stage> {
+        self.parts.stages.iter().map(AsRef::as_ref).collect()
+    }
+
+    /// GPU memory that the pipeline's resources take.
+    pub fn allocated_bytes(&self) -> u64 {
+        self.parts.demand.held_bytes()
+    }
+
+    /// See [`Drawing::judge`]; with those against a photon map where they are asked for.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        let mut judged = self.pipeline.judge(judge)?;
+        if judge.asks_for(IMAGE_ERROR)
+            && let Some(compared) = self.pipeline.caustics(judge)?
+        {
+            judged.add(compared.judged());
+        }
+        Ok(judged)
+    }
+
+    /// See [`Drawing::caustics`].
+    ///
+    /// # Errors
+    /// As there, and pipelines without caustics.
+    pub fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
+        self.pipeline.caustics(judge)?.ok_or(JudgeError::NoCaustics(self.name))
+    }
+
+    /// A picture of the error of ambient occlusion or of caustics, point by point, and what its colours mean.
+    ///
+    /// # Errors
+    /// As [`Drawing::judge`], and pipelines with neither.
+    pub fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
+        if let Some(buffers) = self.occlusion() {
+            return buffers.error_picture(judge);
+        }
+        let caustics = self.pipeline.caustics(judge)?;
+        Ok(caustics.ok_or(JudgeError::NoPicture(self.name))?.error_picture())
+    }
+}
+
+impl<P: ?Sized> Deref for Built<P> {
     type Target = P;
 
     fn deref(&self) -> &P {
@@ -284,81 +321,9 @@ impl<P> Deref for Built<P> {
     }
 }
 
-impl<P> DerefMut for Built<P> {
+impl<P: ?Sized> DerefMut for Built<P> {
     fn deref_mut(&mut self) -> &mut P {
         &mut self.pipeline
-    }
-}
-
-/// A built pipeline of any kind.
-pub trait AnyPipeline {
-    /// In frame order.
-    fn stages(&self) -> Vec<&dyn Stage>;
-    /// GPU memory that the pipeline's resources take.
-    fn allocated_bytes(&self) -> u64;
-    /// See [`Pipeline::image`].
-    fn image(&self) -> &wgpu::Texture;
-    /// See [`Pipeline::presenting`].
-    fn presenting(&self) -> Vec<&dyn Stage>;
-    /// See [`Pipeline::shows_visibility`].
-    fn shows_visibility(&self) -> bool;
-    /// See [`Pipeline::quantities`].
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
-    /// See [`Pipeline::context`].
-    fn context(&self, stage: &str) -> Value;
-    /// See [`Pipeline::occlusion`].
-    fn occlusion(&self) -> Option<&OcclusionBuffers>;
-    /// See [`Pipeline::judge`].
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError>;
-    /// See [`Pipeline::caustics`].
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError>;
-    /// See [`Pipeline::error_picture`].
-    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError>;
-}
-
-impl<P: Pipeline> AnyPipeline for Built<P> {
-    fn stages(&self) -> Vec<&dyn Stage> {
-        self.parts.stages.iter().map(AsRef::as_ref).collect()
-    }
-
-    fn allocated_bytes(&self) -> u64 {
-        self.parts.demand.held_bytes()
-    }
-
-    fn image(&self) -> &wgpu::Texture {
-        self.pipeline.image()
-    }
-
-    fn presenting(&self) -> Vec<&dyn Stage> {
-        self.pipeline.presenting()
-    }
-
-    fn shows_visibility(&self) -> bool {
-        self.pipeline.shows_visibility()
-    }
-
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        self.pipeline.quantities(gpu)
-    }
-
-    fn context(&self, stage: &str) -> Value {
-        self.pipeline.context(stage)
-    }
-
-    fn occlusion(&self) -> Option<&OcclusionBuffers> {
-        self.pipeline.occlusion()
-    }
-
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        self.pipeline.judge(judge)
-    }
-
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
-        self.pipeline.caustics(judge)
-    }
-
-    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
-        self.pipeline.error_picture(judge)
     }
 }
 
@@ -378,7 +343,7 @@ pub trait Configuration {
     /// # Errors
     /// A scene or settings for which it cannot be built; the text names them.
     fn plan(&self, scene: &Scene) -> Result<Plan, GpuError>;
-    fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<dyn AnyPipeline>, GpuError>;
+    fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<AnyPipeline>, GpuError>;
     fn camera(&self) -> Camera;
     /// The same seen from elsewhere.
     fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration>;
@@ -427,7 +392,7 @@ impl<P: Pipeline> Configuration for Configured<P> {
         })
     }
 
-    fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<dyn AnyPipeline>, GpuError> {
+    fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<AnyPipeline>, GpuError> {
         Ok(Box::new(Built::<P>::new(gpu, scene, &self.0)?))
     }
 

@@ -323,6 +323,15 @@ impl Question {
     }
 }
 
+/// Places of a picture, `step` pixels apart, row by row.
+pub(super) fn lattice([width, height]: [u32; 2], step: f64) -> impl Iterator<Item = [u32; 2]> {
+    let along = move |side: u32| {
+        let places = (0..side).map(move |i| ((f64::from(i) + 0.5) * step) as u32);
+        places.take_while(move |place| *place < side)
+    };
+    along(height).flat_map(move |y| along(width).map(move |x| [x, y]))
+}
+
 /// Casts the reference at a lattice of the seen points. Positions are where exact rays through the pixels meet the geometry;
 /// normals are those of the G-buffer, which the judged stages use too.
 fn cast(
@@ -332,21 +341,13 @@ fn cast(
     most: usize,
     rays: u32,
 ) -> Vec<JudgedPoint> {
-    let [width, height] = question.buffer_px;
     let seen = |texel: &[u32; 2]| {
         let [x, y] = question.pixel(*texel);
         depth.texel(x, y)[0] < 1.0
     };
-    let lattice = |step: f64| {
-        let along = move |side: u32| {
-            let places = (0..side).map(move |i| ((f64::from(i) + 0.5) * step) as u32);
-            places.take_while(move |place| *place < side)
-        };
-        along(height).flat_map(move |y| along(width).map(move |x| [x, y]))
-    };
-    let all = lattice(1.0).filter(seen).count();
+    let all = lattice(question.buffer_px, 1.0).filter(seen).count();
     let step = (all as f64 / most as f64).sqrt().max(1.0);
-    let texels: Vec<[u32; 2]> = lattice(step).filter(seen).collect();
+    let texels: Vec<[u32; 2]> = lattice(question.buffer_px, step).filter(seen).collect();
     let [width, height] = question.size_px;
     let camera_rays = PixelRays::new(&question.camera, width, height);
     let point = |texel: [u32; 2]| {
@@ -381,7 +382,7 @@ fn errors(question: &Question, points: &[JudgedPoint], buffer: &Pixels) -> Vec<f
 }
 
 /// RMS and mean of the errors of a stage's buffer.
-fn figures(name: &str, stage: &'static str, errors: &[f64]) -> [ErrorFigure; 2] {
+pub(super) fn figures(name: &str, stage: &'static str, errors: &[f64]) -> [ErrorFigure; 2] {
     let count = errors.len() as f64;
     let bias = errors.iter().sum::<f64>() / count;
     let square = errors.iter().map(|error| error * error).sum::<f64>() / count;

@@ -3,15 +3,13 @@
 mod measure;
 mod parameters;
 
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::rc::Rc;
 
-use super::caustics_image::{Compared, IMAGE_ERROR};
+use super::Pipeline;
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Pipeline};
-use fathom_gpu::{Gpu, GpuError};
+use fathom_gpu::GpuError;
 use fathom_scene::{Bounds, Scene};
 use fathom_stages::frame::{Frame, Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
@@ -106,27 +104,6 @@ impl Pipeline for PhotonTracing {
         let irradiance = sprites.irradiance.clone();
         Ok(Self { params: params.clone(), view, photons, lists, irradiance, image })
     }
-
-    fn image(&self) -> &wgpu::Texture {
-        &self.image
-    }
-
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        self.measured_quantities(gpu)
-    }
-
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
-        if judge.asks_for(IMAGE_ERROR) {
-            judged.add(self.caustics(judge)?.judged());
-        }
-        Ok(judged)
-    }
-
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
-        let found = self.found_caustics(judge.gpu)?;
-        Compared::new(judge, &self.view, &found)
-    }
 }
 
 /// Lines of sight meet nothing nearer to the water's surface than this.
@@ -162,7 +139,7 @@ fn shafts(
 
 /// Flux of a photon of weight 1.
 fn photon_w(params: &Params, view: &View) -> f64 {
-    view.weighted_flux_w() / f64::from(params.photons())
+    view.weighted_flux_w() / f64::from(params.transfer.photons())
 }
 
 fn sprite(params: &Params, view: &View) -> Sprite {

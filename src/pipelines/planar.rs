@@ -8,13 +8,12 @@ mod measure;
 mod parameters;
 mod receivers;
 
-use std::collections::BTreeMap;
 use std::rc::Rc;
 
+use super::Pipeline;
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Pipeline};
-use fathom_gpu::{Gpu, GpuError};
+use fathom_gpu::GpuError;
 use fathom_reference::pool::Basin;
 use fathom_scene::Scene;
 use fathom_stages::frame::{Frame, Shared, View};
@@ -63,26 +62,12 @@ impl Pipeline for Planar {
 
         let of_map = &resources.sized_by("planar.texels");
         let pool = params.pool(&scene.water);
-        let photon_w = view.weighted_flux_w() / f64::from(params.photons());
+        let photon_w = view.weighted_flux_w() / f64::from(params.transfer.photons());
         let points = of_map.push(Points::new(of_map, shared, &transfers, &pool, photon_w)?);
         let (exposure, shown) = (params.compose.exposure, params.compose.show);
         let lit = (&points.map, &pool);
         let compose = Compose::new(of_view, shared, &gbuffer.textures, lit, exposure, shown)?;
         let compose = of_view.push(compose);
         Ok(Self { params: params.clone(), view, basin, transfers, points, compose })
-    }
-
-    fn image(&self) -> &wgpu::Texture {
-        self.compose.texture()
-    }
-
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        self.measured_quantities(gpu)
-    }
-
-    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
-        judged.errors.extend(self.map_errors(judge.gpu)?);
-        Ok(judged)
     }
 }

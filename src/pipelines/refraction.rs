@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::screen_tracing::{self, Composition, LayeredDepth};
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Parameters, Pipeline};
+use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
 use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
@@ -127,7 +127,9 @@ impl Pipeline for ScreenRefraction {
         let compose = of_view.push(compose);
         Ok(Self { params: params.clone(), view, exits, compose })
     }
+}
 
+impl Drawing for ScreenRefraction {
     fn image(&self) -> &wgpu::Texture {
         self.compose.texture()
     }

@@ -10,11 +10,11 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Pipeline};
+use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
-use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::frame::{Frame, Shared};
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::ray_cast::RayCast;
 use fathom_stages::scalar;
@@ -61,7 +61,7 @@ impl Pipeline for ScalarAo {
         let named = |fault| GpuError::Unusable(format!("volume `{}`: {fault}", volume.name));
         volume.validate().map_err(named)?;
         params.scalar.suits(volume, longest_m(scene))?;
-        let view = view(params, scene);
+        let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = Shared::new(resources, &view);
         resources.push(Frame::new(view, &shared));
         let field = ScalarField::new(resources, volume, params.scalar.needs_pyramid());
@@ -74,7 +74,9 @@ impl Pipeline for ScalarAo {
         let (settings, camera) = (params.scalar.clone(), params.camera.clone());
         Ok(Self { settings, camera, cast, field, r_max_m })
     }
+}
 
+impl Drawing for ScalarAo {
     fn image(&self) -> &wgpu::Texture {
         self.cast.image()
     }
@@ -133,9 +135,4 @@ fn cast(
         Mode::Direct => scalar::direct::new(resources, through, march, beer, rejection),
         Mode::Positional => scalar::positional::new(resources, through, march, beer, rejection),
     }
-}
-
-/// What the frame is seen from, for these parameters.
-pub fn view(params: &Params, scene: &Scene) -> View {
-    settings::view(&params.view, &params.camera, &params.light, scene)
 }

@@ -14,7 +14,7 @@ use fathom_stages::bilateral::BilateralUniforms;
 use fathom_stages::frame;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
-pub use fathom_stages::marching::Attenuation;
+pub use fathom_stages::marching::{Attenuation, R_MAX_SHARE};
 use fathom_stages::scene::deform::{self, Motion};
 use fathom_stages::transfer::map::MapUniforms;
 
@@ -193,16 +193,6 @@ settings! {
 }
 
 impl Animation {
-    /// What moves the geometry; none where it rests.
-    pub fn motion(&self) -> Option<Motion> {
-        match self.deform {
-            Deform::None => None,
-            Deform::Spin => Some(Motion::Spin),
-            Deform::Twist => Some(Motion::Twist),
-            Deform::Wave => Some(Motion::Wave),
-        }
-    }
-
     /// Cycles since time 0.
     pub fn cycles(&self) -> f64 {
         self.rate_hz * self.time_s
@@ -236,11 +226,14 @@ pub fn deform(
     scene: &Scene,
     animation: &Animation,
 ) -> Result<Option<deform::Deform>, GpuError> {
+    let motion = match animation.deform {
+        Deform::None => return Ok(None),
+        Deform::Spin => Motion::Spin,
+        Deform::Twist => Motion::Twist,
+        Deform::Wave => Motion::Wave,
+    };
     let amount = (animation.cycles(), animation.amplitude);
-    animation
-        .motion()
-        .map(|motion| deform::Deform::new(resources, geometry, scene, motion, amount))
-        .transpose()
+    deform::Deform::new(resources, geometry, scene, motion, amount).map(Some)
 }
 
 /// What a pipeline shows its stages where none of them looks photons up in the light's depth.
@@ -324,9 +317,6 @@ impl Cells {
         Ok(volume)
     }
 }
-
-/// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry, dragon_dry and sponza.
-pub const R_MAX_SHARE: f64 = 0.25;
 
 /// Distance up to which geometry occludes, metres: as set, or where that is 0 a share of the scene's longest side.
 pub fn r_max_m(scene: &Scene, r_max_m: f64, r_max_share: f64) -> f64 {

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Parameters, Pipeline};
+use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError, read_buffer};
@@ -91,7 +91,9 @@ impl Pipeline for ShadowRays {
         let compose = of_view.push(compose);
         Ok(Self { params: params.clone(), view, photons, compose })
     }
+}
 
+impl Drawing for ShadowRays {
     fn image(&self) -> &wgpu::Texture {
         self.compose.texture()
     }

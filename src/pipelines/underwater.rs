@@ -13,9 +13,9 @@ use std::rc::Rc;
 use glam::{DVec3, UVec2, Vec2};
 use serde_json::Value;
 
-use super::caustics_image::{Compared, IMAGE_ERROR};
+use super::caustics_image::Compared;
 use super::settings::{VIEWPORT, scaled};
-use super::{Judge, JudgeError, Judged, Pipeline};
+use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::caustics::mesh::{Mesh, MeshUniforms};
@@ -113,7 +113,9 @@ impl Pipeline for Underwater {
         let compose = of_view.push(compose);
         Ok(Self { params: params.clone(), view, caustics, godrays, compose, plan })
     }
+}
 
+impl Drawing for Underwater {
     fn image(&self) -> &wgpu::Texture {
         self.compose.texture()
     }
@@ -127,16 +129,12 @@ impl Pipeline for Underwater {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
-        if judge.asks_for(IMAGE_ERROR) {
-            judged.add(self.caustics(judge)?.judged());
-        }
-        Ok(judged)
+        self.landing_errors(judge.gpu, judge.scene)
     }
 
-    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
         let found = self.found_caustics(judge)?;
-        Compared::new(judge, &self.view, &found)
+        Compared::new(judge, &self.view, &found).map(Some)
     }
 }
 

@@ -3,16 +3,14 @@
 mod measure;
 mod parameters;
 
-use std::collections::BTreeMap;
-
 use glam::DMat4;
 
 use super::Pipeline;
 use super::lighting::{Composed, Seen};
 use super::occlusion::{self, OcclusionBuffers};
 use super::settings::{self, Update};
-use super::voxelization::{self, Voxelization};
-use fathom_gpu::{Gpu, GpuError};
+use super::voxelization;
+use fathom_gpu::GpuError;
 use fathom_scene::Scene;
 use fathom_stages::ao;
 use fathom_stages::geometry::Geometry;
@@ -21,28 +19,18 @@ use fathom_stages::marching::Marching;
 use fathom_stages::voxels::Voxels;
 
 pub use measure::{PointQuery, occlusion_at};
-pub use parameters::{Ao, Params};
+pub use parameters::Params;
 
 /// Voxelization, rays marched through the volumes, filter, composition.
 pub struct VolumeAo {
     marching: Marching,
     seen: Seen,
     view_projection: DMat4,
-    volumes: Vec<Voxels>,
+    /// What is marched through.
+    pub volumes: Vec<Voxels>,
     composed: Composed,
-    buffers: OcclusionBuffers,
-}
-
-impl VolumeAo {
-    /// The volumes that are marched through.
-    pub fn volumes(&self) -> &[Voxels] {
-        &self.volumes
-    }
-
     /// What the frame left of occlusion and of what the camera sees.
-    pub fn buffers(&self) -> &OcclusionBuffers {
-        &self.buffers
-    }
+    pub buffers: OcclusionBuffers,
 }
 
 impl Pipeline for VolumeAo {
@@ -56,10 +44,9 @@ impl Pipeline for VolumeAo {
         let view_projection = view.camera.view_projection(view.aspect());
         let shared = Seen::frame(resources, &view);
         let geometry = Geometry::new(resources, scene);
-        let Voxelization { volumes } =
-            voxelize(resources, &geometry, scene, params, params.voxel.update)?;
+        let volumes = voxelize(resources, &geometry, scene, params, params.voxel.update)?;
         let seen = Seen::draw(resources, (view, shared), &geometry, &params.shadow)?;
-        let marching = params.ao.marching(scene);
+        let marching = params.marching(scene);
         let textures = &seen.gbuffer.textures;
         let of_buffer = resources.sized_by("ao.rays × samples");
         let march = ao::march::March::new(
@@ -91,22 +78,6 @@ impl Pipeline for VolumeAo {
         };
         Ok(Self { marching, seen, view_projection, volumes, composed, buffers })
     }
-
-    fn image(&self) -> &wgpu::Texture {
-        self.composed.compose.texture()
-    }
-
-    fn shows_visibility(&self) -> bool {
-        self.composed.compose.shows_occlusion()
-    }
-
-    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        self.measured_quantities(gpu)
-    }
-
-    fn occlusion(&self) -> Option<&OcclusionBuffers> {
-        Some(&self.buffers)
-    }
 }
 
 /// The volumes of a scene, once rays through them are known to make sense.
@@ -116,9 +87,9 @@ fn voxelize(
     scene: &Scene,
     params: &Params,
     update: Update,
-) -> Result<Voxelization, GpuError> {
+) -> Result<Vec<Voxels>, GpuError> {
     let grids = params.voxel.grids(scene, &params.camera, &params.animation)?;
     params.fits(scene, &grids)?;
     let volumes = voxelization::Volumes { grids, update, pyramid: params.ao.skipping };
-    Voxelization::new(resources, geometry, scene, &params.voxel, &params.animation, volumes)
+    voxelization::voxelize(resources, geometry, scene, &params.voxel, &params.animation, volumes)
 }

@@ -25,49 +25,41 @@ pub struct Volumes {
     pub pyramid: bool,
 }
 
-/// Volumes of a scene.
-pub struct Voxelization {
-    /// One for the scene, or one for each object in the scene's order.
-    pub volumes: Vec<Voxels>,
-}
-
-impl Voxelization {
-    /// Pushes the stage that moves the geometry, if it moves, and those that fill the volumes: into the frame, or where the
-    /// volumes are filled once among what runs once.
-    ///
-    /// # Errors
-    /// What the GPU reports.
-    pub fn new(
-        resources: &Resources<'_>,
-        geometry: &Geometry,
-        scene: &Scene,
-        settings: &Voxel,
-        animation: &Animation,
-        Volumes { grids, update, pyramid }: Volumes,
-    ) -> Result<Self, GpuError> {
-        if let Some(deform) = settings::deform(resources, geometry, scene, animation)? {
-            let deform = resources.push(deform);
-            if update == Update::Once {
-                resources.once(deform);
-            }
+/// Pushes the stage that moves the geometry, if it moves, and those that fill the volumes: into the frame, or where the
+/// volumes are filled once among what runs once. Gives the volumes, in the order of the grids.
+///
+/// # Errors
+/// What the GPU reports.
+pub fn voxelize(
+    resources: &Resources<'_>,
+    geometry: &Geometry,
+    scene: &Scene,
+    settings: &Voxel,
+    animation: &Animation,
+    Volumes { grids, update, pyramid }: Volumes,
+) -> Result<Vec<Voxels>, GpuError> {
+    if let Some(deform) = settings::deform(resources, geometry, scene, animation)? {
+        let deform = resources.push(deform);
+        if update == Update::Once {
+            resources.once(deform);
         }
-        let resources = &resources.sized_by(settings.size_name());
-        let parts = parts(resources, geometry, &grids, settings, pyramid);
-        let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
-        let filling = Filling { resources, geometry, parts: &parts, update };
-        match settings.method {
-            Method::Slicemap => filling.slicemap()?,
-            Method::Slice => filling.slice()?,
-            Method::Overlap => filling.overlap(false)?,
-            Method::OverlapThin => filling.overlap(true)?,
-            Method::MaxAlpha => filling.max_alpha()?,
-        }
-        // A single voxel has no levels.
-        if pyramid && grids.iter().any(|grid| grid.count() > 1) {
-            filling.push(Mips::new(resources, &volumes)?);
-        }
-        Ok(Self { volumes })
     }
+    let resources = &resources.sized_by(settings.size_name());
+    let parts = parts(resources, geometry, &grids, settings, pyramid);
+    let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
+    let filling = Filling { resources, geometry, parts: &parts, update };
+    match settings.method {
+        Method::Slicemap => filling.slicemap()?,
+        Method::Slice => filling.slice()?,
+        Method::Overlap => filling.overlap(false)?,
+        Method::OverlapThin => filling.overlap(true)?,
+        Method::MaxAlpha => filling.max_alpha()?,
+    }
+    // A single voxel has no levels.
+    if pyramid && grids.iter().any(|grid| grid.count() > 1) {
+        filling.push(Mips::new(resources, &volumes)?);
+    }
+    Ok(volumes)
 }
 
 /// A volume for the whole scene, or one for each object.

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::settings::{self, Animation, Update, VIEWPORT, Voxel};
-use super::voxelization::{self, Voxelization};
-use super::{Parameters, Pipeline};
+use super::voxelization;
+use super::{Drawing, Parameters, Pipeline};
 use fathom_base::parameter::ParamError;
 use fathom_gpu::{Gpu, GpuError, Stage, read_buffer, texture_bytes};
 use fathom_scene::{Camera, Light, Scene, SceneFile};
@@ -49,15 +49,8 @@ impl Parameters for Params {
 
 /// The volumes that a frame fills, and what draws them.
 pub struct Voxelize {
-    volumes: Vec<Voxels>,
+    pub volumes: Vec<Voxels>,
     view: CubeView,
-}
-
-impl Voxelize {
-    /// The volumes that a frame fills.
-    pub fn volumes(&self) -> &[Voxels] {
-        &self.volumes
-    }
 }
 
 impl Pipeline for Voxelize {
@@ -75,15 +68,17 @@ impl Pipeline for Voxelize {
             pyramid: params.pyramid,
         };
         let (voxel, animation) = (&params.voxel, &params.animation);
-        let Voxelization { volumes } =
-            Voxelization::new(resources, &geometry, scene, voxel, animation, volumes)?;
+        let volumes =
+            voxelization::voxelize(resources, &geometry, scene, voxel, animation, volumes)?;
         let picture = &resources.for_pictures().sized_by(VIEWPORT);
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = Shared::new(picture, &view);
         let view = CubeView::new(picture, &shared, &volumes, view.size_px.to_array())?;
         Ok(Self { volumes, view })
     }
+}
 
+impl Drawing for Voxelize {
     fn image(&self) -> &wgpu::Texture {
         self.view.texture()
     }
@@ -94,7 +89,7 @@ impl Pipeline for Voxelize {
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let mut occupied = 0.0;
-        for voxels in self.volumes() {
+        for voxels in &self.volumes {
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &voxels.bits)?);
             occupied += words.iter().map(|w| f64::from(w.count_ones())).sum::<f64>();
         }

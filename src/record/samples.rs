@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{Clock, Line, MachineState, PassKind, Rejection, Run, schema};
+use super::{Clock, Line, MachineState, Name, PassKind, Rejection, Run, schema};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
 pub const SAMPLES_SCHEMA: u32 = 3;
@@ -78,7 +78,7 @@ pub struct Addition {
 }
 
 /// A timed frame and an untimed one, nanoseconds.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FramePair {
     /// The round of sampling: samples of one round were taken next to each other.
     pub round: u32,
@@ -101,7 +101,7 @@ pub struct FramePair {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageTime {
     /// The stage's name: `FAMILY/STEM`.
-    pub stage: String,
+    pub stage: Name,
     pub clock: Clock,
     /// Nanoseconds, less the submission's cost, if one is taken off; noise of that cost can then leave less than nothing.
     pub ns: f64,
@@ -111,4 +111,22 @@ pub struct StageTime {
     /// A shorter time cannot be distinguished from 0, nanoseconds.
     #[serde(default)]
     pub resolution_ns: f64,
+}
+
+impl StageTime {
+    /// Of a stage that did nothing.
+    pub fn none(stage: &str) -> Self {
+        let (stage, clock) = (stage.into(), Clock::Host);
+        Self { stage, clock, ns: 0.0, submit_cost_ns: 0.0, resolution_ns: 0.0 }
+    }
+
+    /// Whether the time is more than the clock's uncertainty.
+    pub fn is_resolved(&self) -> bool {
+        self.ns > self.resolution_ns
+    }
+
+    /// The time, or the resolution where that is longer.
+    pub fn at_least_resolution_ns(&self) -> f64 {
+        self.ns.max(self.resolution_ns)
+    }
 }

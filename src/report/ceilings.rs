@@ -66,19 +66,17 @@ pub fn rooflines<'a>(view: &ReportView<'a>) -> BTreeMap<&'a str, Roofline<'a>> {
 
 /// The longest record of each stage that the clock can tell from none, by pipeline and stage.
 fn longest<'a>(view: &ReportView<'a>) -> BTreeMap<(&'a str, &'a str), &'a StageRecord> {
-    let mut longest = BTreeMap::new();
-    for (cell, measured) in view.timed() {
-        let resolved = measured.stages.iter();
-        let resolved = resolved.filter(|stage| stage.clock != Clock::Host && stage.is_resolved());
-        for stage in resolved {
-            let kept = longest.entry((cell.pipeline.as_str(), stage.stage.as_str()));
-            let kept: &mut &StageRecord = kept.or_insert(stage);
-            if stage.time.median > kept.time.median {
-                *kept = stage;
-            }
-        }
-    }
-    longest
+    let stages = view.timed().flat_map(|(cell, measured)| {
+        measured
+            .stages
+            .iter()
+            .map(move |stage| ((cell.pipeline.as_str(), stage.stage.as_str()), stage))
+    });
+    let resolved = stages.filter(|(_, stage)| stage.clock != Clock::Host && stage.is_resolved());
+    let first_longest = |a: &'a StageRecord, _: &(&str, &str), b: &'a StageRecord| {
+        if b.time.median > a.time.median { b } else { a }
+    };
+    resolved.into_grouping_map().reduce(first_longest).into_iter().collect()
 }
 
 fn roofline<'a>(run: &'a Run, stages: &[&'a StageRecord]) -> Roofline<'a> {

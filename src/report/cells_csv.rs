@@ -10,8 +10,7 @@ use super::{Entry, Exporter, OfRun, ReportView, RunExporter, Written};
 use fathom_base::statistics::median;
 use fathom_base::text;
 use fathom_record::{
-    Estimate, Fenced, Interval, MachineState, Measured, Outcome, StageRecord, Throttling, Work,
-    machine,
+    Estimate, Fenced, Interval, Measured, Outcome, Run, StageRecord, Throttling, Work, machine,
 };
 
 pub const EXPORTER: RunExporter = Exporter {
@@ -22,20 +21,65 @@ pub const EXPORTER: RunExporter = Exporter {
     export: OfRun::Rows(export),
 };
 
-const OF_CELL: &str =
-    "experiment cell pipeline scene stand_ins adapter software profile status reason";
-const OF_STAGE: &str =
-    "stage clock median_ns low_ns high_ns samples submit_cost_median_ns resolution_ns";
-const OF_FRAME: &str = "frame_untimed_median_ns frame_untimed_low_ns frame_untimed_high_ns frame_untimed_samples \
-    accounting_error timing_cost allocated_bytes warm_up_frames rejected_frames \
-    machine_samples throttled_samples throttle_reasons quantities";
+/// What stands in a column.
+type OfCell = fn(&Entry<'_>) -> String;
+type OfStage = fn(&StageRecord) -> String;
+type OfFrame = fn(&Measured) -> String;
+
+const OF_CELL: [(&str, OfCell); 10] = [
+    ("experiment", |entry| entry.cell.experiment.clone()),
+    ("cell", |entry| entry.cell.cell.clone()),
+    ("pipeline", |entry| entry.cell.pipeline.clone()),
+    ("scene", |entry| entry.cell.scene.clone()),
+    ("stand_ins", |entry| entry.cell.stand_ins.join("; ")),
+    ("adapter", |entry| of_run(entry, |run| run.adapter.name.clone())),
+    ("software", |entry| of_run(entry, |run| run.adapter.software.to_string())),
+    ("profile", |entry| of_run(entry, |run| run.profile.name().to_owned())),
+    ("status", |entry| status(entry)[0].to_owned()),
+    ("reason", |entry| status(entry)[1].to_owned()),
+];
+
+/// No figures of a time that is below the resolution, which then stands alone.
+const OF_STAGE: [(&str, OfStage); 8] = [
+    ("stage", |stage| stage.stage.to_string()),
+    ("clock", |stage| {
+        let clock = serde_json::to_value(stage.clock).unwrap_or_default();
+        clock.as_str().unwrap_or_default().to_owned()
+    }),
+    ("median_ns", |stage| middle(&resolved(stage))),
+    ("low_ns", |stage| end(&resolved(stage), |interval| interval.low)),
+    ("high_ns", |stage| end(&resolved(stage), |interval| interval.high)),
+    ("samples", |stage| stage.time.n.to_string()),
+    ("submit_cost_median_ns", |stage| fenced(stage, |of| median(&of.submit_cost_samples_ns))),
+    ("resolution_ns", |stage| fenced(stage, |of| of.resolution_ns)),
+];
+
+const OF_FRAME: [(&str, OfFrame); 12] = [
+    ("frame_untimed_median_ns", |cell| middle(&cell.frame.untimed)),
+    ("frame_untimed_low_ns", |cell| end(&cell.frame.untimed, |interval| interval.low)),
+    ("frame_untimed_high_ns", |cell| end(&cell.frame.untimed, |interval| interval.high)),
+    ("frame_untimed_samples", |cell| cell.frame.untimed.n.to_string()),
+    ("accounting_error", |cell| cell.frame.accounting_error.to_string()),
+    ("timing_cost", |cell| cell.frame.timing_cost.median.to_string()),
+    ("allocated_bytes", |cell| cell.allocated_bytes.to_string()),
+    ("warm_up_frames", |cell| cell.warm_up_frames.to_string()),
+    ("rejected_frames", |cell| cell.rejected_frames().to_string()),
+    // Samples whose state of the machine is known, those that were taken while heat or power held clocks down, and why.
+    ("machine_samples", |cell| cell.frame.machine.len().to_string()),
+    ("throttled_samples", |cell| held(cell).map_or(0, |held| held.throttled).to_string()),
+    ("throttle_reasons", |cell| {
+        held(cell).map_or_else(String::new, |held| machine::words(&held.reasons))
+    }),
+];
 
 fn export(view: &ReportView<'_>, to: &mut dyn Write) -> io::Result<()> {
-    let names = |names: &str| names.split(' ').map(str::to_owned).collect::<Vec<String>>();
-    let work = Work::NAMES.iter().map(ToString::to_string).collect();
-    let header = [names(OF_CELL), names(OF_STAGE), work, names(OF_FRAME)].concat();
-    let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(to);
+    let of_cell = OF_CELL.iter().map(|(name, _)| *name);
+    let of_stage = OF_STAGE.iter().map(|(name, _)| *name).chain(Work::NAMES.iter().copied());
+    let of_frame = OF_FRAME.iter().map(|(name, _)| *name).chain(["quantities"]);
+    let header = of_cell.chain(of_stage).chain(of_frame);
+    let header = header.map(str::to_owned).collect_vec();
     let columns = header.len();
+    let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(to);
     let rows = view.entries().flat_map(|entry| rows(entry, columns));
     for row in std::iter::once(header).chain(rows) {
         writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)))?;
@@ -44,85 +88,53 @@ fn export(view: &ReportView<'_>, to: &mut dyn Write) -> io::Result<()> {
 }
 
 fn rows(entry: &Entry<'_>, columns: usize) -> Vec<Vec<String>> {
-    let unmeasured = |status: &str, reason: &str| {
-        let mut fields = cell_fields(entry, status, reason);
-        fields.resize(columns, String::new());
-        vec![fields]
+    let of_cell = OF_CELL.iter().map(|(_, field)| field(entry)).collect_vec();
+    let Some(measured) = entry.cell.measured() else {
+        let mut row = of_cell;
+        row.resize(columns, String::new());
+        return vec![row];
     };
+    let row = |(index, stage): (usize, &StageRecord)| {
+        let work = stage.work.fields().into_iter().map(|(_, count)| count.to_string()).collect();
+        let quantities = if index == 0 { quantities(measured) } else { String::new() };
+        let of_stage = OF_STAGE.iter().map(|(_, field)| field(stage)).collect();
+        let of_frame = OF_FRAME.iter().map(|(_, field)| field(measured)).collect();
+        [of_cell.clone(), of_stage, work, of_frame, vec![quantities]].concat()
+    };
+    measured.stages.iter().enumerate().map(row).collect()
+}
+
+fn of_run(entry: &Entry<'_>, field: fn(&Run) -> String) -> String {
+    entry.run.map(field).unwrap_or_default()
+}
+
+/// What became of a cell, and why.
+fn status<'e>(entry: &'e Entry<'_>) -> [&'e str; 2] {
     match &entry.cell.outcome {
-        Outcome::Measured(measured) => {
-            let cell = cell_fields(entry, "measured", "");
-            let row = |(index, stage)| {
-                let quantities = if index == 0 { quantities(measured) } else { String::new() };
-                [cell.clone(), stage_fields(stage), frame_fields(measured), vec![quantities]]
-                    .concat()
-            };
-            measured.stages.iter().enumerate().map(row).collect()
-        }
-        Outcome::Skipped { reason } => unmeasured("skipped", reason),
-        Outcome::Failed { reason } => unmeasured("failed", reason),
+        Outcome::Measured(_) => ["measured", ""],
+        Outcome::Skipped { reason } => ["skipped", reason],
+        Outcome::Failed { reason } => ["failed", reason],
     }
 }
 
-fn cell_fields(entry: &Entry<'_>, status: &str, reason: &str) -> Vec<String> {
-    let cell = entry.cell;
-    let run = |field: fn(&fathom_record::Run) -> String| entry.run.map(field).unwrap_or_default();
-    vec![
-        cell.experiment.clone(),
-        cell.cell.clone(),
-        cell.pipeline.clone(),
-        cell.scene.clone(),
-        cell.stand_ins.join("; "),
-        run(|run| run.adapter.name.clone()),
-        run(|run| run.adapter.software.to_string()),
-        run(|run| run.profile.name().to_owned()),
-        status.to_owned(),
-        reason.to_owned(),
-    ]
+fn resolved(stage: &StageRecord) -> Estimate {
+    if stage.is_resolved() { stage.time } else { Estimate::default() }
 }
 
-fn stage_fields(stage: &StageRecord) -> Vec<String> {
-    let clock = serde_json::to_value(stage.clock).unwrap_or_default();
-    let mut fields = vec![stage.stage.to_string(), clock.as_str().unwrap_or_default().to_owned()];
-    fields.extend(time_fields(stage));
-    fields.extend(stage.work.fields().map(|(_, count)| count.to_string()));
-    fields
+fn fenced(stage: &StageRecord, field: fn(&Fenced) -> f64) -> String {
+    stage.fenced.as_ref().map(|fenced| field(fenced).to_string()).unwrap_or_default()
 }
 
-/// No figures of a time that is below the resolution, which then stands alone.
-fn time_fields(stage: &StageRecord) -> Vec<String> {
-    let mut fields = estimate_fields(&stage.time).to_vec();
-    if !stage.is_resolved() {
-        fields[..3].fill(String::new());
-    }
-    let of_fenced = |field: fn(&Fenced) -> f64| {
-        stage.fenced.as_ref().map(|fenced| field(fenced).to_string()).unwrap_or_default()
-    };
-    fields.push(of_fenced(|fenced| median(&fenced.submit_cost_samples_ns)));
-    fields.push(of_fenced(|fenced| fenced.resolution_ns));
-    fields
+fn held(cell: &Measured) -> Option<Throttling> {
+    Throttling::of(&cell.frame.machine)
 }
 
-fn frame_fields(measured: &Measured) -> Vec<String> {
-    let frame = &measured.frame;
-    let mut fields = estimate_fields(&frame.untimed).to_vec();
-    fields.extend([
-        frame.accounting_error.to_string(),
-        frame.timing_cost.median.to_string(),
-        measured.allocated_bytes.to_string(),
-        measured.warm_up_frames.to_string(),
-        measured.rejected_frames().to_string(),
-    ]);
-    fields.extend(machine_fields(&frame.machine));
-    fields
+fn middle(estimate: &Estimate) -> String {
+    if estimate.n > 0 { estimate.median.to_string() } else { String::new() }
 }
 
-/// Samples whose state of the machine is known, those that were taken while heat or power held clocks down, and why.
-fn machine_fields(states: &[MachineState]) -> [String; 3] {
-    let held = Throttling::of(states);
-    let reasons = held.as_ref().map_or_else(String::new, |held| machine::words(&held.reasons));
-    let throttled = held.map_or(0, |held| held.throttled);
-    [states.len().to_string(), throttled.to_string(), reasons]
+fn end(estimate: &Estimate, end: fn(&Interval) -> f64) -> String {
+    estimate.interval.as_ref().map_or_else(String::new, |interval| end(interval).to_string())
 }
 
 /// `NAME=VALUE` of each quantity and error.
@@ -131,20 +143,11 @@ fn quantities(measured: &Measured) -> String {
     figures.iter().map(|(name, value)| format!("{name}={value}")).join("; ")
 }
 
-fn estimate_fields(estimate: &Estimate) -> [String; 4] {
-    let Estimate { median, interval, n } = estimate;
-    let end = |end: fn(&Interval) -> f64| {
-        interval.as_ref().map(end).map_or_else(String::new, |end| end.to_string())
-    };
-    let median = if *n > 0 { median.to_string() } else { String::new() };
-    [median, end(|interval| interval.low), end(|interval| interval.high), n.to_string()]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use fathom_experiments::fixtures;
-    use fathom_record::{Cell, Record};
+    use fathom_record::{Cell, MachineState, Record};
 
     fn exported(records: &[Record]) -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -204,7 +207,8 @@ mod tests {
             submit_cost_samples_ns: vec![6e4; 7],
             resolution_ns: 5e4,
         });
-        assert_eq!(time_fields(stage), ["", "", "", "7", "60000", "50000"]);
+        let fields = OF_STAGE[2..].iter().map(|(_, field)| field(stage)).collect_vec();
+        assert_eq!(fields, ["", "", "", "7", "60000", "50000"]);
         assert_eq!(crate::format::stage_ms(stage), "< 0.0500");
     }
 }

@@ -5,6 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
+use serde::{Serialize, Serializer};
 
 /// Degrees between the hues of families that follow each other in the alphabet: the golden angle, so that any number of
 /// families is spread evenly and neighbours are far apart.
@@ -23,6 +24,13 @@ pub const NEUTRAL: Color = Color(150, 150, 150);
 /// Red, green and blue of sRGB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Color(pub u8, pub u8, pub u8);
+
+/// As CSS has it.
+impl Serialize for Color {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.hex().serialize(serializer)
+    }
+}
 
 impl Color {
     /// For CSS and SVG.
@@ -54,7 +62,7 @@ impl Color {
 }
 
 /// The colours of a report's stages. The same set of names gives the same colours.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct StageColors(BTreeMap<String, Color>);
 
 impl StageColors {

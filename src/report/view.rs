@@ -2,7 +2,6 @@
 
 use std::cell::OnceCell;
 use std::cmp::Ordering;
-use std::collections::hash_map::Entry::{Occupied, Vacant};
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -97,23 +96,29 @@ impl<'a> ReportView<'a> {
     /// With the pictures that lie in `folder`; without one, all that the records name.
     pub fn new(records: &'a [Record], folder: Option<&Path>) -> ReportView<'a> {
         let mut view = ReportView { folder: folder.map(Path::to_owned), ..ReportView::default() };
-        let mut places = Places::default();
+        let mut sections = IndexMap::<&str, Section<'a>>::new();
+        // By experiment and cell: one that was measured again keeps its place.
+        let mut entries = IndexMap::<(&str, &str), Entry<'a>>::new();
         for record in records {
             match record {
                 Record::Run(run) => view.runs.push(run),
                 Record::End(end) => view.ends.push(end),
                 Record::Experiment(definition) => {
                     let parsed = Experiment::parse(&definition.id, &definition.toml);
-                    let section = places.section(&definition.id, &mut view.sections);
-                    view.sections[section].define(parsed);
+                    Section::of(&definition.id, &mut sections).define(parsed);
                 }
                 Record::Cell(cell) => {
                     let run = view.runs.last().copied();
-                    places.add(Entry { cell, run }, &mut view.sections);
+                    Section::of(&cell.experiment, &mut sections);
+                    entries.insert((&cell.experiment, &cell.cell), Entry { cell, run });
                 }
                 Record::Comparison(_) => {}
             }
         }
+        for ((experiment, _), entry) in entries {
+            sections[experiment].entries.push(entry);
+        }
+        view.sections = sections.into_values().collect();
         let profile = view.run().map(|run| run.profile);
         for section in &mut view.sections {
             section.finish(profile, folder);
@@ -142,35 +147,15 @@ impl<'a> ReportView<'a> {
     }
 }
 
-/// Where sections and their cells are in a view that is being filled.
-#[derive(Default)]
-struct Places<'a> {
-    sections: HashMap<&'a str, usize>,
-    cells: HashMap<(usize, &'a str), usize>,
-}
-
-impl<'a> Places<'a> {
-    fn section(&mut self, id: &'a str, sections: &mut Vec<Section<'a>>) -> usize {
-        *self.sections.entry(id).or_insert_with(|| {
-            sections.push(Section { id, ..Section::default() });
-            sections.len() - 1
-        })
-    }
-
-    fn add(&mut self, entry: Entry<'a>, sections: &mut Vec<Section<'a>>) {
-        let section = self.section(&entry.cell.experiment, sections);
-        let entries = &mut sections[section].entries;
-        match self.cells.entry((section, &entry.cell.cell)) {
-            Occupied(known) => entries[*known.get()] = entry,
-            Vacant(new) => {
-                new.insert(entries.len());
-                entries.push(entry);
-            }
-        }
-    }
-}
-
 impl<'a> Section<'a> {
+    /// The one of this experiment, which is added if need be.
+    fn of<'s>(
+        id: &'a str,
+        sections: &'s mut IndexMap<&'a str, Section<'a>>,
+    ) -> &'s mut Section<'a> {
+        sections.entry(id).or_insert_with(|| Section { id, ..Section::default() })
+    }
+
     fn define(&mut self, parsed: Result<Experiment, experiments::ExperimentError>) {
         match parsed {
             Ok(experiment) => {

@@ -1,16 +1,13 @@
 //! Checks of parameters. Each error names the parameter, its value and the valid range.
 
-use fathom_base::parameter::{Beside, Setting};
+use fathom_base::parameter::{self, Beside, Setting};
 use fathom_base::text;
 
 /// Largest coordinate or distance that a scene may use, metres: f32 keeps centimetres there.
 pub const FAR_M: f64 = 1e5;
 
 pub fn within(name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
-    if value.is_finite() && (low..=high).contains(&value) {
-        return Ok(());
-    }
-    Err(format!("{name} is {value}: it must lie within {low} … {high}"))
+    parameter::within(name, value, low, high).map_err(|error| error.to_string())
 }
 
 /// Every parameter of a group lies in its range.

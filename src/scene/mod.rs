@@ -48,6 +48,7 @@ pub use noise::{NOISE_CELLS, tile_noise};
 pub use raw::VolumeFormat;
 pub use read::{MAX_BYTES, MAX_TRIANGLES};
 pub use samples::{MAX_CELLS, Up};
+pub use shapes::surface;
 pub use volume::Volume;
 pub use volume_file::VolumeFile;
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};

@@ -7,6 +7,7 @@ use super::kit::{Bind, Buffer, Group, Resources};
 use super::slices::{Slice, most_turns, slices};
 use super::voxels::Voxels;
 use crate::shader_struct;
+use fathom_base::{choices, settings};
 use fathom_gpu::GpuError;
 use fathom_scene::Grid;
 
@@ -20,8 +21,6 @@ pub enum Attenuation {
     Hard,
 }
 
-fathom_base::choices!(Attenuation);
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Estimator {
@@ -30,8 +29,6 @@ pub enum Estimator {
     /// Mean of (n·r) ρ over directions uniform in the hemisphere: VAO §3 step 3c, half of Eq. 1.
     Paper,
 }
-
-fathom_base::choices!(Estimator);
 
 /// Where the first sample of a ray lies. VAO §5.1, Fig. 3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -47,8 +44,6 @@ pub enum Guard {
     Variable,
 }
 
-fathom_base::choices!(Guard);
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Step {
@@ -57,8 +52,6 @@ pub enum Step {
     /// A number of voxels, as often as r_max holds it.
     Voxel,
 }
-
-fathom_base::choices!(Step);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -69,8 +62,6 @@ pub enum Sampling {
     Stratified,
 }
 
-fathom_base::choices!(Sampling);
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Storage {
@@ -80,8 +71,6 @@ pub enum Storage {
     Bits,
 }
 
-fathom_base::choices!(Storage);
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Occluder {
@@ -90,8 +79,6 @@ pub enum Occluder {
     /// Samples are opacities and are gathered along the ray: Eq. 7 with Eq. 4's rejection, no ρ.
     Opacity,
 }
-
-fathom_base::choices!(Occluder);
 
 /// Where a hit is taken to lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -106,35 +93,62 @@ pub enum Hit {
     Peak,
 }
 
-fathom_base::choices!(Hit);
+choices!(Attenuation, Estimator, Guard, Step, Sampling, Storage, Occluder, Hit);
 
-/// How rays are marched.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Marching {
-    /// N_dir.
-    pub rays: u32,
-    /// N_samples; it sets the step of [`Step::Paper`].
-    pub samples: u32,
-    /// Step of [`Step::Voxel`], voxels.
-    pub step_voxels: f64,
-    pub r_max_m: f64,
-    /// V_thres. Above 1 no sample ends a ray.
-    pub threshold: f64,
-    /// Draws other directions at every pixel; 0 and up.
-    pub seed: u32,
-    /// From the surface along its normal to where rays begin, voxels.
-    pub offset_voxels: f64,
-    pub attenuation: Attenuation,
-    pub estimator: Estimator,
-    pub guard: Guard,
-    /// Whether each ray's samples are moved along it by a random share of a step.
-    pub jitter: bool,
-    pub step: Step,
-    pub sampling: Sampling,
-    pub storage: Storage,
-    pub skipping: bool,
-    pub occluder: Occluder,
-    pub hit: Hit,
+/// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry, dragon_dry and sponza.
+pub const R_MAX_SHARE: f64 = 0.25;
+
+settings! {
+    /// How rays are marched from surface points. Stages take it with the distance that rays reach: `r_max_m` is not 0.
+    pub struct Marching {
+        /// N_dir. With 8 samples each, 50 rays take the 400 samples of VAO Fig. 8.
+        rays: u32 = 50 => 1 ..= 65536, "1";
+        /// N_samples where `step` is `paper`. VAO §6.3: 8 to 12.
+        samples: u32 = 8 => 1 ..= 65536, "1";
+        /// Distance up to which geometry occludes; 0: `r_max_share`.
+        r_max_m: f64 = 0.0 => 0.0 ..= 1e4, "m";
+        /// The same as a share of the scene's longest side.
+        r_max_share: f64 = R_MAX_SHARE => 1e-3 ..= 4.0, "1";
+        /// How occluders weigh by their distance.
+        attenuation: Attenuation = Attenuation::Linear;
+        /// What the rays' mean estimates.
+        estimator: Estimator = Estimator::Unbiased;
+        /// V_thres. VAO §6.5: 0.2 to 0.8, for volumes from slicemaps. The default is for the thicker shells of `voxel.method`
+        /// overlap, which leave no gap at any slant. It was chosen from the map of errors, by the worst orientation and scene:
+        /// docs/volume-ao.md.
+        /// Above 1 no sample ends a ray: each takes all its samples, as memory is measured by.
+        threshold: f64 = 0.9 => 0.01 ..= 2.0, "1";
+        /// Where the first sample of a ray lies.
+        guard: Guard = Guard::Variable;
+        /// Whether each ray's samples are moved along it by a random share of a step, which turns bands into noise. VAO §5.2.3.
+        jitter: bool = false;
+        /// What the step follows.
+        step: Step = Step::Voxel;
+        /// Step where `step` is `voxel`. At more than one, rays pass through walls of one voxel. The default was chosen from the map of
+        /// errors, by the worst orientation and scene: docs/volume-ao.md.
+        step_voxels: f64 = 1.0 => 0.01 ..= 100.0, "voxels";
+        /// How far along its normal a surface's rays begin: VAO §6.1's small offset. It keeps coarse or curved surfaces from
+        /// occluding themselves at low thresholds. VAO §5.1 has none: 0. The default was chosen from the map of errors, by the worst
+        /// orientation and scene: docs/volume-ao.md.
+        offset_voxels: f64 = 0.1 => 0.0 ..= 100.0, "voxels";
+        /// Where a hit is taken to lie. The default was chosen from the map of errors, by the worst orientation and scene:
+        /// docs/volume-ao.md.
+        hit: Hit = Hit::Peak;
+        /// How directions are drawn.
+        sampling: Sampling = Sampling::Stratified;
+        /// Draws other directions at every pixel.
+        seed: u32 = 0 => 0 ..= 4_294_967_295u32, "1";
+        /// What samples read.
+        storage: Storage = Storage::Texture;
+        /// Whether rays leave empty cells of an occupancy pyramid in one go. VAO §6.3.
+        skipping: bool = false;
+        /// What a sample above the threshold does.
+        occluder: Occluder = Occluder::Binary;
+        /// Size of the occlusion buffer relative to the viewport. VAO §6.2: ½ in Fig. 11.
+        scale: f64 = 1.0 => 0.05 ..= 1.0, "1";
+        /// Whether the buffer is smoothed and brought to the viewport's size.
+        filter: bool = true;
+    }
 }
 
 shader_struct! {
@@ -311,22 +325,13 @@ mod tests {
     fn marching() -> Marching {
         Marching {
             rays: 4,
-            samples: 8,
             step_voxels: 0.5,
             r_max_m: 1.0,
             threshold: 0.5,
-            seed: 0,
             offset_voxels: 0.0,
-            attenuation: Attenuation::Linear,
-            estimator: Estimator::Unbiased,
-            guard: Guard::Variable,
-            jitter: false,
             step: Step::Paper,
-            sampling: Sampling::Stratified,
-            storage: Storage::Texture,
-            skipping: false,
-            occluder: Occluder::Binary,
             hit: Hit::Sample,
+            ..Marching::default()
         }
     }
 

@@ -3,6 +3,7 @@
 use crate::prelude::*;
 use fathom_pipelines::settings;
 use fathom_reference::bilateral::Bilateral;
+use fathom_reference::quantities::quantile;
 use fathom_stages::bilateral::{Bilateral as BilateralStage, BilateralUniforms};
 use fathom_stages::{ao, hsao};
 
@@ -53,9 +54,9 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
                 .map(|(x, y)| (result.at((x, y)) - guided.at(x, y)).abs())
                 .collect()
         };
-        let off = against(&twin);
+        let mut off = against(&twin);
         let left_out = 1.0 - off.len() as f64 / result.data().len() as f64;
-        let (most, error) = (largest(off.iter().copied()), p999(off));
+        let (error, most) = (quantile(&mut off, 0.999), largest(off));
         let what = |of: &str| {
             let [w, h] = source;
             Check::of(
@@ -64,8 +65,12 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
             )
             .within((TOLERANCE, "1"), error)
         };
-        checks.push(what(", normals").control("normal_sigma 1.5 times", p999(against(&round))));
-        let check = what("").control("depth_sigma 1.2 times", p999(against(&blunt)));
+        checks.push(
+            what(", normals")
+                .control("normal_sigma 1.5 times", quantile(&mut against(&round), 0.999)),
+        );
+        let check =
+            what("").control("depth_sigma 1.2 times", quantile(&mut against(&blunt), 0.999));
         checks.push(check.with("largest", most).with("pixels_left_out_share", left_out));
     }
 

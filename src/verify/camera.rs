@@ -53,7 +53,7 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     let aside = PixelRays::new(&wider, SIZE[0], SIZE[1]);
     let (hits, hits_aside) = (exact_hits(&stand.rays), exact_hits(&aside));
     let depth_error = |rays: &PixelRays, hits: &[Option<Hit>]| {
-        p99(pixels(SIZE).zip(hits).filter_map(|((x, y), hit)| {
+        percentile::<99>(pixels(SIZE).zip(hits).filter_map(|((x, y), hit)| {
             let seen = Some(depth.at((x, y))).filter(|depth| *depth < 1.0)?;
             let position = rays.unproject(f64::from(x) + 0.5, f64::from(y) + 0.5, seen);
             hit.map(|hit| position.distance(hit.position) / hit.distance_m)
@@ -66,19 +66,23 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     // The exact normals turned about the view's x axis.
     let normal_error = |turned_deg: f64| {
         let turn = DQuat::from_rotation_x(turned_deg.to_radians());
-        p90(covered()
-            .filter(|(i, hit)| normals[*i].length() > 0.5 && hit.shading_normal.length() > 0.5)
-            .map(|(i, hit)| normals[i].angle_between(turn * hit.shading_normal).to_degrees()))
+        percentile::<90>(
+            covered()
+                .filter(|(i, hit)| normals[*i].length() > 0.5 && hit.shading_normal.length() > 0.5)
+                .map(|(i, hit)| normals[i].angle_between(turn * hit.shading_normal).to_degrees()),
+        )
     };
     let specular_error = |factor: f64| {
         let expected = |hit: &Hit| factor * f64::from(material(hit).specular);
-        p97(covered().map(|(i, hit)| (speculars.data()[i] - expected(&hit)).abs()))
+        percentile::<97>(covered().map(|(i, hit)| (speculars.data()[i] - expected(&hit)).abs()))
     };
     let albedo_error = |factor: f64| {
         let albedo = |hit: &Hit| factor * DVec3::from(material(hit).albedo.map(f64::from));
-        p99(covered()
-            .filter(|(_, hit)| material(hit).tile_m <= 0.0)
-            .map(|(i, hit)| (colors[i] - albedo(&hit)).abs().max_element()))
+        percentile::<99>(
+            covered()
+                .filter(|(_, hit)| material(hit).tile_m <= 0.0)
+                .map(|(i, hit)| (colors[i] - albedo(&hit)).abs().max_element()),
+        )
     };
     Ok(vec![
         Check::of(rig, "99th percentile of |depth − ray|, of the distance")

@@ -196,15 +196,14 @@ fn upscaled(rig: &Rig<'_>) -> Result<Check> {
     let errors = |share: f64| {
         let seen_pixels = pixels(SIZE).filter(|at| depth.at(*at) < 1.0);
         let error = |(x, y)| (light.at((x, y)) - twin(x, y, share) / PI).abs();
-        p95(seen_pixels.map(error)) / light.mean()
+        percentile::<95>(seen_pixels.map(error)) / light.mean()
     };
     // Steps of an 8-bit display; a few pixels may decide otherwise in f32.
-    Ok(Check::of(
-        rig,
-        "caustics within surfaces: 95th percentile of |difference from the twin|, of the mean",
-    )
-    .within((0.03, "1"), errors(DEPTH_SHARE))
-    .control("texels of all surfaces", errors(f64::INFINITY)))
+    let what =
+        "caustics within surfaces: 95th percentile of |difference from the twin|, of the mean";
+    Ok(Check::of(rig, what)
+        .within((0.03, "1"), errors(DEPTH_SHARE))
+        .control("texels of all surfaces", errors(f64::INFINITY)))
 }
 
 /// The same flux in every pixel of a level floor under a wide view: irradiance is flux over the area that the pixel shows.
@@ -224,7 +223,7 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
     let light = dark.added(rig, &stand.view, flux)?;
     let (camera, floor_m) = (&stand.scene.camera, -stand.scene.floor_depth_m);
     let errors = |power: i32| {
-        p90(pixels(SIZE).filter_map(|at| {
+        percentile::<90>(pixels(SIZE).filter_map(|at| {
             let hit = stand.hit(at)?;
             let area = rig::area_shown(&stand.rays, at, (DVec3::Y * floor_m, DVec3::Y));
             let sight = (hit.position - camera.position()).normalize();
@@ -273,12 +272,10 @@ fn fresnel(rig: &Rig<'_>) -> Checks {
             let exact = |x, y| fresnel_reflectance(-side * rays.ray(x, y).1.y, outer, inner);
             difference(&image, &Image::of(SIZE, exact))
         };
-        Ok(Check::of(
-            rig,
-            format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean"),
-        )
-        .within((0.02, "1"), error(view.water.refractive_index))
-        .control("refractive index 1.40", error(1.40)))
+        let what = format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean");
+        Ok(Check::of(rig, what)
+            .within((0.02, "1"), error(view.water.refractive_index))
+            .control("refractive index 1.40", error(1.40)))
     };
     // From below the view crosses the critical angle, 48.8° from the vertical.
     [(1.0, "above", -1.5), (-1.0, "below", 0.8)].into_iter().map(check).collect()

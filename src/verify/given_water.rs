@@ -94,7 +94,7 @@ fn compare(
     // Angle between the path under water and the exact one.
     let direction_p99 = |water: &Water| {
         let landings = traced.exact(water, &traced.stand.tracer);
-        p99(traced.photons.iter().zip(&landings).filter_map(|(photon, landing)| {
+        percentile::<99>(traced.photons.iter().zip(&landings).filter_map(|(photon, landing)| {
             let exact = landing.landed().filter(|_| photon.landed())?;
             let path = (photon.hit - photon.entry).try_normalize()?;
             Some(path.cross(exact.direction).length().asin())

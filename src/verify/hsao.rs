@@ -4,6 +4,7 @@
 use crate::prelude::*;
 use fathom_reference::horizon::{HorizonSplit, SeenDepth, beside_wall};
 use fathom_reference::occlusion::{Attenuation, occlusion};
+use fathom_scene::surface;
 use fathom_stages::hsao::march::{HorizonUniforms, March};
 
 const STAGE: &str = "hsao/march";
@@ -79,9 +80,9 @@ fn twin(rig: &Rig<'_>) -> Checks {
         let exact = off(&method);
         let farther = HorizonSplit { r_max_m: method.r_max_m * 1.02, ..method };
         Ok(Check::of(rig, format!("{name}: 95th percentile of |GPU − f64 twin|"))
-            .within((TWIN_P95, "1"), p95(exact.clone()))
-            .control("r_max 2 % greater", p95(off(&farther)))
-            .with("other_seed", p95(off(&HorizonSplit { seed: 0, ..method })))
+            .within((TWIN_P95, "1"), percentile::<95>(exact.clone()))
+            .control("r_max 2 % greater", percentile::<95>(off(&farther)))
+            .with("other_seed", percentile::<95>(off(&HorizonSplit { seed: 0, ..method })))
             .with("median", median(exact.clone()))
             .with("largest", largest(exact))
             .with("mean_occlusion", found.mean()))
@@ -186,24 +187,13 @@ fn quad(a: [f64; 3], b: [f64; 3]) -> Object {
 
 /// A height field over 6 × 6 m.
 fn hills(height: impl Fn(f64, f64) -> f64, normal: impl Fn(f64, f64) -> DVec3) -> Object {
-    const CELLS: u32 = 96;
+    const CELLS: usize = 96;
     const HALF_M: f64 = 3.0;
-    let row = CELLS + 1;
-    let place = |i: u32| {
-        let along = |n: u32| (f64::from(n) / f64::from(CELLS) * 2.0 - 1.0) * HALF_M;
-        (along(i % row), along(i / row))
-    };
-    let corner = |i: u32| i / CELLS * row + i % CELLS;
-    let cell = |i: u32| {
-        let a = corner(i);
-        [a, a + row, a + 1, a + 1, a + row, a + row + 1]
-    };
-    let vertex = |i: u32| {
-        let (x, z) = place(i);
-        let position = DVec3::new(x, height(x, z), z);
-        (position.as_vec3().to_array(), normal(x, z).as_vec3().to_array())
-    };
-    let (positions, normals) = (0..row * row).map(vertex).unzip();
-    let indices = (0..CELLS * CELLS).flat_map(cell).collect();
-    Object::new("verify", Mesh { positions, normals, indices })
+    let mut mesh = surface((CELLS, CELLS), (false, false), |u, v| {
+        let [x, z] = [2.0 * u - 1.0, 1.0 - 2.0 * v].map(|share| share * HALF_M);
+        DVec3::new(x, height(x, z), z)
+    });
+    let exact = |p: &[f32; 3]| normal(p[0].into(), p[2].into()).as_vec3().to_array();
+    mesh.normals = mesh.positions.iter().map(exact).collect();
+    Object::new("verify", mesh)
 }

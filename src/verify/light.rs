@@ -41,8 +41,7 @@ fn look_at(rig: &Rig<'_>) -> Checks {
             .within((1e-5, "rad"), off(0.5))
             .control("middle taken at 0.55 of the frustum", off(0.55))
     };
-    let kinds = [(LightKind::Directional, "directional"), (LightKind::Point, "point")];
-    Ok(kinds.map(check).into())
+    Ok(rig::LIGHTS.map(check).into())
 }
 
 fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
@@ -75,8 +74,8 @@ fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
         errors.iter().filter_map(|error| error.ok().flatten()).collect()
     };
     Ok(Check::of(rig, "99th percentile of |depth − ray|")
-        .within((DEPTH_P99_M, "m"), p99(of(&exact)))
-        .control("rays half a texel aside", p99(of(&aside)))
+        .within((DEPTH_P99_M, "m"), percentile::<99>(of(&exact)))
+        .control("rays half a texel aside", percentile::<99>(of(&aside)))
         .with("median_m", median(of(&exact)))
         .with("coverage_disagreement", share(exact.iter().map(Result::is_err))))
 }

@@ -102,7 +102,7 @@ impl Lines {
             rig::photon(entry, hit, entry.distance(hit))
         };
         let photons: Vec<Photon> = (0..CELLS * CELLS).map(line).collect();
-        let segment = |ray: Godray| Some((ray, Segment::new(&ray, &rays)?));
+        let segment = |ray: Godray| Some((ray, Segment::new([ray.entry, ray.hit], &rays)?));
         let segments = photons.iter().map(godray).filter_map(segment).collect();
         Self { view, photons, segments }
     }
@@ -126,7 +126,7 @@ impl Lines {
             };
             unlike.push((margin > 0.0) != (value > 0.0));
             if margin > 0.0 && value > 0.0 {
-                let place = ray.point(segment.share(start));
+                let place = ray.point(segment.share(start / segment.length_px()));
                 let expected = ray.intensity(place, self.view.camera.position(), medium);
                 intensity.push(relative_error(value, expected));
             }
@@ -145,12 +145,11 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
     const STEPS: u32 = 400;
     let lines = Lines::new(rig::synthetic_view(SIZE, GAMMA_PER_M)?);
     let integral = |(ray, segment): &(Godray, Segment)| {
-        let step = segment.from.distance(segment.to) / f64::from(STEPS);
         let at = |i: u32| {
-            let place = ray.point(segment.share((f64::from(i) + 0.5) * step));
+            let place = ray.point(segment.share((f64::from(i) + 0.5) / f64::from(STEPS)));
             ray.intensity(place, lines.view.camera.position(), MEDIUM)
         };
-        (0..STEPS).map(at).sum::<f64>() * step
+        mean((0..STEPS).map(at)) * segment.length_px()
     };
     let exact = lines.segments.iter().map(integral).sum::<f64>() / f64::from(SIZE[0]);
     let worst = |conserving: bool| -> Result<f64> {
@@ -161,12 +160,11 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
         });
         Ok(largest(errors.into_iter().collect::<Result<Vec<_>>>()?))
     };
-    Ok(Check::of(
-        rig,
-        "energy of lines of 1.5 to 12 px in buffers of 192 to 768 px: largest relative error",
-    )
-    .within((0.02, "1"), worst(true)?)
-    .control("the paper's rule", worst(false)?))
+    let what =
+        "energy of lines of 1.5 to 12 px in buffers of 192 to 768 px: largest relative error";
+    Ok(Check::of(rig, what)
+        .within((0.02, "1"), worst(true)?)
+        .control("the paper's rule", worst(false)?))
 }
 
 struct LineErrors {
@@ -178,21 +176,23 @@ struct LineErrors {
 }
 
 /// A line on the screen.
-struct Segment {
-    from: DVec2,
-    to: DVec2,
+pub struct Segment {
+    pub from: DVec2,
+    pub to: DVec2,
     /// Distances along the view direction of its ends: clip-space w.
-    w: [f64; 2],
+    pub w: [f64; 2],
 }
 
 impl Segment {
-    fn new(ray: &Godray, rays: &PixelRays) -> Option<Segment> {
-        let (a, b) = (rays.project(ray.entry)?, rays.project(ray.hit)?);
-        Some(Segment {
-            from: DVec2::new(a.x_px, a.y_px),
-            to: DVec2::new(b.x_px, b.y_px),
-            w: [a.w, b.w],
-        })
+    /// Between two places in the world.
+    pub fn new(ends: [DVec3; 2], rays: &PixelRays) -> Option<Segment> {
+        let [Some(a), Some(b)] = ends.map(|end| rays.project(end)) else { return None };
+        let [from, to] = [a, b].map(|end| DVec2::new(end.x_px, end.y_px));
+        Some(Segment { from, to, w: [a.w, b.w] })
+    }
+
+    pub fn length_px(&self) -> f64 {
+        self.from.distance(self.to)
     }
 
     /// Place of a pixel along the line (pixels from its start, and to its end) and beside it.
@@ -200,13 +200,13 @@ impl Segment {
         let along = (self.to - self.from).normalize();
         let offset = pixel - self.from;
         let start = offset.dot(along);
-        (start, self.from.distance(self.to) - start, offset.perp_dot(along).abs())
+        (start, self.length_px() - start, offset.perp_dot(along).abs())
     }
 
-    /// Share of the way in the world at `start` pixels along the line: perspective makes the nearer half longer.
-    fn share(&self, start: f64) -> f64 {
-        let s = start / self.from.distance(self.to);
-        (s / self.w[1]) / ((1.0 - s) / self.w[0] + s / self.w[1])
+    /// Share of the way in the world at a share of the line on the screen: perspective makes the nearer half longer.
+    pub fn share(&self, on_screen: f64) -> f64 {
+        let [near, far] = [(1.0 - on_screen) / self.w[0], on_screen / self.w[1]];
+        far / (near + far)
     }
 }
 

@@ -22,7 +22,7 @@ const TOLERANCE: f64 = 0.02;
 
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
-    for (kind, light) in [(LightKind::Directional, "directional"), (LightKind::Point, "point")] {
+    for (kind, light) in rig::LIGHTS {
         for (what, camera, extent_m) in views() {
             let what = format!("slanted plane, {light} light, {what}");
             cases.push(Case::new(INFO.name, what.clone(), move |rig| {

@@ -85,9 +85,7 @@ fn furnished_points() -> Vec<(DVec3, DVec3)> {
 
 /// The pipeline's defaults with fewer rays, and r_max of ten voxels.
 fn marching(change: impl FnOnce(&mut Marching)) -> Marching {
-    let ao = fathom_pipelines::volume_ao::Ao::default();
-    let mut marching = ao.marching_to(10.0 * VOXEL_M);
-    marching.rays = 32;
+    let mut marching = Marching { rays: 32, r_max_m: 10.0 * VOXEL_M, ..Marching::default() };
     change(&mut marching);
     marching
 }

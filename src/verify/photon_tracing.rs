@@ -176,13 +176,13 @@ fn transfers(rig: &Rig<'_>) -> Checks {
     let water = &setup.stand.scene.water;
     let off = |a: Option<DVec3>, b: Vec3| a.map_or(f64::NAN, |a| a.distance(b.as_dvec3()));
     let places = |water: &Water| {
-        p99(setup.alive().map(|(_, stored, (origin, incident))| {
+        percentile::<99>(setup.alive().map(|(_, stored, (origin, incident))| {
             let entry = enter(water, origin, incident, f64::MAX);
             off(entry.map(|e| e.position), stored.position_m)
         }))
     };
     let directions = |index: f64| {
-        p99(setup.alive().map(|(_, stored, (origin, incident))| {
+        percentile::<99>(setup.alive().map(|(_, stored, (origin, incident))| {
             let entry = enter(water, origin, incident, f64::MAX);
             off(entry.and_then(|e| refract(incident, e.normal, 1.0, index)), stored.direction)
         }))
@@ -208,7 +208,7 @@ fn weights(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let water = &setup.stand.scene.water;
     let forward = setup.stand.view.light_frame().forward;
     let error = |fresnel: bool| {
-        p99(setup.alive().filter_map(|(number, _, (origin, incident))| {
+        percentile::<99>(setup.alive().filter_map(|(number, _, (origin, incident))| {
             let entry = enter(water, origin, incident, f64::MAX)?;
             let cosine = incident.dot(entry.normal).abs();
             let passes = fresnel_transmittance(cosine, 1.0, water.refractive_index);
@@ -255,7 +255,7 @@ fn layers(rig: &Rig<'_>, name: &str) -> Result<Check> {
         sparse_pixels().map(|at| (at, all_depths(&setup.stand, at).collect())).collect();
     let view_m = |z: f64| setup.stand.view.camera.view_depth_m(z);
     let errors = |behind: usize| {
-        p90(chosen.iter().flat_map(|(at, exact)| {
+        percentile::<90>(chosen.iter().flat_map(|(at, exact)| {
             (0..LAYERS as usize).filter_map(move |layer| {
                 let z = texel(*at, layer);
                 match (z < 1.0, exact.get(layer + behind).filter(|z| **z < 1.0)) {
@@ -308,7 +308,7 @@ fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
 /// Layers from lists against peeled ones.
 fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let setup = Setup::new(rig, name, LAYERS)?;
-    let rig::Stand { shared, geometry, .. } = &setup.stand;
+    let Stand { shared, geometry, .. } = &setup.stand;
     let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?.data;
     let unlike = |room: u32| -> Result<f64> {
         let lists = Lists::new(rig, shared, (geometry, Part::Solid), SIZE, room)?;
@@ -342,7 +342,7 @@ fn ends(rig: &Rig<'_>, name: &str, method: Method) -> Checks {
         |found: &[StoredPhoton]| share(off(found, &exact).iter().map(|off_m| *off_m > WRONG_M));
     let from_surface = |moved_m: f64| {
         let landed = tolerant.iter().zip(&setup.stored).filter(|(found, _)| found.landed());
-        p95(landed.map(|(found, transfer)| {
+        percentile::<95>(landed.map(|(found, transfer)| {
             let place = found.hit + moved_m * transfer.direction.as_dvec3();
             from_surfaces_m(&setup.stand, place)
         }))

@@ -1,7 +1,6 @@
 //! `caustics/trace` and `godrays/trace` against exact refraction and ray casting.
 
 use crate::prelude::*;
-use fathom_pipelines::AnyPipeline;
 use fathom_pipelines::underwater::{Params, Underwater};
 use fathom_reference::estimator::{behind_seen, estimate, exact_depth, first_crossing};
 use fathom_stages::photon::Tracing;
@@ -25,8 +24,7 @@ const STAGE: &str = caustics::trace::INFO.name;
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for info in [&caustics::trace::INFO, &godrays::trace::INFO] {
-        for (kind, light) in [(LightKind::Directional, "directional"), (LightKind::Point, "point")]
-        {
+        for (kind, light) in rig::LIGHTS {
             let what = format!("flat water over a plane, {light} light");
             cases.push(Case::new(info.name, what.clone(), move |rig| flat(rig, info, kind, &what)));
         }
@@ -34,11 +32,8 @@ pub fn cases() -> Vec<Case> {
     cases.push(Case::new(STAGE, "photons that meet nothing", beside_the_floor));
     cases.push(Case::new(STAGE, "run-time subdivision", dynamic_subdivision));
     cases.push(Case::new(STAGE, "strewn photons", strewn));
-    for (model, name) in
-        [(WaterModel::Circular, "circular"), (WaterModel::Directional, "directional")]
-    {
-        let what = format!("{name} waves");
-        cases.push(Case::new(STAGE, what, move |rig| waves(rig, model, name)));
+    for model in [WaterModel::Circular, WaterModel::Directional] {
+        cases.push(Case::new(STAGE, format!("{model} waves"), move |rig| waves(rig, model)));
     }
     for name in Scene::names().into_iter().filter(|name| has_water(name)) {
         cases.push(Case::new(STAGE, format!("scene {name}"), move |rig| real(rig, &name)));
@@ -180,7 +175,7 @@ fn strewn(rig: &Rig<'_>) -> Result<Check> {
 }
 
 /// Where photons enter steep waves. UW §4.1 has two models; noise takes half of each here.
-fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Check> {
+fn waves(rig: &Rig<'_>, model: WaterModel) -> Result<Check> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.water = Water { model, amplitude_m: 0.12, noise: 0.5, ..scene.water };
     let traced = Traced::new(rig, scene, settings(FLAT_GRID, 2))?;
@@ -188,7 +183,7 @@ fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Check> {
     let errors = traced.errors(water);
     let higher = Water { amplitude_m: water.amplitude_m * 1.05, ..water.clone() };
     let check =
-        Check::of(rig, format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|"))
+        Check::of(rig, format!("{model} waves of 0.12 m: 99th percentile of |entry − exact|"))
             .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
             .control("amplitude 5 % higher", traced.errors(&higher).entry_p99_m);
     Ok(with_rates(check, &errors))

@@ -22,13 +22,12 @@ const GAMMA_PER_M: f64 = 0.13;
 
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
-    for setting in Setting::ALL {
-        let case = |what: &str| format!("{}: {what}", setting.name());
-        cases.push(Case::new(points::INFO.name, case("texel by texel"), move |rig| {
-            counted(rig, setting)
+    for (name, scene) in SETTINGS {
+        cases.push(Case::new(points::INFO.name, format!("{name}: texel by texel"), move |rig| {
+            counted(rig, name, scene()?)
         }));
-        cases.push(Case::new(points::INFO.name, case("exact photons"), move |rig| {
-            exact(rig, setting)
+        cases.push(Case::new(points::INFO.name, format!("{name}: exact photons"), move |rig| {
+            exact(rig, name, scene()?)
         }));
     }
     for kind in [LightKind::Directional, LightKind::Point] {
@@ -40,48 +39,30 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
+type Make = fn() -> Result<Scene>;
+
 /// What a pool is lit by, and where it is.
-#[derive(Clone, Copy)]
-enum Setting {
-    Sun,
-    /// A sun that stands low, from the other side, through a surface that reflects.
-    Turned,
-    /// A pool that is no square, away from the origin.
-    OffCenter,
-    Lamp,
-}
-
-impl Setting {
-    const ALL: [Self; 4] = [Setting::Sun, Setting::Turned, Setting::OffCenter, Setting::Lamp];
-
-    fn name(self) -> &'static str {
-        match self {
-            Setting::Sun => "sun",
-            Setting::Turned => "low sun, Fresnel",
-            Setting::OffCenter => "pool off the centre",
-            Setting::Lamp => "lamp",
-        }
-    }
-
-    fn scene(self) -> Result<Scene> {
-        let (center, half) = match self {
-            Setting::OffCenter => ([3.7, -5.3], [2.5, 4.0]),
-            _ => ([0.0; 2], [4.0; 2]),
-        };
-        let mut scene = pool(center, half, AMPLITUDE_M)?;
-        match self {
-            Setting::Sun | Setting::OffCenter => {}
-            Setting::Turned => {
-                scene.light.direction = [-0.9, -1.0, 0.7];
-                scene.water.fresnel = true;
-            }
-            Setting::Lamp => {
-                scene.light.kind = LightKind::Point;
-                scene.light.position_m = [1.5, 3.0, -1.0];
-            }
-        }
+const SETTINGS: [(&str, Make); 4] = [
+    ("sun", sunny),
+    // From the other side, through a surface that reflects.
+    ("low sun, Fresnel", || {
+        let mut scene = sunny()?;
+        scene.light.direction = [-0.9, -1.0, 0.7];
+        scene.water.fresnel = true;
         Ok(scene)
-    }
+    }),
+    // And no square.
+    ("pool off the centre", || pool([3.7, -5.3], [2.5, 4.0], AMPLITUDE_M)),
+    ("lamp", || {
+        let mut scene = sunny()?;
+        scene.light.kind = LightKind::Point;
+        scene.light.position_m = [1.5, 3.0, -1.0];
+        Ok(scene)
+    }),
+];
+
+fn sunny() -> Result<Scene> {
+    pool([0.0; 2], [4.0; 2], AMPLITUDE_M)
 }
 
 /// A pool of a floor and four walls up to the highest wave.
@@ -220,8 +201,8 @@ fn of_basin(basin: &Basin) -> Pool {
 }
 
 /// Each texel against the photons that lie in it by an f64 count of the same transfers, and the sum of all.
-fn counted(rig: &Rig<'_>, setting: Setting) -> Checks {
-    let drawn = Drawn::new(rig, setting.scene()?, GRID)?;
+fn counted(rig: &Rig<'_>, name: &str, scene: Scene) -> Checks {
+    let drawn = Drawn::new(rig, scene, GRID)?;
     let counted = drawn.counted(&drawn.basin, 1.0);
     // In photons of mean flux.
     let photon_w = counted.flux_w / drawn.stored.len() as f64;
@@ -237,7 +218,7 @@ fn counted(rig: &Rig<'_>, setting: Setting) -> Checks {
     let on_walls = counted.sure[(TEXELS * TEXELS) as usize..].iter().filter(|e| **e > 0.0).count();
     let energy = |counted: &Counted| relative_error(drawn.flux_w(), counted.flux_w);
     let murkier = drawn.counted(&drawn.basin, 1.05);
-    let check = |what: &str| Check::of(rig, format!("{}: {what}", setting.name()));
+    let check = |what: &str| Check::of(rig, format!("{name}: {what}"));
     // Sums of some hundred 32-bit floats.
     Ok(vec![
         check("largest difference of a texel of the floor from its f64 count")
@@ -255,14 +236,13 @@ fn counted(rig: &Rig<'_>, setting: Setting) -> Checks {
 }
 
 /// The map against exact entries, exact refraction and exact planes: the share of the flux in other texels.
-fn exact(rig: &Rig<'_>, setting: Setting) -> Result<Check> {
-    let drawn = Drawn::new(rig, setting.scene()?, GRID)?;
+fn exact(rig: &Rig<'_>, name: &str, scene: Scene) -> Result<Check> {
+    let drawn = Drawn::new(rig, scene, GRID)?;
     let misplaced = |index: f64| {
         let counted = drawn.exact(index);
         0.5 * drawn.off_w(&counted).map(|(_, off_w)| off_w).sum::<f64>() / counted.flux_w
     };
     let index = drawn.view.water.refractive_index;
-    let name = setting.name();
     // The noise texture is interpolated between texels: photons move by a millimetre, and a texel has 6 cm and more.
     Ok(Check::of(rig, format!("{name}: share of the flux in other texels than exact photons"))
         .within((0.03, "1"), misplaced(index))
@@ -345,17 +325,16 @@ fn looked_up(rig: &Rig<'_>) -> Checks {
     for side in SIDES {
         found.see(rig, &noise, side)?;
     }
-    let error = |moved: f64| p95(found.lit.iter().map(|lit| lit.off(&noise, moved)));
+    let error = |moved: f64| percentile::<95>(found.lit.iter().map(|lit| lit.off(&noise, moved)));
     let lacking =
         |sides: &[f64]| largest(Face::ALL.map(|face| ENOUGH_PX - found.pixels(face, sides)));
+    let added =
+        "95th percentile of the relative error of the light that the map adds, pixel by pixel";
     // Steps of an 8-bit display.
     Ok(vec![
-        Check::of(
-            rig,
-            "95th percentile of the relative error of the light that the map adds, pixel by pixel",
-        )
-        .within((0.05, "1"), error(0.0))
-        .control("looked up a fifth of a texel further", error(0.2)),
+        Check::of(rig, added)
+            .within((0.05, "1"), error(0.0))
+            .control("looked up a fifth of a texel further", error(0.2)),
         Check::of(rig, "pixels that the face which is seen least lacks")
             .within((0.0, "px"), lacking(&SIDES))
             .control("seen from one side", lacking(&SIDES[..1])),
@@ -471,7 +450,7 @@ fn near_other(stand: &Stand, (x, y): (u32, u32), object: Option<usize>) -> bool 
 /// The picture of the floor's map, pixel by pixel.
 fn shown_map(rig: &Rig<'_>) -> Result<Check> {
     const EXPOSURE: f64 = 0.4;
-    let stand = rig.stand(pool([0.0; 2], [4.0; 2], AMPLITUDE_M)?, SIZE)?;
+    let stand = rig.stand(sunny()?, SIZE)?;
     let noise = Noise::new();
     let pool = of_basin(&Basin::of(&stand.scene.water, FLOOR_DEPTH_M));
     let (gbuffer, lit) = (rig.gbuffer(&stand)?, (&rig.grey(&noise.0), &pool));

@@ -102,12 +102,16 @@ fn behind_slab(origin: DVec3, direction: DVec3, index: f64) -> Option<DVec3> {
 fn slab(rig: &Rig<'_>) -> Checks {
     let found = traced(rig, &rig.stand(glass("slab", "slab")?, SIZE)?, Surface::Plane)?;
     let places = |index: f64| {
-        p95(found
-            .iter()
-            .filter_map(|f| Some(f.position.distance(behind_slab(f.origin, f.sight, index)?))))
+        percentile::<95>(
+            found
+                .iter()
+                .filter_map(|f| Some(f.position.distance(behind_slab(f.origin, f.sight, index)?))),
+        )
     };
     let directions = |turned: fn(DVec3) -> DVec3| {
-        p95(angles_deg(&found, |f| behind_slab(f.origin, f.sight, INDEX).map(|_| turned(f.sight))))
+        percentile::<95>(angles_deg(&found, |f| {
+            behind_slab(f.origin, f.sight, INDEX).map(|_| turned(f.sight))
+        }))
     };
     let inside = |direction| refract(direction, DVec3::Y, 1.0, INDEX).unwrap_or(direction);
     Ok(vec![
@@ -138,19 +142,17 @@ fn behind_ball(origin: DVec3, direction: DVec3, index: f64) -> Option<DVec3> {
 
 /// 75th percentile of the angle to the closed form.
 fn ball_error_deg(found: &[Found], index: f64) -> f64 {
-    p75(angles_deg(found, |f| behind_ball(f.origin, f.sight, index)))
+    percentile::<75>(angles_deg(found, |f| behind_ball(f.origin, f.sight, index)))
 }
 
 fn sphere(rig: &Rig<'_>, surface: Surface, tolerance_deg: f64) -> Result<Check> {
     let found = traced(rig, &rig.stand(ball()?, SIZE)?, surface)?;
     // A normal is that of its pixel's middle: half a pixel here turns it by 0.7 degrees.
     let control = if surface == Surface::Plane { 1.05 } else { 1.5 };
-    Ok(Check::of(
-        rig,
-        format!("sphere by {surface:?}: 75th percentile of the angle to the closed form"),
-    )
-    .within((tolerance_deg, "deg"), ball_error_deg(&found, INDEX))
-    .control(format!("index {control} times as high"), ball_error_deg(&found, control * INDEX)))
+    let what = format!("sphere by {surface:?}: 75th percentile of the angle to the closed form");
+    Ok(Check::of(rig, what)
+        .within((tolerance_deg, "deg"), ball_error_deg(&found, INDEX))
+        .control(format!("index {control} times as high"), ball_error_deg(&found, control * INDEX)))
 }
 
 /// A concave object: rays are not in order of the layers everywhere.
@@ -197,7 +199,9 @@ fn two_interfaces(rig: &Rig<'_>) -> Result<Check> {
     rig.run(&[&stage])?;
     let found = read(rig, &stand, &stage.exits)?;
     let error = |along_normal_m: f64| {
-        p75(angles_deg(&found, |f| approximated(&stand.rays, (f.origin, f.sight), along_normal_m)))
+        percentile::<75>(angles_deg(&found, |f| {
+            approximated(&stand.rays, (f.origin, f.sight), along_normal_m)
+        }))
     };
     Ok(Check::of(rig, "75th percentile of the angle to Wyman's formula")
         .within((0.5, "deg"), error(2.0 * BALL_M))
@@ -252,7 +256,7 @@ fn environment(rig: &Rig<'_>) -> Result<Check> {
     }
     let error = |shifted: usize| {
         let turned = shown.iter().cycle().skip(shifted).map(|(direction, _)| *direction);
-        p90(shown.iter().zip(turned).map(|((_, color), direction)| {
+        percentile::<90>(shown.iter().zip(turned).map(|((_, color), direction)| {
             let exact = environment_radiance(direction, stand.view.irradiance());
             color.distance(exact) / exact.length()
         }))
@@ -295,7 +299,7 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     let error = |index: f64| {
         let water = Wet { stand: &stand, index };
         let seen = pixels(SIZE).filter(|(x, y)| x % 3 == 1 && y % 3 == 1);
-        p75(seen.filter_map(|at| {
+        percentile::<75>(seen.filter_map(|at| {
             let exact = water.seen(at)?;
             Some((radiance_of(shown.at(at), EXPOSURE) - exact).abs() / exact)
         }))

@@ -211,6 +211,10 @@ impl Stage for Clear {
     }
 }
 
+/// Kinds of light, and how titles call them.
+pub const LIGHTS: [(LightKind, &str); 2] =
+    [(LightKind::Directional, "directional"), (LightKind::Point, "point")];
+
 /// Scene `plane` under flat water, lit at a slant, so that refraction shifts every photon. The light's
 /// frustum is narrow enough that no photon passes beside the floor.
 pub fn flat_plane(kind: LightKind) -> Result<Scene> {
@@ -269,15 +273,10 @@ pub fn grid_ray(frame: &LightFrame, number: u32, [columns, rows]: [u32; 2]) -> (
     frame.ray(ndc(number % columns, columns), ndc(number / columns, rows))
 }
 
-/// A camera at a round place in the middle of things, for synthetic photons.
-pub fn level_camera() -> Camera {
-    Camera::new([0.0, -1.0, 0.0], [0.0, -1.0, -4.0], 60.0, [0.1, 20.0])
-}
-
-/// The view of synthetic photons: [`level_camera`] in scene `plane`.
+/// The view of synthetic photons: scene `plane` from a round place in the middle of things.
 pub fn synthetic_view(size_px: [u32; 2], gamma_per_m: f64) -> Result<View> {
     let mut scene = flat_plane(LightKind::Directional)?;
-    scene.camera = level_camera();
+    scene.camera = Camera::new([0.0, -1.0, 0.0], [0.0, -1.0, -4.0], 60.0, [0.1, 20.0]);
     scene.water.attenuation_per_m = gamma_per_m;
     Ok(view(&scene, size_px))
 }

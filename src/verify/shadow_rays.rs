@@ -83,10 +83,12 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
     let pairs = || stored.iter().zip(&setup.hits).filter_map(|(ray, hit)| Some((ray, (*hit)?)));
     let alive = || pairs().filter(|(ray, _)| ray.state != NEVER);
     let places = |moved: DVec3| {
-        p95(alive().map(|(ray, hit)| ray.position_m.as_dvec3().distance(hit.position + moved)))
+        percentile::<95>(
+            alive().map(|(ray, hit)| ray.position_m.as_dvec3().distance(hit.position + moved)),
+        )
     };
     let directions = |turned: f64| {
-        p95(alive().map(|(ray, hit)| {
+        percentile::<95>(alive().map(|(ray, hit)| {
             let exact = (setup.to_light(hit.position) + turned * DVec3::X).normalize();
             ray.direction.as_dvec3().distance(exact)
         }))
@@ -177,7 +179,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
         _ => false,
     };
     let error = |shift: usize| {
-        p90(setup.hits.iter().enumerate().filter_map(|(number, hit)| {
+        percentile::<90>(setup.hits.iter().enumerate().filter_map(|(number, hit)| {
             let hit = hit.as_ref()?;
             let normal = hit.shading_normal;
             let cosine = normal.dot(setup.to_light(hit.position)).max(0.0);

@@ -1,5 +1,6 @@
 //! `shafts/lines` and `shafts/blur` against lines and Gaussians in f64.
 
+use super::lines::Segment;
 use crate::prelude::*;
 use fathom_stages::shafts::blur::{self, Blur};
 use fathom_stages::shafts::lines;
@@ -21,31 +22,27 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-/// A line by its ends in the world, on the screen, and along the view.
+/// A line by its ends in the world, and on the screen.
 struct Line {
     ends_m: [DVec3; 2],
-    places: [DVec2; 2],
-    view_m: [f64; 2],
+    segment: Segment,
 }
 
 impl Line {
     /// In view, in any direction.
-    fn random(random: &mut Random, camera: &Camera, rays: &PixelRays) -> Option<Line> {
+    fn random(random: &mut Random, rays: &PixelRays) -> Option<Line> {
         let mut end = || {
             let [x, y] = SIZE.map(|side| random.within(0.1, 0.9) * f64::from(side));
             let (origin, direction, _) = rays.ray_at(x, y);
             origin + direction * random.within(2.0, 9.0)
         };
         let ends_m = [end(), end()];
-        let place = |end| rays.project(end).map(|place| DVec2::new(place.x_px, place.y_px));
-        let [a, b] = ends_m.map(place);
-        let view_m = ends_m.map(|end| (end - camera.position()).dot(camera.direction()));
-        Some(Line { ends_m, places: [a?, b?], view_m })
+        Some(Line { ends_m, segment: Segment::new(ends_m, rays)? })
     }
 
     /// The axis along which it is longest, and its extent there.
     fn longest(&self) -> (usize, f64) {
-        let extent = self.places[1] - self.places[0];
+        let extent = self.segment.to - self.segment.from;
         let axis = extent.abs().max_position();
         (axis, extent[axis])
     }
@@ -53,13 +50,11 @@ impl Line {
     /// How far along the line in the world the middle of a pixel is.
     fn share_at(&self, (x, y): (u32, u32)) -> f64 {
         let (axis, extent) = self.longest();
-        let on_screen = (f64::from([x, y][axis]) + 0.5 - self.places[0][axis]) / extent;
-        let [near, far] = self.view_m;
-        on_screen * near / (on_screen * near + (1.0 - on_screen) * far)
+        self.segment.share((f64::from([x, y][axis]) + 0.5 - self.segment.from[axis]) / extent)
     }
 
     fn view_m_at(&self, pixel: (u32, u32)) -> f64 {
-        let [near, far] = self.view_m;
+        let [near, far] = self.segment.w;
         near + self.share_at(pixel) * (far - near)
     }
 
@@ -78,8 +73,7 @@ fn drawn(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<Drawn>
     let (shared, rays) = (Shared::new(rig, view), rig::rays(view));
     let depth = rig.depth(SIZE, depth)?;
     let mut random = Random::new(seed);
-    let lines: Vec<Line> =
-        (0..LINES).filter_map(|_| Line::random(&mut random, &view.camera, &rays)).collect();
+    let lines: Vec<Line> = (0..LINES).filter_map(|_| Line::random(&mut random, &rays)).collect();
     let draw = |line: Line| {
         let [start, end] = line.ends_m;
         let photons = rig.photons(&[rig::photon(start, end, start.distance(end))]);
@@ -96,7 +90,7 @@ fn single_lines(rig: &Rig<'_>) -> Checks {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let lines = drawn(rig, &view, 3, 1.0)?;
     let error = |gamma_per_m: f64| {
-        p90(lines.iter().flat_map(|(line, lit)| {
+        percentile::<90>(lines.iter().flat_map(|(line, lit)| {
             lit.iter().map(move |(at, value)| relative_error(*value, line.at(*at, gamma_per_m)))
         }))
     };
@@ -105,7 +99,7 @@ fn single_lines(rig: &Rig<'_>) -> Checks {
     let off = |longer_px: f64| {
         largest(lines.iter().map(|(line, lit)| {
             let (count, steps) = (lit.len() as f64, line.longest().1.abs());
-            let length = line.places[0].distance(line.places[1]);
+            let length = line.segment.length_px();
             (steps + longer_px - count).max(count - length - longer_px).max(0.0)
         }))
     };

@@ -195,31 +195,26 @@ impl Setup {
         let found = found.collect::<Result<Vec<Ends>>>()?;
         let paper = self.ends(rig, CONTROL_DEG, PAPER_SIX)?;
         let fewest = found.iter().map(|ends| ends.count as f64).fold(f64::INFINITY, f64::min);
+        let check = |of: &str| Check::of(rig, format!("{what}: {of}"));
         let mut checks = vec![
-            Check::of(rig, format!("{what}: largest median |hit − exact|"))
+            check("largest median |hit − exact|")
                 .within((MEDIAN_M, "m"), most(&found, |ends| ends.median_m))
                 .control(PAPER, paper.median_m)
                 .with("p99_m", most(&found, |ends| ends.p99_m))
                 .with("unconverged_rate", most(&found, |ends| ends.unconverged))
                 .with("fewest_photons", fewest),
-            Check::of(
-                rig,
-                format!("{what}: largest share lost of what lands in the light's frustum"),
-            )
-            .within((LOST, "1"), most(&found, |ends| ends.lost))
-            .control(PAPER, paper.lost),
+            check("largest share lost of what lands in the light's frustum")
+                .within((LOST, "1"), most(&found, |ends| ends.lost))
+                .control(PAPER, paper.lost),
         ];
         if self.floor == Floor::Covered {
             let traced = self.trace(rig, CONTROL_DEG, SECANT)?;
             let level = Tracer::new(&Floor::Level.objects())?;
             let bare = Ends::new(&traced, &traced.exact(&traced.stand.scene.water, &level));
             checks.push(
-                Check::of(
-                    rig,
-                    format!("{what}: largest share that counts as converged and is off"),
-                )
-                .within((FALSE, "1"), most(&found, |ends| ends.falsely_converged))
-                .control("no slab", bare.falsely_converged),
+                check("largest share that counts as converged and is off")
+                    .within((FALSE, "1"), most(&found, |ends| ends.falsely_converged))
+                    .control("no slab", bare.falsely_converged),
             );
         }
         Ok(checks)
@@ -295,7 +290,7 @@ impl Ends {
         let errors: Vec<f64> = landed.map(|(_, error_m)| *error_m).collect();
         Ends {
             median_m: median(errors.iter().copied()),
-            p99_m: p99(errors),
+            p99_m: percentile::<99>(errors),
             lost: of(|photon, _| !photon.landed()),
             unconverged: of(|photon, _| photon.landed() && !photon.converged()),
             falsely_converged: of(|photon, error_m| photon.converged() && error_m > CONVERGED_M),

@@ -350,12 +350,10 @@ fn accumulation(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
         Splatting::Compute => 1e-6,
     };
     let drawn_by = name(rules.splatting);
-    Ok(Check::of(
-        rig,
-        format!("8192 contributions of 0.001 at one pixel, {drawn_by}, relative error"),
-    )
-    .within((tolerance, "1"), error(image.clamped(256, 256)))
-    .control("sum in a 16-bit float", error(half_float_sum(EACH_W, PHOTONS))))
+    let what = format!("8192 contributions of 0.001 at one pixel, {drawn_by}, relative error");
+    Ok(Check::of(rig, what)
+        .within((tolerance, "1"), error(image.clamped(256, 256)))
+        .control("sum in a 16-bit float", error(half_float_sum(EACH_W, PHOTONS))))
 }
 
 /// Splats of all sizes around the border, cut by it on each side; some lie all beyond it. Others are larger than the buffer's half.

@@ -139,7 +139,7 @@ fn composed(rig: &Rig<'_>) -> Checks {
     let crossed = radiance(0.0, Some(Shafts { flux: &shaft, scale: SHAFT_SCALE }))?;
     let albedo = rig.channel(&gbuffer.albedo, BLUE)?;
     let errors = |irradiance: f64| {
-        p90(pixels(SIZE).filter_map(|at| {
+        percentile::<90>(pixels(SIZE).filter_map(|at| {
             let through = rig::through_water(&stand.scene, stand.hit(at)?.position);
             let exact = albedo.at(at) / PI * irradiance * through;
             Some((light.at(at) - dark.at(at) - exact).abs() / exact)
@@ -147,7 +147,7 @@ fn composed(rig: &Rig<'_>) -> Checks {
     };
     let of_shafts = |scale: f64| {
         let added = pixels(SIZE).map(|at| crossed.at(at) - dark.at(at));
-        p90(added.map(|added| relative_error(added, SHAFT_W * scale)))
+        percentile::<90>(added.map(|added| relative_error(added, SHAFT_W * scale)))
     };
     // Steps of an 8-bit display.
     Ok(vec![

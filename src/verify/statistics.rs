@@ -11,42 +11,13 @@ pub fn largest(errors: impl IntoIterator<Item = f64>) -> f64 {
     errors.into_iter().reduce(worse).map_or(f64::NAN, |most| worse(most, 0.0))
 }
 
-fn at_share(errors: impl IntoIterator<Item = f64>, share: f64) -> f64 {
-    quantile(&mut errors.into_iter().collect::<Vec<_>>(), share)
+/// A percentile of errors; not a number for none.
+pub fn percentile<const PERCENT: u32>(errors: impl IntoIterator<Item = f64>) -> f64 {
+    quantile(&mut errors.into_iter().collect::<Vec<_>>(), f64::from(PERCENT) / 100.0)
 }
 
 pub fn median(errors: impl IntoIterator<Item = f64>) -> f64 {
-    at_share(errors, 0.5)
-}
-
-/// 75th percentile.
-pub fn p75(errors: impl IntoIterator<Item = f64>) -> f64 {
-    at_share(errors, 0.75)
-}
-
-/// 90th percentile.
-pub fn p90(errors: impl IntoIterator<Item = f64>) -> f64 {
-    at_share(errors, 0.9)
-}
-
-/// 95th percentile.
-pub fn p95(errors: impl IntoIterator<Item = f64>) -> f64 {
-    at_share(errors, 0.95)
-}
-
-/// 97th percentile.
-pub fn p97(errors: impl IntoIterator<Item = f64>) -> f64 {
-    at_share(errors, 0.97)
-}
-
-/// 99th percentile.
-pub fn p99(errors: impl IntoIterator<Item = f64>) -> f64 {
-    at_share(errors, 0.99)
-}
-
-/// 99.9th percentile.
-pub fn p999(errors: impl IntoIterator<Item = f64>) -> f64 {
-    at_share(errors, 0.999)
+    percentile::<50>(errors)
 }
 
 /// Root mean square.

@@ -17,7 +17,7 @@ use std::process::Command;
 
 use fathom::gpu::{Gpu, Options, Pixels};
 use fathom::parameter;
-use fathom::pipelines::{AnyPipeline, Built, Pipeline, PipelineKind};
+use fathom::pipelines::{Built, Pipeline, PipelineKind};
 use fathom::scene::{Scene, SceneFile};
 
 fn gpu() -> Gpu {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fathom::Catalog;
 use fathom::harness::verify::{Table, VerifyError, verify};
-use fathom::pipelines::Pipeline;
+use fathom::pipelines::Drawing;
 use fathom::pipelines::scalar_ao::ScalarAo;
 use fathom::pipelines::underwater::{Params, Underwater};
 use fathom::scene::{Scene, SceneFile};

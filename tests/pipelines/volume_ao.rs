@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, Pixels, read_texture};
 use fathom::pipelines::volume_ao::{Params, VolumeAo};
-use fathom::pipelines::{AnyPipeline, Built, Pipeline};
+use fathom::pipelines::{Built, Drawing};
 use fathom::reference::occlusion::{Attenuation, occlusion};
 use fathom::reference::rays::{PixelRays, Tracer};
 use fathom::scene::Scene;
@@ -27,11 +27,11 @@ fn draw(gpu: &Gpu, scene: &str, set: &str) -> Drawn {
 
 impl Drawn {
     fn visibility(&self, gpu: &Gpu) -> Pixels {
-        read_texture(gpu, &self.pipeline.buffers().raw.1).unwrap()
+        read_texture(gpu, &self.pipeline.buffers.raw.1).unwrap()
     }
 
     fn figures(&self, gpu: &Gpu) -> BTreeMap<String, f64> {
-        Pipeline::quantities(&*self.pipeline, gpu).unwrap()
+        self.pipeline.quantities(gpu).unwrap()
     }
 
     fn stages(&self) -> Vec<&'static str> {
@@ -96,7 +96,7 @@ fn volumes_of_objects_multiply_and_glass_lets_light_through() {
     let crates = "voxel.method=slicemap ao.threshold=0.55 ao.offset_voxels=0.25 \
         ao.hit=between ao.r_max_m=0.5 objects=4";
     let each = draw_small(&gpu, "crates", &format!("voxel.per_object=true {crates}"));
-    assert_eq!(each.pipeline.volumes().len(), 4);
+    assert_eq!(each.pipeline.volumes.len(), 4);
     let all = draw_small(&gpu, "crates", crates);
     let [each, all] = [&each, &all].map(|d| 1.0 - mean(&d.visibility(&gpu)));
     assert!(each > 0.0 && all > 0.0 && (each / all - 1.0).abs() < 1.0, "{each} {all}");
@@ -124,11 +124,11 @@ fn geometry_moves_and_its_volume_with_it() {
 /// RMS and mean of A less that of 256 rays cast from the same pixels.
 fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
     let image = drawn.visibility(gpu);
-    let gbuffer = &drawn.pipeline.buffers().gbuffer;
+    let gbuffer = &drawn.pipeline.buffers.gbuffer;
     let [depth, normal] = [&gbuffer.depth, &gbuffer.normal].map(|t| read_texture(gpu, t).unwrap());
     let rays = PixelRays::new(&drawn.params.camera, image.width, image.height);
     let tracer = Tracer::new(&drawn.scene.objects).unwrap();
-    let r_max_m = drawn.params.ao.marching(&drawn.scene).r_max_m;
+    let r_max_m = drawn.params.marching(&drawn.scene).r_max_m;
     let seen: Vec<usize> = (0..depth.data.len()).filter(|i| depth.data[*i] < 1.0).collect();
     assert!(seen.len() >= 2_000, "{} points", seen.len());
     let errors: Vec<f64> = seen

@@ -4,7 +4,7 @@
 use fathom::gpu::{Gpu, read_buffer};
 use fathom::pipelines::settings::{Deform, Method};
 use fathom::pipelines::voxelize::{Params, Voxelize};
-use fathom::pipelines::{AnyPipeline, Built, Pipeline};
+use fathom::pipelines::{Built, Drawing};
 use fathom::scene::{Scene, SceneFile};
 
 use super::gpu;
@@ -58,7 +58,7 @@ impl Fixture {
         let make = || Built::<Voxelize>::new(&self.gpu, &self.scene, &params);
         let pipeline = self.gpu.scoped(make).unwrap();
         let mut frame = pipeline.stages();
-        frame.extend(AnyPipeline::presenting(&pipeline));
+        frame.extend(pipeline.presenting());
         for _ in 0..2 {
             self.gpu.run(&frame).unwrap();
         }
@@ -70,7 +70,7 @@ impl Fixture {
     }
 
     fn bits(&self, pipeline: &Voxelize, volume: usize) -> Vec<u8> {
-        read_buffer(&self.gpu, &pipeline.volumes()[volume].bits).unwrap()
+        read_buffer(&self.gpu, &pipeline.volumes[volume].bits).unwrap()
     }
 }
 
@@ -123,7 +123,7 @@ fn each_object_fills_its_own_volume() {
             params.voxel.method = method;
             params.voxel.per_object = true;
         });
-        assert_eq!(apart.volumes().len(), 3);
+        assert_eq!(apart.volumes.len(), 3);
         let mut alone = Fixture::new();
         alone.scene.objects.drain(..2);
         let pipeline = alone.frames(|params| params.voxel.method = method);

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use fathom::gpu::{Gpu, GpuError, read_texture};
 use fathom::pipelines::settings::View;
-use fathom::pipelines::{Parameters, Pipeline};
+use fathom::pipelines::{Drawing, Parameters, Pipeline};
 use fathom::scene::{Camera, Scene, SceneFile, Water};
 use fathom::stages::kit::Resources;
 
@@ -50,7 +50,9 @@ impl Pipeline for Ripples {
         let blur = blur::Blur::new(resources, draw.texture(), params.ripples.blur_px)?;
         Ok(Self { blur: resources.push(blur) })
     }
+}
 
+impl Drawing for Ripples {
     fn image(&self) -> &wgpu::Texture {
         self.blur.texture()
     }

@@ -29,10 +29,10 @@ use std::time::{Duration, Instant};
 
 use self::kernels::{Kernel, Kernels};
 use self::verdict::{Audited, Series, factor, judge, median};
-use super::frame::{ClockPlan, FrameSample, FrameTimer, HostClock, Probe, StageSample, SubmitCost};
+use super::frame::{ClockPlan, FrameSample, FrameTimer, HostClock, Probe, SubmitCost};
 use super::{DeviceError, TimedStage as _, WatchedDevice};
 use fathom_base::statistics;
-use fathom_record::{AuditRow, Clock, Conditions, PassKind, Surrounding};
+use fathom_record::{AuditRow, Clock, Conditions, PassKind, StageTime, Surrounding};
 
 const KINDS: [PassKind; 3] = [PassKind::Render, PassKind::Compute, PassKind::Copy];
 /// Length of a pass at N work: on a software adapter, and on a GPU. Long beside the jitter of a
@@ -406,8 +406,8 @@ fn passes_apart(gpu: &WatchedDevice, kinds: &[PassKind]) -> String {
 /// read.
 fn stage_ns(sample: &FrameSample, first: usize, stride: usize) -> f64 {
     let stages = sample.stages.iter().skip(first).step_by(stride);
-    let read = |stage: &StageSample| {
-        let fault = sample.faults.iter().find(|fault| fault.stage == stage.name);
+    let read = |stage: &StageTime| {
+        let fault = sample.faults.iter().find(|fault| stage.stage == *fault.stage);
         if stage.ns.is_nan() { fault.map_or(0.0, |fault| fault.ns) } else { stage.ns }
     };
     statistics::mean(stages.map(read))

@@ -7,7 +7,7 @@ use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
 use crate::queries::{QueryResults, RESULT_BYTES};
 use crate::{DeviceError, TimedStage, WatchedDevice};
-use fathom_record::{Clock, FaultKind, PassKind};
+use fathom_record::{Clock, FaultKind, PassKind, StageTime};
 
 /// A timestamp duration may exceed its segment's wall time by this factor: two clocks differ by about as much.
 const WALL_TOLERANCE: f64 = 1.01;
@@ -15,8 +15,9 @@ const WALL_TOLERANCE: f64 = 1.01;
 /// One timed frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameSample {
-    /// In frame order.
-    pub stages: Vec<StageSample>,
+    /// In frame order, each the sum over its passes. The clock is the fenced one where passes differ. The time is NaN when a pass has
+    /// a fault, and can be zero or negative where the cost of submissions was subtracted.
+    pub stages: Vec<StageTime>,
     pub gaps_ns: f64,
     /// Time by the plan's host clock from the first submission to the last fence, plus the host stages, minus the time spent on measuring the cost of
     /// submissions.
@@ -30,33 +31,6 @@ impl FrameSample {
     pub fn accounting_error(&self) -> f64 {
         let stages: f64 = self.stages.iter().map(|stage| stage.ns).sum();
         (stages + self.gaps_ns - self.envelope_ns).abs() / self.envelope_ns
-    }
-}
-
-/// A stage's time in one frame: the sum over its passes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StageSample {
-    pub name: &'static str,
-    /// The clock of its passes; the fenced one where they differ.
-    pub clock: Clock,
-    /// NaN when one of its passes has a fault. It can be zero or negative where the cost of submissions was subtracted: see
-    /// [`Self::resolution_ns`].
-    pub ns: f64,
-    /// The cost of its fenced submissions, already subtracted. `ns + submit_cost_ns` is what the clock read.
-    pub submit_cost_ns: f64,
-    /// A shorter time is indistinguishable from zero; 0 where no cost was subtracted.
-    pub resolution_ns: f64,
-}
-
-impl StageSample {
-    /// Whether the stage's time is more than the clock's uncertainty.
-    pub fn is_resolved(&self) -> bool {
-        self.ns > self.resolution_ns
-    }
-
-    /// The time, or the resolution where that is longer.
-    pub fn at_least_resolution_ns(&self) -> f64 {
-        self.ns.max(self.resolution_ns)
     }
 }
 
@@ -239,7 +213,7 @@ impl FrameTimer {
         })
     }
 
-    fn add_fenced(&self, account: &mut Account, span: &Span) {
+    fn add_fenced(&self, account: &mut Account<'_>, span: &Span) {
         let cost_ns = self.submit_cost_ns(span);
         let ns = positive(span.wall_ns()).map(|wall_ns| wall_ns - cost_ns);
         for pass in &self.recorder.passes[span.passes.clone()] {
@@ -248,7 +222,7 @@ impl FrameTimer {
         }
     }
 
-    fn add_timestamped(&self, account: &mut Account, span: &Span) {
+    fn add_timestamped(&self, account: &mut Account<'_>, span: &Span) {
         let wall_ns = span.wall_ns();
         let mut last_end = None;
         for pass in &self.recorder.passes[span.passes.clone()] {
@@ -302,8 +276,9 @@ fn check(
 }
 
 /// Sums of a frame's durations, being filled.
-struct Account {
-    stages: Vec<StageSample>,
+struct Account<'a> {
+    names: &'a [&'static str],
+    stages: Vec<StageTime>,
     passes: Vec<u32>,
     /// Fenced submissions of each stage.
     submissions: Vec<Submissions>,
@@ -311,17 +286,11 @@ struct Account {
     faults: Vec<Fault>,
 }
 
-impl Account {
-    fn new(names: &[&'static str]) -> Self {
-        let empty = |name: &&'static str| StageSample {
-            name,
-            clock: Clock::Host,
-            ns: 0.0,
-            submit_cost_ns: 0.0,
-            resolution_ns: 0.0,
-        };
+impl<'a> Account<'a> {
+    fn new(names: &'a [&'static str]) -> Self {
         Self {
-            stages: names.iter().map(empty).collect(),
+            names,
+            stages: names.iter().map(|name| StageTime::none(name)).collect(),
             passes: vec![0; names.len()],
             submissions: vec![Submissions::new(); names.len()],
             gaps_ns: 0.0,
@@ -342,7 +311,7 @@ impl Account {
             Ok(ns) => sample.ns += ns,
             Err((kind, ns)) => {
                 sample.ns = f64::NAN;
-                self.faults.push(Fault { stage: sample.name, kind, ns });
+                self.faults.push(Fault { stage: self.names[stage], kind, ns });
             }
         }
     }
@@ -354,13 +323,12 @@ impl Account {
     }
 
     fn finish(mut self, envelope_ns: f64, meter: &CostMeter) -> FrameSample {
-        for (sample, submissions) in self.stages.iter_mut().zip(&self.submissions) {
-            sample.resolution_ns = meter.resolution_ns(submissions);
-        }
-        for (sample, passes) in self.stages.iter_mut().zip(&self.passes) {
-            if *passes == 0 {
+        for (stage, sample) in self.stages.iter_mut().enumerate() {
+            sample.resolution_ns = meter.resolution_ns(&self.submissions[stage]);
+            if self.passes[stage] == 0 {
                 sample.ns = f64::NAN;
-                self.faults.push(Fault { stage: sample.name, kind: FaultKind::NoPass, ns: 0.0 });
+                let (stage, kind) = (self.names[stage], FaultKind::NoPass);
+                self.faults.push(Fault { stage, kind, ns: 0.0 });
             }
         }
         FrameSample { stages: self.stages, gaps_ns: self.gaps_ns, envelope_ns, faults: self.faults }

@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use super::samples::{Samples, StageSamples, Stopped};
+use super::samples::{Samples, Stopped};
 use fathom_base::statistics;
-use fathom_record::{Estimate, Fenced, FrameRecord, Note, NoteKind, StageRecord, Throttling, Work};
+use fathom_record::{
+    Clock, Estimate, Fenced, FrameRecord, Note, NoteKind, StageRecord, StageTime, Throttling, Work,
+};
 
 /// Share of outliers among the frame times from which on the record says so: one in twenty.
 const NOTED_OUTLIER_SHARE: f64 = 0.05;
@@ -14,51 +16,48 @@ pub fn frame_record(samples: &Samples) -> FrameRecord {
     if samples.pairs() == 0 {
         return FrameRecord::default();
     }
+    let untimed_samples_ns = samples.each(|pair| pair.untimed_ns);
     FrameRecord {
-        rounds: samples.rounds.clone(),
-        sampled_at_s: samples.sampled_at_s.clone(),
-        machine: samples.machine.clone(),
+        rounds: samples.each(|pair| pair.round),
+        sampled_at_s: samples.each(|pair| pair.sampled_at_s),
+        machine: samples.machine(),
         accounting_error: accounting_error(samples),
-        untimed: statistics::estimate(&samples.untimed_ns),
-        timing_cost: timing_cost(samples),
-        envelope_samples_ns: samples.envelope_ns.clone(),
-        gap_samples_ns: samples.gaps_ns.clone(),
-        untimed_samples_ns: samples.untimed_ns.clone(),
+        untimed: statistics::estimate(&untimed_samples_ns),
+        // Pair by pair.
+        timing_cost: statistics::ratio_estimate(
+            &samples.each(|pair| (pair.envelope_ns, pair.untimed_ns)),
+        ),
+        envelope_samples_ns: samples.each(|pair| pair.envelope_ns),
+        gap_samples_ns: samples.each(|pair| pair.gaps_ns),
+        untimed_samples_ns,
     }
-}
-
-/// Timed over untimed frames, pair by pair.
-fn timing_cost(samples: &Samples) -> Estimate {
-    let pairs = samples.envelope_ns.iter().copied().zip(samples.untimed_ns.iter().copied());
-    statistics::ratio_estimate(&pairs.collect::<Vec<_>>())
 }
 
 /// Median over the frames of |stages + gaps − envelope| / envelope.
 pub fn accounting_error(samples: &Samples) -> f64 {
-    let frames = samples.envelope_ns.iter().zip(&samples.gaps_ns).enumerate();
-    let errors: Vec<f64> = frames
-        .map(|(frame, (envelope, gaps))| {
-            let stages: f64 = samples.stages.iter().map(|stage| stage.ns[frame]).sum();
-            (stages + gaps - envelope).abs() / envelope
-        })
-        .collect();
+    let errors = samples.each(|pair| {
+        let stages: f64 = pair.stages.iter().map(|stage| stage.ns).sum();
+        (stages + pair.gaps_ns - pair.envelope_ns).abs() / pair.envelope_ns
+    });
     statistics::median(&errors)
 }
 
-/// Of one stage, which declares this work and at least that.
+/// Of the stage of this name at this place among those of each frame, which declares this work and at least that.
 pub fn stage_record(
-    stage: &StageSamples,
+    samples: &Samples,
+    (place, name): (usize, &str),
     (work, least): (Work, Work),
     counters: BTreeMap<String, u64>,
 ) -> StageRecord {
-    let fenced = fenced(stage);
+    let times = samples.each(|pair| pair.stages[place].clone());
+    let fenced = fenced(&times);
     let samples_ns = match &fenced {
         Some(fenced) => fenced.samples_ns(),
-        None => stage.ns.clone(),
+        None => times.iter().map(|time| time.ns).collect(),
     };
     StageRecord {
-        stage: stage.name.as_str().into(),
-        clock: stage.clock,
+        stage: name.into(),
+        clock: times.first().map_or(Clock::Host, |time| time.clock),
         time: statistics::estimate(&samples_ns),
         samples_ns,
         fenced,
@@ -70,13 +69,13 @@ pub fn stage_record(
 }
 
 /// What was read and taken off; none where nothing was.
-fn fenced(stage: &StageSamples) -> Option<Fenced> {
-    let taken_off = stage.submit_cost_ns.iter().any(|ns| *ns > 0.0);
-    let pairs = stage.ns.iter().zip(&stage.submit_cost_ns);
-    taken_off.then(|| Fenced {
-        wall_samples_ns: pairs.map(|(ns, cost_ns)| ns + cost_ns).collect(),
-        submit_cost_samples_ns: stage.submit_cost_ns.clone(),
-        resolution_ns: statistics::median(&stage.resolution_ns),
+fn fenced(times: &[StageTime]) -> Option<Fenced> {
+    let of = |figure: fn(&StageTime) -> f64| times.iter().map(figure).collect::<Vec<_>>();
+    let submit_cost_samples_ns = of(|time| time.submit_cost_ns);
+    submit_cost_samples_ns.iter().any(|ns| *ns > 0.0).then(|| Fenced {
+        wall_samples_ns: of(|time| time.ns + time.submit_cost_ns),
+        submit_cost_samples_ns,
+        resolution_ns: statistics::median(&of(|time| time.resolution_ns)),
     })
 }
 
@@ -107,7 +106,7 @@ pub fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Ve
         let text = format!("{stopped} at ±{reached:.1} % where ±{asked:.1} % was asked");
         note(NoteKind::Imprecise, text);
     }
-    let outliers = statistics::outliers(&samples.untimed_ns);
+    let outliers = statistics::outliers(&samples.each(|pair| pair.untimed_ns));
     if outliers.share() > NOTED_OUTLIER_SHARE {
         let text = format!(
             "{} of {} frames were far slower and {} far faster than the median",
@@ -115,7 +114,7 @@ pub fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Ve
         );
         note(NoteKind::Outliers, text);
     }
-    if let Some(held) = Throttling::of(&samples.machine) {
+    if let Some(held) = Throttling::of(&samples.machine()) {
         note(NoteKind::Throttled, format!("heat or power held the clocks down in {held}"));
     }
     notes
@@ -124,13 +123,15 @@ pub fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_record::{MachineState, ThrottleReason};
+    use fathom_record::{FramePair, MachineState, ThrottleReason};
 
     #[test]
     fn a_throttled_cell_has_a_note_with_share_and_reasons() {
         let state = |reason| MachineState { throttle: vec![reason], ..MachineState::default() };
         let texts = |machine: Vec<MachineState>| {
-            let samples = Samples { machine, ..Samples::default() };
+            let pair = |state| FramePair { machine: Some(state), ..FramePair::default() };
+            let taken = machine.into_iter().map(pair).collect();
+            let samples = Samples { taken, ..Samples::default() };
             let notes = sampling_notes(&samples, &statistics::estimate(&[1.0; 20]), 0.02);
             let held = notes.into_iter().filter(|note| note.kind == NoteKind::Throttled);
             held.map(|note| note.text).collect::<Vec<_>>()

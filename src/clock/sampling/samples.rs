@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use itertools::Itertools;
 
-use crate::{Fault, FrameSample, StageSample};
+use crate::{Fault, FrameSample};
 use fathom_base::statistics;
 use fathom_record::{
-    Addition, Clock, FaultKind, FramePair, MachineState, RejectedFrames, Rejection, StageTime,
+    Addition, FaultKind, FramePair, MachineState, RejectedFrames, Rejection, StageTime,
 };
 
 /// Timed frames before a cell is judged by how many of them were rejected.
@@ -27,40 +27,11 @@ pub enum Stopped {
     Interrupted,
 }
 
-/// One stage's durations, in the order of the frames; each entry is a [`StageTime`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct StageSamples {
-    pub name: String,
-    pub clock: Clock,
-    pub ns: Vec<f64>,
-    pub submit_cost_ns: Vec<f64>,
-    pub resolution_ns: Vec<f64>,
-}
-
-impl StageSamples {
-    /// Of a stage that was not timed.
-    pub fn none(name: &str) -> Self {
-        Self {
-            name: name.to_owned(),
-            clock: Clock::Host,
-            ns: Vec::new(),
-            submit_cost_ns: Vec::new(),
-            resolution_ns: Vec::new(),
-        }
-    }
-}
-
 /// Everything sampled of one cell. Durations in nanoseconds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
-    pub stages: Vec<StageSamples>,
-    /// Of each pair; see [`FrameRecord::rounds`](fathom_record::FrameRecord::rounds).
-    pub rounds: Vec<u32>,
-    pub sampled_at_s: Vec<f64>,
-    pub machine: Vec<MachineState>,
-    pub envelope_ns: Vec<f64>,
-    pub gaps_ns: Vec<f64>,
-    pub untimed_ns: Vec<f64>,
+    /// Timed frames, each with an untimed one beside it. All have the same stages on the same clocks.
+    pub taken: Vec<FramePair>,
     pub warm_up_frames: u32,
     /// The frame time still fell when warm-up was given up.
     pub unsteady: bool,
@@ -86,9 +57,23 @@ impl Samples {
         samples
     }
 
-    /// Timed frames, each with an untimed one beside it.
     pub fn pairs(&self) -> usize {
-        self.untimed_ns.len()
+        self.taken.len()
+    }
+
+    /// Stages of the first pair: the names and clocks are those of all pairs. Empty where there is none.
+    pub fn stages(&self) -> &[StageTime] {
+        self.taken.first().map_or(&[], |pair| &pair.stages)
+    }
+
+    /// A figure of each pair.
+    pub fn each<T>(&self, of: impl Fn(&FramePair) -> T) -> Vec<T> {
+        self.taken.iter().map(of).collect()
+    }
+
+    /// States of the machine, where its driver told.
+    pub(super) fn machine(&self) -> Vec<MachineState> {
+        self.taken.iter().filter_map(|pair| pair.machine.clone()).collect()
     }
 
     /// Adds what one visit to the cell gave.
@@ -98,42 +83,16 @@ impl Samples {
         }
         self.warm_up_frames += added.warm_up_frames;
         self.unsteady |= added.unsteady;
-        if let Some(pair) = &added.pair {
-            self.add_pair(pair);
-        }
+        self.taken.extend(added.pair.clone());
         if let Some(reason) = &added.rejected {
             *self.rejected.entry(reason.clone()).or_default() += 1;
         }
     }
 
-    fn add_pair(&mut self, pair: &FramePair) {
-        if self.stages.is_empty() {
-            let empty = |stage: &StageTime| StageSamples {
-                clock: stage.clock,
-                ..StageSamples::none(&stage.stage)
-            };
-            self.stages = pair.stages.iter().map(empty).collect();
-        }
-        for (samples, stage) in self.stages.iter_mut().zip(&pair.stages) {
-            samples.ns.push(stage.ns);
-            samples.submit_cost_ns.push(stage.submit_cost_ns);
-            samples.resolution_ns.push(stage.resolution_ns);
-        }
-        self.rounds.push(pair.round);
-        self.sampled_at_s.push(pair.sampled_at_s);
-        self.machine.extend(pair.machine.clone());
-        self.envelope_ns.push(pair.envelope_ns);
-        self.gaps_ns.push(pair.gaps_ns);
-        self.untimed_ns.push(pair.untimed_ns);
-    }
-
     /// These stages, on the same clocks, were sampled before, or none were.
     pub fn has_stages(&self, stages: &[StageTime]) -> bool {
-        let same = |(known, stage): (&StageSamples, &StageTime)| {
-            known.name == stage.stage && known.clock == stage.clock
-        };
-        self.stages.is_empty()
-            || self.stages.len() == stages.len() && self.stages.iter().zip(stages).all(same)
+        let known = self.stages().iter().map(|stage| (&stage.stage, stage.clock));
+        self.taken.is_empty() || known.eq(stages.iter().map(|stage| (&stage.stage, stage.clock)))
     }
 
     /// Why the cell cannot be trusted, if too many of its frames were rejected.
@@ -150,8 +109,8 @@ impl Samples {
 
     /// Of the frame time, the wider of timed and untimed frames: half of its interval over its median.
     pub fn relative_half_width(&self) -> f64 {
-        let of = |samples: &[f64]| statistics::estimate(samples).relative_half_width();
-        of(&self.envelope_ns).max(of(&self.untimed_ns))
+        let of = |samples: Vec<f64>| statistics::estimate(&samples).relative_half_width();
+        of(self.each(|pair| pair.envelope_ns)).max(of(self.each(|pair| pair.untimed_ns)))
     }
 
     /// As a record has them.
@@ -170,18 +129,11 @@ pub fn frame_pair(
     untimed_ns: f64,
     (round, sampled_at_s): (u32, f64),
 ) -> FramePair {
-    let stages = frame.stages.iter().map(|stage| StageTime {
-        stage: stage.name.to_owned(),
-        clock: stage.clock,
-        ns: stage.ns,
-        submit_cost_ns: stage.submit_cost_ns,
-        resolution_ns: stage.resolution_ns,
-    });
     FramePair {
         round,
         sampled_at_s,
         machine: None,
-        stages: stages.collect(),
+        stages: frame.stages.clone(),
         envelope_ns: frame.envelope_ns,
         gaps_ns: frame.gaps_ns,
         untimed_ns,
@@ -190,15 +142,15 @@ pub fn frame_pair(
 
 /// Why a pair of frames cannot be used: the timer's own reason first, then what no duration may be. A frame with several faults
 /// is one rejected frame.
-pub fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Option<Rejection> {
+pub fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageTime]) -> Option<Rejection> {
     if let Some(Fault { stage, kind, .. }) = frame.faults.first() {
         return Some(Rejection { stage: Some((*stage).to_owned()), fault: *kind });
     }
     let positive = |ns: f64| ns.is_finite() && ns > 0.0;
     // Less than nothing is left only where a cost was taken off, which scatters. What was read is more than nothing.
-    let read = |stage: &StageSample| stage.ns + stage.submit_cost_ns;
-    let same = frame.stages.len() == before.len()
-        && frame.stages.iter().zip(before).all(|(now, before)| now.name == before.name);
+    let read = |stage: &StageTime| stage.ns + stage.submit_cost_ns;
+    let names = |stages: &[StageTime]| stages.iter().map(|stage| stage.stage.clone()).collect_vec();
+    let same = names(&frame.stages) == names(before);
     let faults = [
         (FaultKind::FrameNotPositive, !positive(frame.envelope_ns)),
         (FaultKind::UntimedNotPositive, !positive(untimed_ns)),

@@ -11,7 +11,7 @@ use fathom_base::{private, text};
 use fathom_record::output::{FolderKind, OutputError, Taken};
 use fathom_record::{
     Cell, Conditions, End, Measured, Note, NoteKind, Outcome, PassKind, Record, Run, SCHEMA, SetUp,
-    ShaderChecks,
+    ShaderChecks, StageTime,
 };
 
 /// Kinds of pass that have a clock of the audit.
@@ -51,9 +51,11 @@ impl FrameClock {
             return Outcome::Failed { reason: "no pair of frames was sampled".to_owned() };
         }
         let frame = frame_record(samples);
-        let record = |stage| stage_record(stage, Default::default(), Default::default());
+        let record = |(place, stage): (usize, &StageTime)| {
+            stage_record(samples, (place, &stage.stage), Default::default(), Default::default())
+        };
         Outcome::Measured(Box::new(Measured {
-            stages: samples.stages.iter().map(record).collect(),
+            stages: samples.stages().iter().enumerate().map(record).collect(),
             notes: sampling_notes(samples, &frame.untimed, self.sampling.precision),
             frame,
             warm_up_frames: samples.warm_up_frames,

@@ -124,7 +124,7 @@ impl Sampled {
         let (Some(frame), Some(untimed_ns)) = (&self.timed, self.untimed_ns) else {
             return;
         };
-        let rejected = fault(frame, untimed_ns, &self.samples.stages);
+        let rejected = fault(frame, untimed_ns, self.samples.stages());
         let mut pair = frame_pair(frame, untimed_ns, (self.round, unix_s()));
         pair.machine = state();
         let pair = rejected.is_none().then_some(pair);
@@ -142,17 +142,11 @@ fn unix_s() -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Fault, MAX_WARM_UP_FRAMES, StageSample};
-    use fathom_record::{Clock, FaultKind};
+    use crate::{Fault, MAX_WARM_UP_FRAMES};
+    use fathom_record::{Clock, FaultKind, StageTime};
 
     fn frame(ns: f64) -> FrameSample {
-        let stage = StageSample {
-            name: "blur",
-            clock: Clock::Timestamp,
-            ns,
-            submit_cost_ns: 0.0,
-            resolution_ns: 0.0,
-        };
+        let stage = StageTime { clock: Clock::Timestamp, ns, ..StageTime::none("blur") };
         FrameSample { stages: vec![stage], gaps_ns: 0.0, envelope_ns: ns, faults: Vec::new() }
     }
 
@@ -194,7 +188,7 @@ mod tests {
         let order: Vec<bool> = (0..128).map(|_| run(&mut sampled, frame(1e6))).collect();
         assert!(order.chunks(2).all(|pair| pair[0] != pair[1]));
         assert_eq!(order.chunks(2).filter(|pair| pair[0]).count(), 32);
-        assert_eq!(sampled.samples.rounds, (0..64).collect::<Vec<_>>());
+        assert_eq!(sampled.samples.each(|pair| pair.round), (0..64).collect::<Vec<_>>());
     }
 
     /// Pairs when no frame is wanted any more, of frames whose times vary by so much, and why.

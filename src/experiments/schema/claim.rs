@@ -4,10 +4,12 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::super::Measure;
+use super::named::Named;
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Claim {
+    #[serde(default)]
     pub id: String,
     pub text: String,
     /// Axis or parameter → value; all must hold.
@@ -16,6 +18,12 @@ pub struct Claim {
     /// The figure that the publication states, in the unit of what is tested, such as the ratio of two times.
     pub published: Option<f64>,
     pub test: Test,
+}
+
+impl Named for Claim {
+    fn set_name(&mut self, name: String) {
+        self.id = name;
+    }
 }
 
 impl Claim {

@@ -28,13 +28,12 @@ impl Staging {
     pub fn begin(place: &Path) -> Result<Self, MergeError> {
         let path = place.to_owned();
         let io = |source| MergeError::Io { path: path.clone(), source };
-        let taken = || MergeError::Taken { path: place.to_owned() };
-        let is_empty = |mut entries: fs::ReadDir| entries.next().is_none();
-        let mut place = place.to_owned();
+        let taken = || MergeError::Taken { path: path.clone() };
+        let mut place = path.clone();
         if folder::is_there(&place) {
             // The user may name an empty folder by a link.
             place = fs::canonicalize(&place).map_err(|_| taken())?;
-            if !fs::read_dir(&place).is_ok_and(is_empty) {
+            if !fs::read_dir(&place).is_ok_and(|mut entries| entries.next().is_none()) {
                 return Err(taken());
             }
         }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::*;
 use fathom_base::statistics;
-use fathom_clock::{MAX_WARM_UP_FRAMES, StageSample};
-use fathom_record::{Clock, FaultKind};
+use fathom_clock::MAX_WARM_UP_FRAMES;
+use fathom_record::{Clock, FaultKind, StageTime};
 
 /// Nanoseconds of a frame, from the cell's frame count (warm-up included) and the clock in seconds.
 type FrameTime = fn(frame: usize, now_s: f64) -> f64;
@@ -154,13 +154,7 @@ impl Executor for Mock {
             return Ok(busy.timed());
         }
         let (ns, frame) = self.frame(cell)?;
-        let stage = |name, clock, ns| StageSample {
-            name,
-            clock,
-            ns,
-            submit_cost_ns: 0.0,
-            resolution_ns: 0.0,
-        };
+        let stage = |name, clock, ns| StageTime { clock, ns, ..StageTime::none(name) };
         Ok(FrameSample {
             stages: vec![
                 stage("a", Clock::Timestamp, 0.3 * ns),
@@ -321,11 +315,11 @@ fn samples_name_their_round_and_their_time_and_groups_share_no_round() {
     let sized = || MockCell { bytes: 600, ..MockCell::default() };
     let mock = Mock::of(vec![MockCell::default(), MockCell::default(), sized(), sized()]);
     let mock = mock.run(&Settings { first_round: 40, ..SETTINGS });
-    let rounds = |cell: usize| mock.samples(cell).rounds.clone();
+    let rounds = |cell: usize| mock.samples(cell).each(|pair| pair.round);
     assert_eq!(rounds(0), (40..40 + MIN_PAIRS as u32).collect::<Vec<_>>());
     assert_eq!(rounds(0), rounds(1));
     assert!(rounds(3).iter().all(|round| !rounds(0).contains(round)));
-    let times = &mock.samples(0).sampled_at_s;
+    let times = mock.samples(0).each(|pair| pair.sampled_at_s);
     assert!(times.is_sorted() && times[0] > 1.7e9 && times.len() == MIN_PAIRS);
 }
 
@@ -334,13 +328,8 @@ fn samples_keep_stages_gaps_and_pairs_in_step() {
     let mock = Mock::of(vec![MockCell::default()]).run(&SETTINGS);
     let samples = mock.samples(0);
     let n = samples.pairs();
-    assert_eq!(samples.stages.len(), 2);
-    assert!(samples.stages.iter().all(|stage| stage.ns.len() == n));
-    assert_eq!(
-        [samples.envelope_ns.len(), samples.gaps_ns.len(), samples.untimed_ns.len()],
-        [n; 3]
-    );
-    assert_eq!(samples.stages[1].clock, Clock::FencedHost);
+    assert!(n >= MIN_PAIRS && samples.taken.iter().all(|pair| pair.stages.len() == 2));
+    assert_eq!(samples.stages()[1].clock, Clock::FencedHost);
 }
 
 #[test]
@@ -350,7 +339,7 @@ fn slow_cells_get_their_least_pairs_beyond_the_budget() {
     let mock = Mock::of(vec![slow, quick]).run(&SETTINGS);
     assert_eq!(mock.samples(0).pairs(), MIN_PAIRS);
     let cheap = mock.samples(1);
-    let spent_s = 1e-9 * (cheap.envelope_ns.iter().chain(&cheap.untimed_ns)).sum::<f64>();
+    let spent_s = 1e-9 * cheap.each(|pair| pair.envelope_ns + pair.untimed_ns).iter().sum::<f64>();
     assert!((FREE_S * 0.7..FREE_S * 1.2).contains(&spent_s), "the time is over: {spent_s}");
 }
 
@@ -370,7 +359,7 @@ fn warm_up_ends_when_frames_no_longer_get_faster() {
     assert_eq!(mock.samples(0).warm_up_frames, 2);
     assert_eq!(mock.samples(1).warm_up_frames, 5);
     assert!(
-        mock.samples(1).envelope_ns.iter().all(|ns| *ns == 1e7),
+        mock.samples(1).taken.iter().all(|pair| pair.envelope_ns == 1e7),
         "no compiling frame is a sample"
     );
     assert!(!mock.samples(1).unsteady);
@@ -385,7 +374,8 @@ fn drift_affects_all_cells_alike() {
     let two = cell(|_, now| 2e7 * (1.0 + now / 20.0));
     let mock = Mock::of(vec![one, two]).run(&Settings { precision: 0.0, ..SETTINGS });
     let n = mock.samples(0).pairs().min(mock.samples(1).pairs());
-    let median = |cell: usize| statistics::median(&mock.samples(cell).envelope_ns[..n]);
+    let envelopes = |cell: usize| mock.samples(cell).each(|pair| pair.envelope_ns);
+    let median = |cell: usize| statistics::median(&envelopes(cell)[..n]);
     let ratio = median(1) / median(0);
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
 }
@@ -426,7 +416,7 @@ fn faulty_frames_are_counted_and_never_used() {
     let mock = Mock::of(vec![sometimes]).run(&SETTINGS);
     let samples = mock.samples(0);
     assert_eq!(samples.rejected.keys().collect::<Vec<_>>(), [&FaultKind::FrameNotPositive.into()]);
-    assert!(samples.envelope_ns.iter().all(|ns| *ns > 0.0));
+    assert!(samples.taken.iter().all(|pair| pair.envelope_ns > 0.0));
 }
 
 #[test]

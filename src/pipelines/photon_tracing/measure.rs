@@ -6,11 +6,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{PhotonTracing, under_water};
-use crate::caustics_image::FoundCaustics;
-use crate::{JudgeError, Judged};
+use crate::caustics_image::{Compared, FoundCaustics, first_channel};
+use crate::{Drawing, Judge, JudgeError, Judged};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_record::ErrorFigure;
-use fathom_reference::image::Image;
 use fathom_reference::photons::land;
 use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
 use fathom_reference::rays::Tracer;
@@ -51,9 +50,13 @@ impl Ends {
     }
 }
 
-impl PhotonTracing {
+impl Drawing for PhotonTracing {
+    fn image(&self) -> &wgpu::Texture {
+        &self.image
+    }
+
     /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass; fragments in lists, and those without room.
-    pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let photons = self.stored(gpu)?;
         let share = |residual_m: f32| {
             let alike = photons.iter().filter(|p| p.residual_m == f64::from(residual_m));
@@ -76,15 +79,19 @@ impl PhotonTracing {
         Ok(figures)
     }
 
-    /// What the sprites have added up.
-    pub(super) fn found_caustics(&self, gpu: &Gpu) -> Result<FoundCaustics, JudgeError> {
-        let pixels = read_texture(gpu, &self.irradiance)?;
-        let values = pixels.data.iter().step_by(pixels.channels as usize);
-        let values = values.map(|value| f64::from(*value)).collect();
-        let irradiance = Image::from_data(pixels.width, pixels.height, values)?;
-        Ok(FoundCaustics { irradiance, stage: sprites::draw::INFO.name })
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        self.landing_errors(judge.gpu, judge.scene)
     }
 
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
+        // What the sprites have added up.
+        let irradiance = first_channel(&read_texture(judge.gpu, &self.irradiance)?)?;
+        let found = FoundCaustics { irradiance, stage: sprites::draw::INFO.name };
+        Compared::new(judge, &self.view, &found).map(Some)
+    }
+}
+
+impl PhotonTracing {
     fn stored(&self, gpu: &Gpu) -> Result<Vec<StoredPhoton>, GpuError> {
         Ok(stored_photons(&read_buffer(gpu, &self.photons.buffer)?))
     }
@@ -94,7 +101,7 @@ impl PhotonTracing {
     /// `photon_false_hit_rate` are shares of all photons that end anywhere. `caustics_photon_error_median_m` and
     /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names: the second is a share of all photons that
     /// end anywhere, in view or not. Of large grids an even selection is compared.
-    pub(super) fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
+    fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let found = self.stored(gpu)?;
         let ends = self.ends(&found, scene)?;
         let Ends { mut errors_m, lost, off_frustum, false_hits } = ends;

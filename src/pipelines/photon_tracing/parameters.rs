@@ -76,10 +76,6 @@ settings! {
 }
 
 impl Params {
-    pub fn photons(&self) -> u32 {
-        self.transfer.photons()
-    }
-
     /// Ways of a photon behind the water.
     pub fn ways(&self) -> u32 {
         if self.specular.follow { 1 + self.specular.bounces } else { 1 }
@@ -93,6 +89,6 @@ impl Params {
 
 impl Parameters for Params {
     fn consistent(&self) -> Result<(), ParamError> {
-        self.rays.fits(self.photons(), self.ways(), "transfer.grid, specular.bounces")
+        self.rays.fits(self.transfer.photons(), self.ways(), "transfer.grid, specular.bounces")
     }
 }

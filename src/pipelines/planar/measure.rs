@@ -7,7 +7,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Planar;
-use crate::{JudgeError, Judged};
+use crate::{Drawing, Judge, JudgeError, Judged};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_record::ErrorFigure;
 use fathom_reference::photons::{Landing, land};
@@ -47,6 +47,35 @@ impl Ends {
     }
 }
 
+impl Drawing for Planar {
+    fn image(&self) -> &wgpu::Texture {
+        self.compose.texture()
+    }
+
+    /// Shares of the photons that never enter the water, and that meet no face; the share of the floor's texels that none has reached in the
+    /// midst of others.
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        let photons = self.stored(gpu)?;
+        let missed = photons.iter().filter(|photon| photon.state == NEVER).count();
+        let ended = photons.iter().filter(|photon| self.end(photon).is_some()).count();
+        let map = self.map(gpu)?;
+        let floor = &map[..map.len() / Face::ALL.len()];
+        let share = |count: usize, of: usize| count as f64 / of as f64;
+        let figures = [
+            ("missed_water_rate", share(missed, photons.len())),
+            ("photon_no_hit_rate", share(photons.len() - missed - ended, photons.len())),
+            ("map_floor_hole_rate", share(holes(floor), floor.len())),
+        ];
+        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+    }
+
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
+        judged.errors.extend(self.map_errors(judge.gpu)?);
+        Ok(judged)
+    }
+}
+
 impl Planar {
     fn stored(&self, gpu: &Gpu) -> Result<Vec<Transfer>, GpuError> {
         Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &self.transfers.buffer)?))
@@ -66,27 +95,10 @@ impl Planar {
         met.filter(|_| photon.state != NEVER).map(|met| (met.position, met.face))
     }
 
-    /// Shares of the photons that never enter the water, and that meet no face; the share of the floor's texels that none has reached in the
-    /// midst of others.
-    pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let photons = self.stored(gpu)?;
-        let missed = photons.iter().filter(|photon| photon.state == NEVER).count();
-        let ended = photons.iter().filter(|photon| self.end(photon).is_some()).count();
-        let map = self.map(gpu)?;
-        let floor = &map[..map.len() / Face::ALL.len()];
-        let share = |count: usize, of: usize| count as f64 / of as f64;
-        let figures = [
-            ("missed_water_rate", share(missed, photons.len())),
-            ("photon_no_hit_rate", share(photons.len() - missed - ended, photons.len())),
-            ("map_floor_hole_rate", share(holes(floor), floor.len())),
-        ];
-        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
-    }
-
     /// Errors of the transfer map's photons on the pool's planes against exact refraction and ray casting: `photon_error_median_m`,
     /// `photon_error_p99_m`, `photon_wrong_face_rate` of those that end by both, and `photon_miss_rate` of those that end exactly. Of
     /// large grids an even selection is compared.
-    pub(super) fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
+    fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let ends = self.ends(&self.stored(gpu)?, &Tracer::new(&scene.objects)?);
         let Ends { mut errors_m, wrong_face, lost } = ends;
         let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
@@ -126,7 +138,7 @@ impl Planar {
 
     /// Errors of the illumination map against the transfer map's photons counted in f64: `map_energy_error`, the difference of the flux over
     /// all texels, and `map_misplaced_rate`, flux that lies in other texels. Both are shares of the flux of all photons.
-    pub(super) fn map_errors(&self, gpu: &Gpu) -> Result<[ErrorFigure; 2], GpuError> {
+    fn map_errors(&self, gpu: &Gpu) -> Result<[ErrorFigure; 2], GpuError> {
         let texels = self.params.planar.texels;
         let counted = self.counted(&self.stored(gpu)?);
         let map = self.map(gpu)?;
@@ -149,7 +161,7 @@ impl Planar {
 
     fn counted(&self, photons: &[Transfer]) -> Counted {
         let (frame, water) = (self.view.light_frame(), &self.view.water);
-        let photon_w = middle_photon_w(&self.view.light, &frame, self.params.photons());
+        let photon_w = middle_photon_w(&self.view.light, &frame, self.params.transfer.photons());
         let texels = self.params.planar.texels;
         let mut counted = Counted::new(texels);
         for photon in photons.iter().filter(|photon| photon.state != NEVER) {

@@ -44,10 +44,6 @@ settings! {
 }
 
 impl Params {
-    pub fn photons(&self) -> u32 {
-        self.transfer.photons()
-    }
-
     /// The pool below `water`, whose height map is read; its walls reach up to the highest wave.
     pub fn pool(&self, water: &Water) -> Pool {
         Pool {

@@ -3,10 +3,10 @@
 use rayon::prelude::*;
 
 use super::{Gather, Mode, ScalarAo};
+use crate::occlusion::{figures, lattice};
 use crate::settings::Attenuation;
 use crate::{Judge, JudgeError, Judged};
 use fathom_gpu::read_texture;
-use fathom_record::ErrorFigure;
 use fathom_reference::isosurface::FieldSurface;
 use fathom_reference::occlusion as reference;
 use fathom_reference::rays::PixelRays;
@@ -33,13 +33,8 @@ impl ScalarAo {
         };
         let r_max_m = self.r_max_m;
         let step = (f64::from(width) * f64::from(height) / MOST_POINTS).sqrt().max(1.0);
-        let along = |side: u32| {
-            let places = (0..side).map(move |i| ((f64::from(i) + 0.5) * step) as u32);
-            places.take_while(move |place| *place < side)
-        };
-        let lattice: Vec<[u32; 2]> =
-            along(height).flat_map(|y| along(width).map(move |x| [x, y])).collect();
-        let found = lattice.into_par_iter().filter_map(|[x, y]| {
+        let places: Vec<[u32; 2]> = lattice([width, height], step).collect();
+        let found = places.into_par_iter().filter_map(|[x, y]| {
             let shown = pixels.texel(x, y);
             let (origin, direction, length_m) = rays.ray(x, y);
             let point = surface.seen(origin, direction, length_m)?;
@@ -50,17 +45,12 @@ impl ScalarAo {
         if found.is_empty() {
             return Err(JudgeError::Nothing);
         }
-        let mean = |of: &dyn Fn(&(f64, f64)) -> f64| {
-            found.iter().map(of).sum::<f64>() / found.len() as f64
-        };
-        let figure = |name: &str, value| ErrorFigure::new(name.to_owned(), value, "1", INFO.name);
-        let quantities =
-            [("ao_mean", mean(&|(a, _)| *a)), ("ao_reference_mean", mean(&|(_, exact)| *exact))];
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let (values, exact): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
+        let errors: Vec<f64> = values.iter().zip(&exact).map(|(a, exact)| a - exact).collect();
+        let quantities = [("ao_mean", mean(&values)), ("ao_reference_mean", mean(&exact))];
         Ok(Judged {
-            errors: vec![
-                figure("ao_rmse", mean(&|(a, exact)| (a - exact).powi(2)).sqrt()),
-                figure("ao_bias", mean(&|(a, exact)| a - exact)),
-            ],
+            errors: figures("ao", INFO.name, &errors).into(),
             quantities: quantities.map(|(name, value)| (name.to_owned(), value)).into(),
         })
     }

@@ -2,7 +2,7 @@
 
 use super::Underwater;
 use super::parameters::CausticsUnit;
-use crate::caustics_image::FoundCaustics;
+use crate::caustics_image::{FoundCaustics, first_channel};
 use crate::settings::Animation;
 use crate::{Judge, JudgeError};
 use fathom_gpu::read_texture;
@@ -18,10 +18,7 @@ impl Underwater {
         &self,
         judge: &mut Judge<'_>,
     ) -> Result<FoundCaustics, JudgeError> {
-        let pixels = read_texture(judge.gpu, self.caustics.texture())?;
-        let values = pixels.data.iter().step_by(pixels.channels as usize);
-        let values = values.map(|value| f64::from(*value)).collect();
-        let texels = Image::from_data(pixels.width, pixels.height, values)?;
+        let texels = first_channel(&read_texture(judge.gpu, self.caustics.texture())?)?;
         let scale = f64::from(self.plan.compose.caustics_scale);
         let irradiance = match self.params.caustics.buffer_holds() {
             CausticsUnit::PhotonFlux | CausticsUnit::Irradiance => {

@@ -7,7 +7,7 @@ use glam::{DVec2, DVec4};
 
 use super::grid::largest_contraction;
 use super::{CausticMethod, Intensity, Params, Underwater, view};
-use crate::{AnyPipeline, Built, Pipeline};
+use crate::{Built, Pipeline};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_reference::godray::covered_px;
 use fathom_scene::Scene;

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use super::{Params, VolumeAo, voxelize};
-use crate::Pipeline;
+use crate::occlusion::OcclusionBuffers;
 use crate::settings::Update;
+use crate::{Drawing, Pipeline};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_scene::Scene;
 use fathom_stages::ao::march;
@@ -13,9 +14,17 @@ use fathom_stages::ao::query::{Query, SurfacePoint};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 
-impl VolumeAo {
+impl Drawing for VolumeAo {
+    fn image(&self) -> &wgpu::Texture {
+        self.composed.compose.texture()
+    }
+
+    fn shows_visibility(&self) -> bool {
+        self.composed.compose.shows_occlusion()
+    }
+
     /// Samples are counted by a shader that does nothing else, over the last frame's G-buffer and volumes.
-    pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let gbuffer = &self.buffers.gbuffer;
         let depth = read_texture(gpu, &gbuffer.depth)?.data;
         let covered = depth.iter().filter(|z| **z < 1.0).count();
@@ -47,6 +56,10 @@ impl VolumeAo {
         let named = figures.into_iter();
         Ok(named.map(|(name, value)| (name.to_owned(), value)).collect())
     }
+
+    fn occlusion(&self) -> Option<&OcclusionBuffers> {
+        Some(&self.buffers)
+    }
 }
 
 /// What asking for the occlusion at points makes: volumes, and the query over them.
@@ -65,8 +78,8 @@ impl PointQuery {
     ) -> Result<Self, GpuError> {
         scene.needs_objects(VolumeAo::NAME).map_err(GpuError::Unusable)?;
         let geometry = Geometry::new(resources, scene);
-        let volumes = voxelize(resources, &geometry, scene, params, Update::Once)?.volumes;
-        let query = Query::new(resources, &volumes, points, &params.ao.marching(scene))?;
+        let volumes = voxelize(resources, &geometry, scene, params, Update::Once)?;
+        let query = Query::new(resources, &volumes, points, &params.marching(scene))?;
         Ok(Self(resources.push_once(query)))
     }
 }

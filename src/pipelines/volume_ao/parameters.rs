@@ -2,13 +2,11 @@
 
 use crate::Parameters;
 use crate::occlusion::Model;
-use crate::settings::{
-    self, Animation, Attenuation, Compose, Filter, Method, R_MAX_SHARE, Shadow, View, Voxel,
-};
+use crate::settings::{self, Animation, Compose, Filter, Method, Shadow, View, Voxel};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_scene::{Camera, Grid, Light, Scene, SceneFile};
-use fathom_stages::marching::{Estimator, Guard, Hit, Marching, Occluder, Sampling, Step, Storage};
+use fathom_stages::marching::{Marching, Occluder, Storage};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -23,62 +21,9 @@ settings! {
         voxel: Voxel = Voxel { method: Method::Overlap, ..Voxel::default() };
         animation: Animation = Animation::default();
         shadow: Shadow = Shadow::default();
-        ao: Ao = Ao::default();
+        ao: Marching = Marching::default();
         filter: Filter = Filter::default();
         compose: Compose = Compose::default();
-    }
-}
-
-settings! {
-    /// How rays are marched from surface points.
-    pub struct Ao {
-        /// N_dir. With 8 samples each, 50 rays take the 400 samples of VAO Fig. 8.
-        rays: u32 = 50 => 1 ..= 65536, "1";
-        /// N_samples where `step` is `paper`. VAO §6.3: 8 to 12.
-        samples: u32 = 8 => 1 ..= 65536, "1";
-        /// Distance up to which geometry occludes; 0: `r_max_share`.
-        r_max_m: f64 = 0.0 => 0.0 ..= 1e4, "m";
-        /// The same as a share of the scene's longest side.
-        r_max_share: f64 = R_MAX_SHARE => 1e-3 ..= 4.0, "1";
-        /// How occluders weigh by their distance.
-        attenuation: Attenuation = Attenuation::Linear;
-        /// What the rays' mean estimates.
-        estimator: Estimator = Estimator::Unbiased;
-        /// V_thres. VAO §6.5: 0.2 to 0.8, for volumes from slicemaps. The default is for the thicker shells of `voxel.method`
-        /// overlap, which leave no gap at any slant. It was chosen from the map of errors, by the worst orientation and scene:
-        /// docs/volume-ao.md.
-        /// Above 1 no sample ends a ray: each takes all its samples, as memory is measured by.
-        threshold: f64 = 0.9 => 0.01 ..= 2.0, "1";
-        /// Where the first sample of a ray lies.
-        guard: Guard = Guard::Variable;
-        /// Whether each ray's samples are moved along it by a random share of a step, which turns bands into noise. VAO §5.2.3.
-        jitter: bool = false;
-        /// What the step follows.
-        step: Step = Step::Voxel;
-        /// Step where `step` is `voxel`. At more than one, rays pass through walls of one voxel. The default was chosen from the map of
-        /// errors, by the worst orientation and scene: docs/volume-ao.md.
-        step_voxels: f64 = 1.0 => 0.01 ..= 100.0, "voxels";
-        /// How far along its normal a surface's rays begin: VAO §6.1's small offset. It keeps coarse or curved surfaces from
-        /// occluding themselves at low thresholds. VAO §5.1 has none: 0. The default was chosen from the map of errors, by the worst
-        /// orientation and scene: docs/volume-ao.md.
-        offset_voxels: f64 = 0.1 => 0.0 ..= 100.0, "voxels";
-        /// Where a hit is taken to lie. The default was chosen from the map of errors, by the worst orientation and scene:
-        /// docs/volume-ao.md.
-        hit: Hit = Hit::Peak;
-        /// How directions are drawn.
-        sampling: Sampling = Sampling::Stratified;
-        /// Draws other directions at every pixel.
-        seed: u32 = 0 => 0 ..= 4_294_967_295u32, "1";
-        /// What samples read.
-        storage: Storage = Storage::Texture;
-        /// Whether rays leave empty cells of an occupancy pyramid in one go. VAO §6.3.
-        skipping: bool = false;
-        /// What a sample above the threshold does.
-        occluder: Occluder = Occluder::Binary;
-        /// Size of the occlusion buffer relative to the viewport. VAO §6.2: ½ in Fig. 11.
-        scale: f64 = 1.0 => 0.05 ..= 1.0, "1";
-        /// Whether the buffer is smoothed and brought to the viewport's size.
-        filter: bool = true;
     }
 }
 
@@ -86,36 +31,6 @@ settings! {
 const MAX_SAMPLES: u64 = 1 << 20;
 /// The pyramid's level that rays are led by has cells of 4³ voxels.
 const LEAST_PYRAMID: u32 = 4;
-
-impl Ao {
-    /// For a scene.
-    pub fn marching(&self, scene: &Scene) -> Marching {
-        self.marching_to(settings::r_max_m(scene, self.r_max_m, self.r_max_share))
-    }
-
-    /// For a given r_max, metres.
-    pub fn marching_to(&self, r_max_m: f64) -> Marching {
-        Marching {
-            rays: self.rays,
-            samples: self.samples,
-            step_voxels: self.step_voxels,
-            r_max_m,
-            threshold: self.threshold,
-            seed: self.seed,
-            offset_voxels: self.offset_voxels,
-            attenuation: self.attenuation,
-            estimator: self.estimator,
-            guard: self.guard,
-            jitter: self.jitter,
-            step: self.step,
-            sampling: self.sampling,
-            storage: self.storage,
-            skipping: self.skipping,
-            occluder: self.occluder,
-            hit: self.hit,
-        }
-    }
-}
 
 impl Parameters for Params {
     const SEED: Option<&str> = Some("ao.seed");
@@ -137,12 +52,18 @@ impl Parameters for Params {
 }
 
 impl Params {
+    /// How rays are marched in a scene, with the distance that they reach.
+    pub fn marching(&self, scene: &Scene) -> Marching {
+        let r_max_m = settings::r_max_m(scene, self.ao.r_max_m, self.ao.r_max_share);
+        Marching { r_max_m, ..self.ao.clone() }
+    }
+
     /// Whether marching through these grids makes sense and comes to an end.
     ///
     /// # Errors
     /// One line naming the parameter at fault.
     pub fn fits(&self, scene: &Scene, grids: &[Grid]) -> Result<(), ParamError> {
-        let marching = self.ao.marching(scene);
+        let marching = self.marching(scene);
         let r_max = if self.ao.r_max_m > 0.0 {
             "ao.r_max_m"
         } else {

@@ -2,15 +2,12 @@
 
 use itertools::Itertools;
 use maud::{Markup, html};
-use serde_json::Value;
 
 use super::table::{self, numbers, words};
-use super::{Page, PageRun, PageSection};
+use super::{Page, PageRun, PageSection, setting};
 use crate::Entry;
 use crate::format::{NS_PER_MS, percent, three};
 use fathom_base::text;
-use fathom_experiments::label_text;
-use fathom_experiments::words::parameter;
 use fathom_record::{Cell, Estimate, Measured, Outcome, Run, StageRecord, Throttling};
 
 pub const SECTION: PageSection = PageSection { id: "cells", title: "Cells", write };
@@ -114,10 +111,7 @@ fn name(cell: &Cell) -> String {
     if cell.axes.is_empty() {
         return cell.cell.clone();
     }
-    let value = |(axis, value): (&String, &Value)| {
-        format!("{} {}", parameter(axis).words, label_text(value))
-    };
-    cell.axes.iter().map(value).join(", ")
+    setting::in_words(&cell.axes)
 }
 
 fn figures(measured: &Measured) -> Markup {

@@ -1,6 +1,5 @@
 //! What the page's script reads: the samples of every cell and the plots, compressed.
 
-use std::collections::BTreeMap;
 use std::io::BufWriter;
 
 use base64::Engine as _;
@@ -9,6 +8,8 @@ use flate2::{Compression, GzBuilder};
 use serde::{Serialize, Serializer};
 
 use super::{Page, PageRun};
+use crate::axis::tenth;
+use crate::colors::StageColors;
 use crate::format::NS_PER_MS;
 use crate::{ReportView, Section, plots};
 use fathom_record::{Cell, Measured};
@@ -21,8 +22,8 @@ const WRITTEN_AT_ONCE: usize = 1 << 16;
 #[derive(Serialize)]
 struct Data<'a> {
     runs: Vec<RunData<'a>>,
-    /// Of every stage, as CSS has them.
-    colors: BTreeMap<&'a str, String>,
+    /// Of every stage.
+    colors: &'a StageColors,
 }
 
 #[derive(Serialize)]
@@ -45,18 +46,18 @@ struct CellData<'a> {
     experiment: &'a str,
     cell: &'a str,
     stages: Vec<StageData<'a>>,
-    envelope: InMs<'a>,
-    gaps: InMs<'a>,
-    untimed: InMs<'a>,
-    /// Since the first sample of the run.
-    at_s: SinceStart<'a>,
+    envelope: Vec<f64>,
+    gaps: Vec<f64>,
+    untimed: Vec<f64>,
+    /// Since the first sample of the run, in tenths of seconds.
+    at_s: Vec<f64>,
 }
 
 #[derive(Serialize)]
 struct StageData<'a> {
     stage: &'a str,
     clock: &'static str,
-    samples: InMs<'a>,
+    samples: Vec<f64>,
     /// Where no sample can be told from none: the duration below which that is so.
     #[serde(skip_serializing_if = "Option::is_none")]
     below: Option<f64>,
@@ -75,31 +76,9 @@ impl Serialize for Cells<'_> {
     }
 }
 
-/// Times in nanoseconds, written as milliseconds.
-struct InMs<'a>(&'a [f64]);
-
-impl Serialize for InMs<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_seq(self.0.iter().map(|ns| rounded(ns / NS_PER_MS)))
-    }
-}
-
-/// Seconds of Unix time, written as tenths of seconds from a start.
-struct SinceStart<'a> {
-    at_s: &'a [f64],
-    started_s: f64,
-}
-
-impl Serialize for SinceStart<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let since = |at: &f64| (10.0 * (at - self.started_s)).round() / 10.0;
-        serializer.collect_seq(self.at_s.iter().map(since))
-    }
-}
-
 /// JSON, compressed by gzip, as base64. The same records give the same bytes.
 pub fn packed(page: &Page<'_>) -> String {
-    let data = Data { runs: page.runs.iter().map(of_run).collect(), colors: colors(page) };
+    let data = Data { runs: page.runs.iter().map(of_run).collect(), colors: &page.colors };
     // Without a time in its header.
     let packer = GzBuilder::new().write(Vec::new(), Compression::best());
     let mut packer = BufWriter::with_capacity(WRITTEN_AT_ONCE, packer);
@@ -107,12 +86,6 @@ pub fn packed(page: &Page<'_>) -> String {
     let packed = packer.into_inner().map_err(|error| error.into_error());
     let packed = packed.and_then(|packer| packer.finish());
     BASE64.encode(packed.expect("a buffer takes all bytes"))
-}
-
-fn colors<'a>(page: &Page<'a>) -> BTreeMap<&'a str, String> {
-    let measured = page.runs.iter().flat_map(|run| run.view.measured());
-    let stages = measured.flat_map(|(_, measured)| &measured.stages);
-    stages.map(|stage| (stage.stage.as_str(), page.colors.of(&stage.stage).hex())).collect()
 }
 
 fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
@@ -140,18 +113,22 @@ fn of_cell<'a>(cell: &'a Cell, measured: &'a Measured, started_s: f64) -> CellDa
     let stages = measured.stages.iter().map(|stage| StageData {
         stage: &stage.stage,
         clock: stage.clock.name(),
-        samples: InMs(&stage.samples_ns),
+        samples: in_ms(&stage.samples_ns),
         below: (!stage.is_resolved()).then(|| rounded(stage.resolution_ns() / NS_PER_MS)),
     });
     CellData {
         experiment: &cell.experiment,
         cell: &cell.cell,
         stages: stages.collect(),
-        envelope: InMs(&frame.envelope_samples_ns),
-        gaps: InMs(&frame.gap_samples_ns),
-        untimed: InMs(&frame.untimed_samples_ns),
-        at_s: SinceStart { at_s: &frame.sampled_at_s, started_s },
+        envelope: in_ms(&frame.envelope_samples_ns),
+        gaps: in_ms(&frame.gap_samples_ns),
+        untimed: in_ms(&frame.untimed_samples_ns),
+        at_s: frame.sampled_at_s.iter().map(|at_s| tenth(at_s - started_s)).collect(),
     }
+}
+
+fn in_ms(samples_ns: &[f64]) -> Vec<f64> {
+    samples_ns.iter().map(|ns| rounded(ns / NS_PER_MS)).collect()
 }
 
 /// To [`DIGITS`] significant digits.

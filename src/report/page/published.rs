@@ -8,14 +8,13 @@ use serde_json::Value;
 
 use super::scaling::runs;
 use super::table::{self, numbers, table, words};
-use super::{Page, PageRun, PageSection};
+use super::{Page, PageRun, PageSection, setting};
 use crate::Section;
 use crate::axis::{Axis, ScaleKind};
 use crate::format::three;
 use crate::svg::{Shape, chart, x_axis, y_axis};
 use fathom_experiments::schema::{Comparison, Published};
-use fathom_experiments::words;
-use fathom_experiments::{RuledFigure, fits, flatten, fps, label_text};
+use fathom_experiments::{RuledFigure, fits, flatten, fps};
 use fathom_record::Estimate;
 
 pub const SECTION: PageSection = PageSection { id: "published", title: "Published figures", write };
@@ -166,16 +165,13 @@ fn rates(run: usize, on_page: &PageRun<'_>) -> Vec<Pair> {
     pairs.collect()
 }
 
-/// Where a published figure holds, in words: `scene tank, width of the picture (px) 800`.
+/// Where a published figure holds, in words: `scene: tank, width of the picture 800 px`.
 fn conditions(published: &Published) -> String {
     in_words(&flatten(&published.filter))
 }
 
 fn in_words(conditions: &[Condition]) -> String {
-    let words = conditions
-        .iter()
-        .map(|(path, value)| format!("{} {}", words::parameter_label(path), label_text(value)));
-    words.collect::<Vec<_>>().join(", ")
+    setting::in_words(conditions.iter().map(|(path, value)| (path, value)))
 }
 
 /// Measured against published figures, with the line on which both are the same.

@@ -124,19 +124,11 @@ fn rail(path: &[DVec3], radius: f64) -> Mesh {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
-    use super::*;
-
-    fn made(params: &[(&str, f64)]) -> Mesh {
-        let params: BTreeMap<String, f64> =
-            params.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
-        GENERATORS[0].mesh(&params, 3.0).expect("a mesh")
-    }
+    use super::super::made;
 
     #[test]
     fn it_stands_on_the_ground_and_only_its_board_is_over_the_water() {
-        let mesh = made(&[("height_m", 5.0), ("board_m", 2.0)]);
+        let mesh = made("diving_platform", &[("height_m", 5.0), ("board_m", 2.0)]);
         let bounds = mesh.bounds();
         assert!(bounds.min.y.abs() < 0.1, "{bounds:?}");
         assert!((bounds.max.y - 6.0).abs() < 0.1, "{bounds:?}");
@@ -148,7 +140,8 @@ mod tests {
 
     #[test]
     fn a_smaller_distance_means_more_rungs() {
-        let [wide, narrow] = [0.5, 0.25].map(|rung| made(&[("rung_m", rung)]).triangle_count());
+        let count = |rung_m| made("diving_platform", &[("rung_m", rung_m)]).triangle_count();
+        let [wide, narrow] = [0.5, 0.25].map(count);
         // 6 rungs and 12: each a tube of 8 sides with two ends.
         assert_eq!(narrow - wide, 6 * 8 * (2 + 2));
     }

@@ -151,13 +151,10 @@ fn bent(mut mesh: Mesh, angle: f64) -> Mesh {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
 
     fn made(bend_deg: f64) -> Mesh {
-        let params = BTreeMap::from([("bend_deg".to_owned(), bend_deg)]);
-        GENERATORS[0].mesh(&params, 3.0).expect("a mesh")
+        super::super::made("dolphin", &[("bend_deg", bend_deg)])
     }
 
     #[test]

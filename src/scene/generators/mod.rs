@@ -156,6 +156,13 @@ const fn param(
 
 const SEED: Param = param("seed", 1.0, 0.0, 4_294_967_295.0, "seed of the random numbers");
 
+/// The mesh of a generator with some of its parameters set, over a floor in 3 m.
+#[cfg(test)]
+fn made(generator: &str, params: &[(&str, f64)]) -> Mesh {
+    let params = params.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+    find(generator).and_then(|generator| generator.mesh(&params, 3.0)).expect("a mesh")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -202,7 +209,7 @@ mod tests {
         ];
         let basic = basic::GENERATORS.iter().filter(|g| !open.contains(&g.name));
         for generator in themes.into_iter().flatten().chain(basic) {
-            let mesh = generator.mesh(&BTreeMap::new(), 3.0).expect("a mesh");
+            let mesh = made(generator.name, &[]);
             assert_eq!(open_edges(&mesh), 0, "{}", generator.name);
             assert!(mesh.volume() > 0.0, "{}", generator.name);
             let flat = (0..mesh.triangle_count()).filter(|t| {
@@ -215,8 +222,7 @@ mod tests {
 
     #[test]
     fn the_check_for_closed_meshes_finds_holes() {
-        let block = find("box").expect("known").mesh(&BTreeMap::new(), 3.0);
-        let mut block = block.expect("a mesh");
+        let mut block = made("box", &[]);
         block.indices.truncate(block.indices.len() - 3);
         assert_eq!(open_edges(&block), 3);
     }

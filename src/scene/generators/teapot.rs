@@ -154,19 +154,16 @@ fn slopes(t: f64) -> [f64; 4] {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use glam::Vec3;
 
     use super::*;
 
     fn made(divisions: f64) -> Mesh {
-        let params = BTreeMap::from([("divisions".to_owned(), divisions)]);
-        GENERATORS[0].mesh(&params, 3.0).expect("a mesh")
+        super::super::made("teapot", &[("divisions", divisions)])
     }
 
     fn default() -> Mesh {
-        GENERATORS[0].mesh(&BTreeMap::new(), 3.0).expect("a mesh")
+        super::super::made("teapot", &[])
     }
 
     fn position(mesh: &Mesh, i: u32) -> DVec3 {

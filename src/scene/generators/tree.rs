@@ -192,13 +192,8 @@ fn count_twigs(branches: &mut [Branch]) {
 mod tests {
     use std::collections::BTreeMap;
 
+    use super::super::made;
     use super::*;
-
-    fn made(params: &[(&str, f64)]) -> Mesh {
-        let params: BTreeMap<String, f64> =
-            params.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
-        GENERATORS[0].mesh(&params, 3.0).expect("a mesh")
-    }
 
     fn grown(generations: usize) -> Vec<Branch> {
         let params = BTreeMap::new();
@@ -232,7 +227,7 @@ mod tests {
 
     #[test]
     fn it_stands_on_the_floor_at_its_height_with_tens_of_thousands_of_triangles() {
-        let mesh = made(&[("height_m", 5.0)]);
+        let mesh = made("tree", &[("height_m", 5.0)]);
         assert!((20_000..60_000).contains(&mesh.triangle_count()), "{}", mesh.triangle_count());
         let bounds = mesh.bounds();
         assert!(bounds.min.y.abs() < 1e-6 && (bounds.max.y - 5.0).abs() < 0.05, "{bounds:?}");
@@ -243,18 +238,20 @@ mod tests {
     #[test]
     fn no_branch_reaches_the_floor() {
         for seed in 1..=8 {
-            let low = made(&[("seed", f64::from(seed)), ("generations", 9.0)]).bounds().min.y;
+            let low =
+                made("tree", &[("seed", f64::from(seed)), ("generations", 9.0)]).bounds().min.y;
             assert!(low.abs() < 1e-6, "seed {seed}: {low}");
         }
     }
 
     #[test]
     fn seeds_make_different_trees_and_leaves_add_four_triangles_each() {
-        let [bare, other] = [1.0, 2.0].map(|seed| made(&[("seed", seed), ("generations", 7.0)]));
+        let [bare, other] =
+            [1.0, 2.0].map(|seed| made("tree", &[("seed", seed), ("generations", 7.0)]));
         assert_ne!(bare, other);
-        let leafy = made(&[("leaves", 1.0), ("generations", 7.0)]);
+        let leafy = made("tree", &[("leaves", 1.0), ("generations", 7.0)]);
         assert_eq!(leafy.triangle_count(), bare.triangle_count() + 4 * (1 << 7));
-        let some = made(&[("leaves", 0.5), ("generations", 7.0)]).triangle_count();
+        let some = made("tree", &[("leaves", 0.5), ("generations", 7.0)]).triangle_count();
         assert!((bare.triangle_count() + 1..leafy.triangle_count()).contains(&some));
     }
 }

@@ -1,11 +1,8 @@
 //! `ao/query` against closed forms: a plane, a corner, a ball overhead.
 
-use super::{MarchedVolume, VOXEL_M, marching, query};
-use crate::prelude::*;
+use super::*;
 use fathom_reference::horizon::beside_wall;
-use fathom_reference::occlusion as reference;
 use fathom_stages::ao::query::INFO;
-use fathom_stages::marching::{Attenuation, Guard, Hit, Marching};
 
 /// Voxels a side: twice r_max and room around it.
 const SIDE: u32 = 96;

@@ -5,6 +5,7 @@ use crate::prelude::*;
 use fathom_pipelines::settings::{Method, R_MAX_SHARE};
 use fathom_pipelines::volume_ao::{Params, occlusion_at};
 use fathom_reference::occlusion::{Attenuation, occlusion};
+use fathom_scene::surface;
 use fathom_stages::ao::query::{INFO, SurfacePoint};
 use fathom_stages::marching::{Guard, Hit};
 
@@ -176,9 +177,13 @@ impl Turned {
     }
 }
 
-/// Adds a parallelogram by its middle and half its sides.
-fn quad(mesh: &mut Mesh, middle: DVec3, a: DVec3, b: DVec3) {
-    mesh.append(&Mesh::parallelogram(middle, a, b));
+/// Parallelograms by their middles and half their sides.
+fn quads(quads: impl IntoIterator<Item = [DVec3; 3]>) -> Mesh {
+    let mut mesh = Mesh::default();
+    for [middle, a, b] in quads {
+        mesh.append(&Mesh::parallelogram(middle, a, b));
+    }
+    mesh
 }
 
 /// Rings of a ball of triangles, each of twice as many steps.
@@ -198,19 +203,12 @@ fn facets(ring: u32, step: u32) -> [[(u32, u32); 3]; 2] {
     [[a, b, c], [a, c, d]]
 }
 
-fn sphere(mesh: &mut Mesh, center: DVec3, radius: f64) {
-    let first = mesh.positions.len() as u32;
-    for ring in 0..=RINGS {
-        for step in 0..2 * RINGS {
-            let p = on_ball(center, radius, ring, step);
-            mesh.positions.push(p.as_vec3().to_array());
-        }
-    }
-    for (ring, step) in (0..RINGS).flat_map(|ring| (0..2 * RINGS).map(move |step| (ring, step))) {
-        for (ring, step) in facets(ring, step).into_iter().flatten() {
-            mesh.indices.push(first + ring * 2 * RINGS + step % (2 * RINGS));
-        }
-    }
+fn sphere(center: DVec3, radius: f64) -> Mesh {
+    let (rings, steps) = (RINGS as usize, 2 * RINGS as usize);
+    let nearest = |share: f64, count: usize| (share * count as f64).round() as u32;
+    surface((rings, steps), (false, true), |u, v| {
+        on_ball(center, radius, nearest(u, rings), nearest(v, steps))
+    })
 }
 
 /// The middle of a facet of a ball, which lies on the triangles as no point of the sphere does, and its outer normal.
@@ -234,10 +232,7 @@ fn many(mut point: impl FnMut() -> (DVec3, DVec3)) -> Vec<(DVec3, DVec3)> {
 /// Two plates, seen from the lower one.
 fn ceiling(random: &mut Random) -> Body {
     let height = random.within(0.08, 0.3);
-    let mut mesh = Mesh::default();
-    for y in [0.0, height] {
-        quad(&mut mesh, DVec3::Y * y, DVec3::X, DVec3::Z);
-    }
+    let mesh = quads([0.0, height].map(|y| [DVec3::Y * y, DVec3::X, DVec3::Z]));
     let point = || (DVec3::new(random.within(-0.6, 0.6), 0.0, random.within(-0.6, 0.6)), DVec3::Y);
     Body { points: many(point), mesh }
 }
@@ -254,19 +249,15 @@ fn wedge(random: &mut Random, angle_deg: f64) -> Body {
 /// From the z axis, one of them along x.
 pub fn half_planes(angle_deg: f64) -> Mesh {
     let (sin, cos) = angle_deg.to_radians().sin_cos();
-    let mut mesh = Mesh::default();
-    for along in [DVec3::X, DVec3::new(cos, sin, 0.0)] {
-        quad(&mut mesh, 0.5 * along, 0.5 * along, DVec3::Z);
-    }
-    mesh
+    let sides = [DVec3::X, DVec3::new(cos, sin, 0.0)];
+    quads(sides.map(|along| [0.5 * along, 0.5 * along, DVec3::Z]))
 }
 
 /// A ball above a floor, seen from both.
 fn ball(random: &mut Random) -> Body {
     let (center, radius) = (DVec3::Y * 0.4, 0.3);
-    let mut mesh = Mesh::default();
-    quad(&mut mesh, DVec3::ZERO, DVec3::X, DVec3::Z);
-    sphere(&mut mesh, center, radius);
+    let mut mesh = quads([[DVec3::ZERO, DVec3::X, DVec3::Z]]);
+    mesh.append(&sphere(center, radius));
     let point = || {
         if random.number() < 0.6 {
             return (DVec3::new(random.within(-0.4, 0.4), 0.0, random.within(-0.4, 0.4)), DVec3::Y);
@@ -278,14 +269,12 @@ fn ball(random: &mut Random) -> Body {
 
 /// A ball seen from outside and from within.
 fn hollow_ball(random: &mut Random) -> Body {
-    let mut mesh = Mesh::default();
-    sphere(&mut mesh, DVec3::ZERO, 1.0);
     let point = || {
         let (point, normal) = facet(random, DVec3::ZERO, 1.0);
         let side = if random.number() < 0.5 { 1.0 } else { -1.0 };
         (point, side * normal)
     };
-    Body { points: many(point), mesh }
+    Body { points: many(point), mesh: sphere(DVec3::ZERO, 1.0) }
 }
 
 /// A box without its lid, seen from within.
@@ -298,10 +287,7 @@ fn open_box(random: &mut Random) -> Body {
         (DVec3::Z, DVec3::X),
         (DVec3::NEG_Z, DVec3::X),
     ];
-    let mut mesh = Mesh::default();
-    for (out, along) in walls {
-        quad(&mut mesh, half * out, half * along, half * out.cross(along));
-    }
+    let mesh = quads(walls.map(|(out, along)| [out, along, out.cross(along)].map(|v| half * v)));
     let reach = half - NEAREST * VOXEL_M;
     let point = || {
         let (out, along) = walls[(random.number() * 5.0) as usize];

@@ -1,9 +1,7 @@
 //! `ao/march`: pixel by pixel against the f64 twin, from the depth and normals of a rendered scene.
 
-use super::{MANY_RAYS, MarchedVolume, Marching, beyond, density_error, marching, twin};
-use crate::prelude::*;
+use super::*;
 use fathom_reference::image::behind;
-use fathom_reference::march::{HostVolume, March};
 use fathom_stages::ao::march::{self, INFO};
 
 /// A ball over a plane, and background.

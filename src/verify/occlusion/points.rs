@@ -1,15 +1,8 @@
 //! `ao/query`: point by point against the f64 twin, and variants that must agree.
 
-use super::{
-    HostVolume, MANY_RAYS, MarchedVolume, Marching, beyond, density_error, furnished,
-    furnished_points, marching, query, twin,
-};
-use crate::prelude::*;
-use fathom_reference::march::March;
+use super::*;
 use fathom_stages::ao::query::INFO;
-use fathom_stages::marching::{
-    Attenuation, Estimator, Guard, Hit, Occluder, Sampling, Step, Storage,
-};
+use fathom_stages::marching::Step;
 use fathom_stages::voxel::mips::Mips;
 
 /// Sums of 32 terms in f32, and directions by sine and cosine that WGSL bounds to 2⁻¹¹.

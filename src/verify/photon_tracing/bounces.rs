@@ -1,10 +1,8 @@
 //! Photons behind mirrors and glass against exact ray casting.
 
-use super::{HitTest, LAYERS, METHODS, Method, Setup, WRONG_M};
-use crate::prelude::*;
+use super::*;
 use fathom_reference::specular::{End, Surfaces};
 use fathom_scene::Material;
-use fathom_stages::rays::march;
 use fathom_stages::transfer::bounce;
 
 /// Mirrors and surfaces of glass that a photon may leave.

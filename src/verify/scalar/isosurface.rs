@@ -1,8 +1,7 @@
 //! `scalar/isosurface` on a ball and a slab whose boundaries are known.
 
-use super::{ScalarPicture, Setup, VOXEL_M, cubes, looking, settings};
-use crate::prelude::*;
-use fathom_pipelines::scalar_ao::{Gather, Mode, Scalar, Stop};
+use super::*;
+use fathom_pipelines::scalar_ao::{Gather, Stop};
 use fathom_reference::isosurface::{Solid, first, occlusion};
 use fathom_reference::media::{Law, Marching};
 use fathom_reference::occlusion::Attenuation;
@@ -89,17 +88,16 @@ fn ball(rig: &Rig<'_>) -> Checks {
     }
     let eye = setup.camera.position();
     let distance = |solid: Solid| {
-        percentile(judged.iter().map(|h| {
+        p95(judged.iter().map(|h| {
             let met = eye + h.direction * seen.distance_m.data()[h.pixel];
             solid.distance(met).abs() / VOXEL_M
         }))
     };
-    let normal =
-        |solid: Solid| {
-            percentile(judged.iter().map(|h| {
-                seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()
-            }))
-        };
+    let normal = |solid: Solid| {
+        p95(judged
+            .iter()
+            .map(|h| seen.normal_at(h.pixel).angle_between(solid.normal(h.position)).to_degrees()))
+    };
     Ok(vec![
         Check::of(rig, "distance of hits from the boundary, 95th percentile")
             .within((0.1, "voxel"), distance(BALL))
@@ -118,10 +116,11 @@ impl ScalarPicture {
     }
 }
 
-fn percentile(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values[(values.len() - 1) * 95 / 100]
+/// 95th percentile; between two of the errors the lesser.
+fn p95(errors: impl Iterator<Item = f64>) -> f64 {
+    let mut errors: Vec<f64> = errors.collect();
+    errors.sort_by(f64::total_cmp);
+    errors[(errors.len() - 1) * 95 / 100]
 }
 
 /// Pixels of a ball over a slab, some of all, each with A as the stage finds it.
@@ -152,13 +151,11 @@ fn rejection(rig: &Rig<'_>) -> Checks {
                     (a - twin.hemispherical(&field, h.position, h.normal, 256)).abs()
                 }))
             };
-        Ok(Check::of(
-            rig,
-            format!("rejection, strata of {step}: mean error of A against f64 marching"),
-        )
-        .within((0.02, "1"), error(true))
-        .control("no sample rejected", error(false))
-        .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a))))
+        let what = format!("rejection, strata of {step}: mean error of A against f64 marching");
+        Ok(Check::of(rig, what)
+            .within((0.02, "1"), error(true))
+            .control("no sample rejected", error(false))
+            .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a))))
     };
     // R_MAX_M is 16 voxels.
     [(32, "half a voxel"), (8, "two voxels")].into_iter().map(check).collect()

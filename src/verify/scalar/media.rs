@@ -1,10 +1,6 @@
 //! `scalar/direct` and `scalar/positional` against closed forms and f64 marching.
 
-use super::{
-    ScalarPicture, Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings,
-};
-use crate::prelude::*;
-use fathom_pipelines::scalar_ao::{Law, Mode, Scalar};
+use super::*;
 use fathom_reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
 
 const DIRECT: &str = "scalar/direct";
@@ -189,13 +185,11 @@ fn rough_checks(rig: &Rig<'_>, mode: Mode, exact: impl Fn(&Marching, u32) -> f64
             let twin = Marching { threshold: ends_at, rejection, ..twin(&scalar, &volume) };
             (a - exact(&twin, TWIN_RAYS)).abs()
         };
-        Ok(Check::of(
-            rig,
-            format!("{}: A with rejection and V_thres against f64 marching", name(law)),
-        )
-        .within((TOLERANCE, "1"), error(true))
-        .control("no sample rejected", error(false))
-        .with("occlusion", a))
+        let what = format!("{}: A with rejection and V_thres against f64 marching", name(law));
+        Ok(Check::of(rig, what)
+            .within((TOLERANCE, "1"), error(true))
+            .control("no sample rejected", error(false))
+            .with("occlusion", a))
     };
     LAWS.into_iter().map(check).collect()
 }

@@ -21,21 +21,18 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
     let volume = Voxels::new(rig, "verify voxels", &grid, false);
     let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full)).collect();
     volume.write(rig, &values);
-    let mut scene = rig::flat_plane(LightKind::Directional)?;
-    scene.camera = rig::level_camera();
-    let shared = Shared::new(rig, &rig::view(&scene, SIZE));
-    let stage = CubeView::new(rig, &shared, &[volume], SIZE)?;
-    rig.run(&[&stage])?;
-    let depth = rig.channel(stage.depth(), 0)?;
+    let view = rig::synthetic_view(SIZE, 0.0)?;
+    let stage = CubeView::new(rig, &Shared::new(rig, &view), &[volume], SIZE)?;
+    let depth = rig.drawn(&[&stage], stage.depth(), 0)?;
 
-    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
+    let rays = rig::rays(&view);
     let wrong = |grid: &Grid| {
         let full = cells(grid).zip(&voxels).filter(|(_, full)| **full);
         let cubes: Vec<DVec3> = full.map(|(cell, _)| grid.center(cell)).collect();
-        let differs = |&(x, y): &(u32, u32)| {
+        share(pixels(SIZE).map(|(x, y)| {
             let (origin, direction, length_m) = rays.ray(x, y);
             let expected = nearest(origin, direction, &cubes, grid.voxel_m / 2.0);
-            let seen = depth.clamped(x.into(), y.into());
+            let seen = depth.at((x, y));
             match expected.filter(|distance| *distance < length_m) {
                 None => seen < 1.0,
                 Some(distance) => {
@@ -43,8 +40,7 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
                     point.distance(origin + direction * distance) > DISTANCE_M
                 }
             }
-        };
-        pixels(SIZE).filter(differs).count() as f64 / f64::from(SIZE[0] * SIZE[1])
+        }))
     };
     let moved = Grid { origin_m: grid.origin_m + DVec3::new(0.01, 0.0, 0.0), ..grid };
     Ok(Check::of(rig, "share of pixels that see another place")

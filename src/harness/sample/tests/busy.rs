@@ -18,12 +18,12 @@ impl BusyMachine {
         60e3 * self.random.random_range(0.8..1.25) + if waits { wait_ns } else { 0.0 }
     }
 
-    fn stage(&mut self, name: &'static str, length_ns: f64) -> StageSample {
+    fn stage(&mut self, name: &'static str, length_ns: f64) -> StageTime {
         let probe_ns = self.submission_ns();
         self.meter.push(PassKind::Compute, probe_ns);
         let submit_cost_ns = self.meter.cost_ns(PassKind::Compute).expect("one was taken");
-        StageSample {
-            name,
+        StageTime {
+            stage: name.into(),
             clock: Clock::FencedHost,
             ns: length_ns + self.submission_ns() - submit_cost_ns,
             submit_cost_ns,
@@ -50,9 +50,9 @@ fn costs_that_scatter_fail_no_cell_and_leave_no_time_of_zero_or_less() {
     let mock = mock.run(&Settings { budget_s: 4.0, ..SETTINGS });
     let samples = mock.samples(0);
     assert!(samples.rejected.is_empty(), "{:?}", samples.rejected);
-    assert!(samples.stages[0].ns.iter().any(|ns| *ns < 0.0), "the noise is none");
-    let [none, long] =
-        [0, 1].map(|i| stage_record(&samples.stages[i], Default::default(), <_>::default()));
+    assert!(samples.taken.iter().any(|pair| pair.stages[0].ns < 0.0), "the noise is none");
+    let [none, long] = [(0, "none"), (1, "long")]
+        .map(|stage| stage_record(samples, stage, Default::default(), <_>::default()));
     for stage in [&none, &long] {
         assert!(stage.samples_ns.iter().all(|ns| *ns > 0.0));
         assert!(stage.time.ends()[0] > 0.0);
