@@ -6,6 +6,7 @@ use std::sync::atomic::Ordering;
 use anyhow::{anyhow, bail};
 use fathom::compare::build::{self, BuildError};
 use fathom::compare::flow::{self, CompareOptions, Program};
+use fathom::compare::launch::WorkerStart;
 use fathom::compare::store::StoredComparison;
 use fathom::harness::output::RECORDS;
 use fathom::{gpu, tell};
@@ -154,17 +155,13 @@ impl<'a> TrialBuilds<'a> {
         let base = self.base(compilation)?;
         let head = self.head(&trial.variant, compilation, injections)?;
         let program = |path: &Path| Program {
-            environment: Default::default(),
-            shader_cache: None,
-            path: path.to_owned(),
             label: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            start: WorkerStart { gpu: self.test.gpu.clone(), ..WorkerStart::new(path) },
         };
         let folder = self.test.out.join(&trial.id);
         let options = CompareOptions {
             catalog: fathom::Catalog::builtin(),
-            gpu: self.test.gpu.clone(),
-            base: program(&base),
-            head: program(&head),
+            programs: [program(&base), program(&head)],
             cells_file: None,
             filter: trial.filter.clone(),
             env_values: false,

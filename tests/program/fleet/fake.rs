@@ -52,9 +52,8 @@ fn a_late_queue_and_an_earlier_status_cost_one_submission() {
 /// The folder names job 13; the queue shows the fleet's own until it is cancelled.
 #[test]
 fn only_the_fleets_own_jobs_are_cancelled() {
-    let place = fake(
-        "[ -e cancelled ] || [ ! -e job ] || sed -n 's/^--comment=/41|1|n1|None|/p' arguments\n",
-    );
+    let place =
+        fake("[ -e cancelled ] || [ ! -e job ] || sed -n 's/^--comment=/41|1|n1|/p' arguments\n");
     let forged = r#"{"format": 2, "shards": 1, "run": ["uw-default"], "jobs": [13]}"#;
     place.write("out/fleet.json", forged);
     let log = place.path("log");
@@ -72,7 +71,7 @@ fn only_the_fleets_own_jobs_are_cancelled() {
 
 #[test]
 fn a_job_with_another_comment_is_neither_followed_nor_cancelled() {
-    let place = fake("echo '13|1|n1|None|(null)'\n");
+    let place = fake("echo '13|1|n1|(null)'\n");
     let reason = "but the comment `(null)` of another: it is left alone";
     fleet(&place, "out", "").refused(reason);
     assert!(!place.path("job").exists() && !place.path("cancelled").exists());
