@@ -11,7 +11,8 @@ use fathom_base::input;
 /// Most bytes that are read from one file, after decompression.
 pub const MAX_BYTES: u64 = 512 << 20;
 
-/// Most triangles of a scene, and so of one mesh file: what a reader holds while it makes a mesh of them stays below 1 GiB.
+/// Most triangles of a scene, and so of one mesh file: with them `tobj`, which takes 104 bytes a face, and what becomes of its
+/// output stay below 1 GiB.
 pub const MAX_TRIANGLES: usize = 4_000_000;
 
 /// Most vertices, and most normals, that are read from one mesh file: a hash table of 2²² places holds so many.

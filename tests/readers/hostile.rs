@@ -106,8 +106,9 @@ fn lines_that_hold_no_triangle_take_no_memory() {
 }
 
 #[test]
-fn vertices_and_triangles_are_counted() {
+fn objects_vertices_and_triangles_are_counted() {
     for (head, line, most, what) in [
+        (CORNERS, "f 1 2 3\no\n", 100_000, "objects"),
         ("", "v 0 0 0\n", 3_600_000, "vertices"),
         ("", "vn 0 0 1\n", 3_600_000, "normals"),
         (CORNERS, "f 1 2 3\n", 4_000_000, "triangles"),

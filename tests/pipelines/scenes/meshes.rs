@@ -145,7 +145,7 @@ fn too_many_triangles_are_refused() {
     assert!(told.contains("line 135: more than 4000000 triangles"), "{told}");
 }
 
-/// Three times such an index is more than a word holds.
+/// `tobj` multiplies such an index by three before it compares it.
 #[test]
 fn far_indices_are_told() {
     let corners = [
