@@ -127,16 +127,6 @@ pub(super) fn is_unorm(of: TexelFormat) -> bool {
     matches!(of, TexelFormat::R8Unorm | TexelFormat::Rgba8Unorm)
 }
 
-pub(super) fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
-    let label = Some("ceiling");
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label,
-        size,
-        usage,
-        mapped_at_creation: false,
-    })
-}
-
 /// Fails unless all values are the expected one, but for rounding.
 pub(super) fn all_are(
     mut values: impl Iterator<Item = f64>,

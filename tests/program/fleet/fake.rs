@@ -5,9 +5,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
 
-use super::cluster::wait;
 use super::{begin, ended};
-use crate::common::{Ends, Place, holds, signal};
+use crate::common::{Ends, Place, holds, signal, wait_until};
 
 /// Numbers its jobs from 41 and keeps the arguments of each.
 const SBATCH: &str = r#"[ "$1" != --version ] || exit 0
@@ -59,7 +58,7 @@ fn only_the_fleets_own_jobs_are_cancelled() {
     place.write("out/fleet.json", forged);
     let log = place.path("log");
     let running = begin(fleet(&place, "out", "--resume"), &log);
-    wait("the task", || place.read("log").contains("runs on n1"));
+    wait_until("the task", || place.read("log").contains("runs on n1"));
     signal("-INT", running.id());
     let told = ended(running, 130, &log);
     let arguments = place.read("arguments");
@@ -84,7 +83,9 @@ fn an_interrupt_ends_the_wait_for_a_queue_that_hangs() {
     let place = fake(&format!("{COUNT}{hangs}"));
     let log = place.path("log");
     let running = begin(fleet(&place, "out", ""), &log);
-    wait("a queue that hangs", || fs::read(place.path("hung")).is_ok_and(|text| !text.is_empty()));
+    wait_until("a queue that hangs", || {
+        fs::read(place.path("hung")).is_ok_and(|text| !text.is_empty())
+    });
     signal("-INT", running.id());
     let told = ended(running, 130, &log);
     assert!(!told.contains("did not end within"), "{told}");
