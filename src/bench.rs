@@ -44,7 +44,7 @@ impl StageBench {
     }
 
     /// Runs a frame, which fills every stage's inputs and compiles the shaders.
-    pub fn warm_up(&mut self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
+    pub fn warm_up(&mut self, stages: &[&Stage]) -> Result<(), GpuError> {
         self.timer.untimed(&self.gpu, stages)?;
         Ok(())
     }
@@ -54,12 +54,12 @@ impl StageBench {
     pub fn stage(
         &mut self,
         group: &str,
-        stage: &dyn Stage,
+        stage: &Stage,
         counted: Option<u64>,
     ) -> Result<(), GpuError> {
         let mut group = self.criterion.benchmark_group(group);
         group.sample_size(SAMPLES).warm_up_time(WARM_UP).measurement_time(MEASUREMENT);
-        if let Some(elements) = counted.or(declared(&stage.work())) {
+        if let Some(elements) = counted.or(declared(&stage.work)) {
             group.throughput(Throughput::Elements(elements));
         }
         let mut failure = None;
@@ -105,7 +105,7 @@ pub fn gate_cells(
         for name in &cell.stages {
             let stage = stages.iter().find(|stage| stage.name() == name);
             let stage = stage.ok_or_else(|| BenchError::NoStage(cell.id.clone(), name.clone()))?;
-            bench.stage(&cell.id, *stage, None)?;
+            bench.stage(&cell.id, stage, None)?;
         }
     }
     Ok(())
@@ -116,7 +116,7 @@ fn declared(work: &Work) -> Option<u64> {
 }
 
 /// A stage's time; the clock's resolution where the stage is shorter.
-fn stage_ns(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Stage) -> Result<f64, GpuError> {
+fn stage_ns(gpu: &Gpu, timer: &mut FrameTimer, stage: &Stage) -> Result<f64, GpuError> {
     for _ in 0..ATTEMPTS {
         let sample = timer.timed(gpu, &[stage])?;
         if sample.faults.is_empty() {

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use crate::folder::Folder;
 use crate::gates::store::{StoreError, StoredComparison, holds_comparison};
-use crate::gates::tables::{self, ComparisonExporter};
+use crate::gates::tables::on_page;
 use crate::gates::verdict::Verdicts;
 use crate::record::output::RECORDS;
 use crate::record::{self, Reading, Record};
@@ -20,15 +20,7 @@ use crate::report::{
 };
 use crate::text;
 
-/// Exporters of comparisons, in the order in which their files are written.
-pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
-    tables::TERMINAL,
-    tables::MARKDOWN,
-    tables::PAGE,
-    tables::JUNIT,
-    tables::BENCHER,
-    tables::BENCHMARK,
-];
+pub use crate::gates::tables::OF_COMPARISONS;
 
 #[derive(Debug, Error)]
 pub enum ExportError {
@@ -193,7 +185,7 @@ fn content(folder: &Path, left_out: &mut Vec<LeftOut>) -> Result<Content, Export
         return Ok(Content::Run(reading.records));
     }
     let comparison = StoredComparison::of(reading, &path)?;
-    Ok(Content::Comparison(tables::on_page(&Verdicts::of(&comparison))))
+    Ok(Content::Comparison(on_page(&Verdicts::of(&comparison))))
 }
 
 /// Writes files into a folder, which is made if need be, and gives their paths.

@@ -7,16 +7,12 @@ use std::io::Write;
 
 use fathom::Catalog;
 use fathom::embedded::Folder;
-use fathom::gpu::{
-    ColorTarget, FrameTimer, Gpu, GpuError, Options, Stage, StageInfo, StageScope, Targets, audit,
-};
+use fathom::gpu::{FrameTimer, Gpu, Options, audit};
 use fathom::harness::subject::Subjects;
-use fathom::record::Work;
-use fathom::shader_struct;
-use fathom::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
+use fathom::stages::prelude::*;
 use glam::{UVec2, Vec2};
 
-const NAME: &str = "post/vignette";
+const INFO: StageInfo = StageInfo::unlisted("post/vignette");
 const SHADERS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/own_stage/shaders");
 
 shader_struct! {
@@ -26,49 +22,16 @@ shader_struct! {
     }
 }
 
-struct Vignette {
-    raster: Raster,
-    groups: Vec<wgpu::BindGroup>,
-    image: wgpu::Texture,
-    view: wgpu::TextureView,
-}
-
-impl Vignette {
-    fn new(resources: &Resources<'_>, image: &wgpu::Texture) -> Result<Self, GpuError> {
-        let size_px = UVec2::new(image.width(), image.height()).as_vec2();
-        let uniforms = resources.uniform(NAME, &VignetteUniforms { size_px });
-        let group = Group::new(resources.gpu, NAME, &[Bind::Uniform(&uniforms)]);
-        let blend = Some(wgpu::BlendState::ALPHA_BLENDING);
-        let targets = [wgpu::ColorTargetState { blend, ..kit::opaque(image.format()) }];
-        let groups = [&group];
-        let raster = Raster::new(resources, &RenderSpec::new(NAME, NAME, &groups, &targets))?;
-        Ok(Self {
-            raster,
-            groups: kit::bare(&groups),
-            view: kit::view(image),
-            image: image.clone(),
-        })
-    }
-}
-
-impl Stage for Vignette {
-    fn info(&self) -> &'static StageInfo {
-        const { &StageInfo::unlisted(NAME) }
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        let color = [ColorTarget { view: &self.view, clear: None, slice: None }];
-        scope.render(&Targets { color: &color, depth: None }, |pass| {
-            self.raster.bind(pass);
-            kit::bind_groups(pass, &self.groups);
-            pass.draw(0..3, 0..1);
-        });
-    }
-
-    fn work(&self) -> Work {
-        let pixels = kit::pixels(&self.image);
-        Work { fragments: pixels, bytes_written: pixels * 4, ..Work::default() }
-    }
+fn vignette(resources: &Resources<'_>, image: &wgpu::Texture) -> Result<Stage, GpuError> {
+    let [width, height] = kit::size_px(image);
+    let size_px = UVec2::new(width, height).as_vec2();
+    let uniforms = resources.uniform(INFO.name, &VignetteUniforms { size_px });
+    let groups = [&Group::new(&[&uniforms])];
+    let blend = Some(wgpu::BlendState::ALPHA_BLENDING);
+    let targets = [wgpu::ColorTargetState { blend, ..kit::opaque(image.format()) }];
+    let pass = Pass::onto(resources, &RenderSpec::new(INFO.name, &groups, &targets), image)?;
+    let work = pass.work(0, 4);
+    Ok(pass.stage(&INFO, work).leaving(()))
 }
 
 fn main() -> anyhow::Result<()> {
@@ -80,7 +43,7 @@ fn main() -> anyhow::Result<()> {
     let subject = Subjects::of(&catalog).subject("underwater", "tank", &[])?;
     let pipeline = subject.build(&gpu)?;
     let resources = Resources::new(&gpu);
-    let vignette = gpu.scoped(|| Vignette::new(&resources, pipeline.image()))?;
+    let vignette = gpu.scoped(|| vignette(&resources, pipeline.image()))?;
 
     let mut stages = pipeline.stages();
     stages.push(&vignette);
@@ -92,7 +55,7 @@ fn main() -> anyhow::Result<()> {
     let frame = timer.timed(&gpu, &stages)?;
     let mut out = std::io::stdout().lock();
     for (stage, sample) in stages.iter().zip(&frame.stages) {
-        let fragments = stage.work().fragments;
+        let fragments = stage.work.fragments;
         let bound = if sample.is_resolved() { "" } else { "<" };
         let ms = sample.at_least_resolution_ns() / 1e6;
         writeln!(

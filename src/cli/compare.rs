@@ -9,7 +9,7 @@ use crate::compare::build::{self, SetAside};
 use crate::compare::cells::Gates;
 use crate::compare::driver::{self, EnvironmentError, GivenEnvironment};
 use crate::compare::flow::{self, CompareOptions, Program};
-use crate::compare::launch::Waiting;
+use crate::compare::launch::{Waiting, WorkerStart};
 use crate::compare::{files, tables};
 use crate::gates::store::{self, StoredComparison};
 use crate::gates::verdict::Verdicts;
@@ -64,7 +64,8 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
     check_selection(catalog, args)?;
     if let Some(folder) = &args.out {
-        flow::try_folder(folder, args.resume)?;
+        // Found out before minutes are spent on building.
+        flow::taken(folder, args.resume)?;
     }
     let this = || std::env::current_exe().context("cannot tell where this program lies");
     let gpu = gpu_options(catalog, &args.adapter);
@@ -81,32 +82,37 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     let head = build::set_aside(&head)?;
     let flags = [&INTERRUPT];
     let waiting = Waiting { interrupted: &flags, ..Waiting::PLAINLY };
-    for (side, environment) in Side::BOTH.into_iter().zip(&environments) {
-        driver::try_driver(side, environment, &this()?, &gpu, &waiting)?;
+    let this = this()?;
+    let starts = environments.map(|environment| WorkerStart {
+        gpu: gpu.clone(),
+        environment,
+        ..WorkerStart::new(&this)
+    });
+    for (side, start) in Side::BOTH.into_iter().zip(&starts) {
+        driver::try_driver(side, start, &waiting)?;
     }
     let (base, base_label) = match (&args.base, &args.base_bin) {
         (Some(revision), _) => (built(catalog, revision)?, revision.clone()),
-        (None, Some(path)) => (path.clone(), private::path(path)),
-        (None, None) => {
-            let path = this()?;
+        (None, path) => {
+            let path = path.clone().unwrap_or(this);
             let label = private::path(&path);
             (path, label)
         }
     };
     let base = build::set_aside(&base)?;
-    let [of_base, of_head] = environments;
-    let caches = [driver::shader_cache(&of_base)?, driver::shader_cache(&of_head)?];
-    let program = |aside: &SetAside, label, environment, side: Side| Program {
-        path: aside.path.clone(),
-        label,
-        environment,
-        shader_cache: caches[side as usize].as_ref().map(|folder| folder.path().to_owned()),
+    let cache = |start: &WorkerStart| driver::shader_cache(&start.environment);
+    let caches = [cache(&starts[0])?, cache(&starts[1])?];
+    let program = |side: Side, aside: &SetAside, label| {
+        let shader_cache = caches[side as usize].as_ref().map(|folder| folder.path().to_owned());
+        let program = aside.path.clone();
+        Program {
+            label,
+            start: WorkerStart { program, shader_cache, ..starts[side as usize].clone() },
+        }
     };
     let options = CompareOptions {
         catalog: catalog.clone(),
-        gpu,
-        base: program(&base, base_label, of_base, Side::Base),
-        head: program(&head, head_label, of_head, Side::Head),
+        programs: [program(Side::Base, &base, base_label), program(Side::Head, &head, head_label)],
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
         env_values: args.env_values,
@@ -159,7 +165,7 @@ fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
     let verdicts = Verdicts::of(&comparison);
     exporters::put(folder, exporters::of_comparison(&verdicts))?;
     if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
-        append(Path::new(&page), &(tables::MARKDOWN.export)(&verdicts))?;
+        append(Path::new(&page), &tables::markdown(&verdicts))?;
     }
     if let Some(format) = exporters::OF_COMPARISONS.iter().find(|known| known.name == format) {
         tell::answer((format.export)(&verdicts));

@@ -163,6 +163,24 @@ impl WatchedDevice {
         })
     }
 
+    /// A group of these buffers, bound from 0 on.
+    pub fn bind(
+        &self,
+        label: &str,
+        layout: &wgpu::BindGroupLayout,
+        buffers: &[&wgpu::Buffer],
+    ) -> wgpu::BindGroup {
+        let entries = buffers.iter().zip(0..).map(|(buffer, binding)| wgpu::BindGroupEntry {
+            binding,
+            resource: buffer.as_entire_binding(),
+        });
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(label),
+            layout,
+            entries: &entries.collect::<Vec<_>>(),
+        })
+    }
+
     /// Waits for the GPU, maps the first `bytes` of a buffer, and hands them to `read`.
     ///
     /// # Errors

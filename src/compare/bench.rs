@@ -7,9 +7,7 @@ use rand::RngExt;
 
 use super::launch::{Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest, with_driver};
-use super::rounds::{
-    BrokenLaunch, LaunchWorkers, OpenedLaunch, RoleFault, Sampled, WorkerRole, random,
-};
+use super::rounds::{LaunchWorkers, OpenedLaunch, RoleFault, Sampled, WorkerRole, random};
 use fathom_base::quiet::PADDING_BYTES;
 use fathom_gpu::ClockPlan;
 use fathom_record::Adapter;
@@ -117,10 +115,14 @@ impl<'a> Processes<'a> {
         control: bool,
     ) -> Result<Option<RoleFault>, RoleFault> {
         let request = WorkerRequest::Prepare { configuration: configuration.clone() };
+        let failed = |role, fault| {
+            let configuration = Some(configuration.id.clone());
+            RoleFault { role, configuration, fault }
+        };
         let workers = self.workers.iter_mut();
         let mut concerned = workers.filter(|(role, _)| control || !role.is_control()).collect_vec();
         for (role, worker) in &mut concerned {
-            worker.send(&request).map_err(of(*role))?;
+            worker.send(&request).map_err(|fault| failed(*role, fault))?;
         }
         let mut refused = None;
         for (role, worker) in concerned {
@@ -130,9 +132,9 @@ impl<'a> Processes<'a> {
                 Err(fault) => fault,
             };
             if !fault.goes_on() {
-                return Err(of(*role)(fault));
+                return Err(failed(*role, fault));
             }
-            refused = refused.or(Some(of(*role)(fault)));
+            refused = refused.or(Some(failed(*role, fault)));
         }
         Ok(refused)
     }
@@ -162,10 +164,9 @@ impl LaunchWorkers for Processes<'_> {
         launch: u32,
         cells: &[CellId],
         control: Option<&CellId>,
-    ) -> Result<OpenedLaunch, BrokenLaunch> {
-        let broken = |cause| BrokenLaunch { configuration: None, cause };
-        self.start(launch, &order(launch, control.is_some())).map_err(broken)?;
-        let greetings = self.greeted().map_err(broken)?;
+    ) -> Result<OpenedLaunch, RoleFault> {
+        self.start(launch, &order(launch, control.is_some()))?;
+        let greetings = self.greeted()?;
         let core = self.core(launch);
         let mut opened = OpenedLaunch { refused: Vec::new(), core, notes: self.notes(&greetings) };
         let wanted = cells.iter().chain(control).map(CellId::configuration).sorted().dedup();
@@ -174,10 +175,7 @@ impl LaunchWorkers for Processes<'_> {
                 continue;
             };
             let of_control = control.is_some_and(|cell| cell.configuration() == id);
-            let refused = self
-                .prepare(&configuration, of_control)
-                .map_err(|cause| BrokenLaunch { configuration: Some(id.to_owned()), cause })?;
-            opened.refused.extend(refused.map(|cause| (id.to_owned(), cause)));
+            opened.refused.extend(self.prepare(&configuration, of_control)?);
         }
         if let Some(core) = core {
             self.workers.iter().for_each(|(_, worker)| worker.pin(core));
@@ -217,7 +215,7 @@ impl LaunchWorkers for Processes<'_> {
 }
 
 fn of(role: WorkerRole) -> impl FnOnce(WorkerFault) -> RoleFault {
-    move |fault| RoleFault { role, fault }
+    move |fault| RoleFault { role, configuration: None, fault }
 }
 
 fn sound(ns: &[f64], frames: u32) -> bool {

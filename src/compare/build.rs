@@ -161,7 +161,12 @@ pub fn compile(
 ) -> Result<PathBuf, BuildError> {
     let limits = Limits { time: None, interrupted: Some(interrupted) };
     let revision = || revision.to_owned();
-    match process::run(&mut cargo(source, built, target, environment), limits, progress) {
+    let program = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut cargo = Command::new(program);
+    cargo.args(["build", "--release", "--locked", "--color=never"]);
+    cargo.args(["-p", target.package, "--bin", target.binary, "--target-dir"]).arg(built);
+    cargo.current_dir(source).envs(environment.iter().copied());
+    match process::run(&mut cargo, limits, progress) {
         Ok(_) => {
             let program = format!("release/{}{}", target.binary, std::env::consts::EXE_SUFFIX);
             Ok(built.join(program))
@@ -170,28 +175,11 @@ pub fn compile(
         Err(ProcessError::Failed { complaint, .. }) => {
             Err(BuildError::Compile { revision: revision(), said: complaint.lines().collect() })
         }
-        Err(other) => Err(BuildError::Command {
-            command: "cargo build".to_owned(),
-            reason: other.to_string(),
-        }),
+        Err(other) => {
+            let (command, reason) = ("cargo build".to_owned(), other.to_string());
+            Err(BuildError::Command { command, reason })
+        }
     }
-}
-
-fn cargo(
-    source: &Path,
-    built: &Path,
-    target: CargoTarget,
-    environment: &[(&str, &str)],
-) -> Command {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = Command::new(cargo);
-    command
-        .args(["build", "--release", "--locked", "--color=never"])
-        .args(["-p", target.package, "--bin", target.binary, "--target-dir"])
-        .arg(built)
-        .current_dir(source)
-        .envs(environment.iter().copied());
-    command
 }
 
 /// Copies a program into the cache. It appears there whole or not at all.
@@ -276,6 +264,8 @@ mod tests {
             std::fs::create_dir_all(&path).unwrap();
             let repository = Self { folder, path };
             git(repository.folder.path(), ["init", "--quiet"]).unwrap();
+            repository.git(["config", "user.name", "Someone"]);
+            repository.git(["config", "user.email", "someone@example.org"]);
             repository.write("Cargo.toml", MANIFEST);
             repository.write("Cargo.lock", LOCK);
             repository.write("../../.gitignore", "/target\n");
@@ -286,40 +276,35 @@ mod tests {
             repository
         }
 
-        fn path(&self) -> &Path {
-            &self.path
-        }
-
         fn cache(&self) -> PathBuf {
             self.folder.path().join(CACHE)
         }
 
         fn write(&self, name: &str, text: &str) {
-            let path = self.path().join(name);
+            let path = self.path.join(name);
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, text).unwrap();
         }
 
         fn git<const N: usize>(&self, arguments: [&str; N]) -> String {
-            git(self.path(), arguments).unwrap()
+            git(&self.path, arguments).unwrap()
         }
 
         fn commit(&self) {
             self.git(["add", "--all"]);
-            self.git([
-                "-c",
-                "user.name=Someone",
-                "-c",
-                "user.email=someone@example.org",
-                "commit",
-                "--quiet",
-                "--message=Change",
-            ]);
+            self.git(["commit", "--quiet", "--message=Change"]);
+        }
+
+        /// No worktree and no build is left.
+        fn is_clean(&self) -> bool {
+            let folders = std::fs::read_dir(self.cache()).unwrap().flatten();
+            folders.map(|entry| entry.file_name()).eq(["target"])
+                && self.git(["worktree", "list"]).split(" [").count() == 2
         }
 
         fn build(&self, name: &str) -> (Result<PathBuf, BuildError>, usize) {
             let mut lines = 0;
-            let built = revision(self.path(), TARGET, name, &AtomicBool::new(false), &mut |_| {
+            let built = revision(&self.path, TARGET, name, &AtomicBool::new(false), &mut |_| {
                 lines += 1;
             });
             (built, lines)
@@ -359,7 +344,7 @@ mod tests {
         let interrupted = AtomicBool::new(false);
         let built = std::thread::scope(|scope| {
             let built = scope
-                .spawn(|| revision(repository.path(), TARGET, "HEAD", &interrupted, &mut |_| {}));
+                .spawn(|| revision(&repository.path, TARGET, "HEAD", &interrupted, &mut |_| {}));
             while !begun.exists() && !built.is_finished() {
                 std::thread::sleep(Duration::from_millis(20));
             }
@@ -369,10 +354,7 @@ mod tests {
         let error = built.unwrap_err();
         assert!(matches!(error, BuildError::Interrupted { .. }), "{error}");
         assert!(begun.exists(), "it was interrupted in the midst of it");
-        assert_eq!(repository.git(["worktree", "list"]).split(" [").count(), 2);
-        let folders = std::fs::read_dir(repository.cache()).unwrap();
-        let names: Vec<_> = folders.flatten().map(|entry| entry.file_name()).collect();
-        assert_eq!(names, ["target"], "no worktree and no build is left");
+        assert!(repository.is_clean());
     }
 
     #[test]
@@ -421,9 +403,7 @@ mod tests {
         let message = repository.build("HEAD").0.unwrap_err().to_string();
         assert!(message.contains("revision `HEAD` does not build"), "{message}");
         assert!(message.contains("cannot find function `second`"), "{message}");
-        let folders = std::fs::read_dir(repository.cache()).unwrap();
-        let names: Vec<_> = folders.flatten().map(|entry| entry.file_name()).collect();
-        assert_eq!(names, ["target"], "no worktree and no build is left");
+        assert!(repository.is_clean());
     }
 
     #[test]

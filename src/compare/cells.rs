@@ -17,8 +17,6 @@ const PROFILE: Profile = Profile::Quick;
 pub enum CellsError {
     #[error(transparent)]
     Experiment(#[from] ExperimentError),
-    #[error("experiment `{experiment}`: {message}")]
-    Invalid { experiment: String, message: String },
     #[error("no gate cell matches `{filter}`{}", did_you_mean(.nearest))]
     NoMatch { filter: String, nearest: Option<String> },
 }
@@ -41,11 +39,11 @@ impl Gates {
     }
 
     fn of(experiment: &Experiment) -> Result<Self, CellsError> {
-        let invalid = |message| CellsError::Invalid { experiment: experiment.id.clone(), message };
+        let invalid = |message| ExperimentError::Invalid { name: experiment.id.clone(), message };
         let plans = experiment.cells(PROFILE, &[], &[])?;
         let configurations: Vec<GateConfiguration> = plans.into_iter().map(Into::into).collect();
         if let Some(cell) = configurations.iter().find(|cell| cell.stages.is_empty()) {
-            return Err(invalid(format!("cell `{}` lists no `stages` to compare", cell.id)));
+            return Err(invalid(format!("cell `{}` lists no `stages` to compare", cell.id)).into());
         }
         let asked = experiment.control.as_deref();
         let control = configurations
@@ -96,21 +94,16 @@ mod tests {
         assert_eq!(serde_json::to_string(&cell).unwrap(), "\"tank-fine caustics/trace\"");
     }
 
+    /// All but a stage of the host, one that is too short, and two that no frame holds.
     #[test]
-    fn the_built_in_configurations_make_at_least_forty_cells_of_known_stages() {
+    fn the_built_in_gates_compare_every_stage_that_can_be() {
+        let apart = ["frame", "voxel/clear", "voxel/view", "ao/query", "photons/query"];
         let cells = Gates::load(None, Catalog::builtin().gates).unwrap().cells();
         assert!(cells.len() >= 40, "{}", cells.len());
         for cell in &cells {
             let known = fathom_stages::REGISTRY.iter().any(|stage| stage.name == cell.stage());
             assert!(known, "{cell}");
         }
-    }
-
-    /// A stage of the host, one that is too short, and two that no frame holds; everything else is compared somewhere.
-    #[test]
-    fn every_stage_that_can_be_compared_is_in_a_gate() {
-        let apart = ["frame", "voxel/clear", "voxel/view", "ao/query", "photons/query"];
-        let cells = Gates::load(None, Catalog::builtin().gates).unwrap().cells();
         for stage in fathom_stages::REGISTRY {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);
             assert!(

@@ -11,7 +11,6 @@ use thiserror::Error;
 use super::launch::{Waiting, WorkerFault, WorkerProcess, WorkerStart};
 use fathom_base::input;
 use fathom_base::quiet;
-use fathom_gpu as gpu;
 use fathom_record::Adapter;
 use fathom_record::comparison::{NamedDriver, Side, SideEnvironment};
 
@@ -67,20 +66,11 @@ impl GivenEnvironment {
 
 #[derive(Debug, Error)]
 pub enum EnvironmentError {
-    #[error("the {side}'s variable {text:?} has no value: give NAME=VALUE")]
-    NoValue { side: Side, text: String },
-    #[error(
-        "the {side}'s variable has the name {name:?}: a name is not empty and has no space or control character"
-    )]
-    Name { side: Side, name: String },
+    /// A variable that cannot be set, or that fathom sets itself.
+    #[error("the {side}'s variable {told}")]
+    Variable { side: Side, told: String },
     #[error("the value of the {side}'s variable {name} holds a NUL character")]
     Nul { side: Side, name: String },
-    #[error("the {side}'s variable {name} is given twice")]
-    Twice { side: Side, name: String },
-    #[error("the {side}'s variable {name} is fathom's own: it sets the conditions of every worker")]
-    Own { side: Side, name: String },
-    #[error("the {side}'s variable {name} chooses a driver: give --{side}-driver")]
-    Driver { side: Side, name: String },
     #[error("--{side}-driver {}: {reason}", path.display())]
     Manifest { side: Side, path: PathBuf, reason: String },
     #[error("cannot make a folder for compiled shaders: {0}")]
@@ -102,7 +92,8 @@ pub fn environment(
     for text in variables {
         let (name, value) = variable(side, text)?;
         if known.insert(name.to_owned(), value.to_owned()).is_some() {
-            return Err(EnvironmentError::Twice { side, name: name.to_owned() });
+            let told = format!("{name} is given twice");
+            return Err(EnvironmentError::Variable { side, told });
         }
     }
     let driver = manifest.map(|path| {
@@ -113,20 +104,21 @@ pub fn environment(
 }
 
 fn variable(side: Side, text: &str) -> Result<(&str, &str), EnvironmentError> {
-    let Some((given, value)) = text.split_once('=') else {
-        return Err(EnvironmentError::NoValue { side, text: text.to_owned() });
+    let refused = |told: String| Err(EnvironmentError::Variable { side, told });
+    let Some((name, value)) = text.split_once('=') else {
+        return refused(format!("{text:?} has no value: give NAME=VALUE"));
     };
-    let name = given.to_owned();
     if name.is_empty() || name.contains(|c: char| c.is_whitespace() || c.is_control()) {
-        Err(EnvironmentError::Name { side, name })
+        let rule = "a name is not empty and has no space or control character";
+        refused(format!("has the name {name:?}: {rule}"))
     } else if value.contains('\0') {
-        Err(EnvironmentError::Nul { side, name })
-    } else if quiet::is_own(given) {
-        Err(EnvironmentError::Own { side, name })
-    } else if DRIVER_VARIABLES.contains(&given) || given == MORE_DRIVERS {
-        Err(EnvironmentError::Driver { side, name })
+        Err(EnvironmentError::Nul { side, name: name.to_owned() })
+    } else if quiet::is_own(name) {
+        refused(format!("{name} is fathom's own: it sets the conditions of every worker"))
+    } else if DRIVER_VARIABLES.contains(&name) || name == MORE_DRIVERS {
+        refused(format!("{name} chooses a driver: give --{side}-driver"))
     } else {
-        Ok((given, value))
+        Ok((name, value))
     }
 }
 
@@ -224,21 +216,14 @@ fn unusable(side: Side, driver: &NamedDriver, seen: &str) -> EnvironmentError {
 /// Opens the driver that was named for a side once, before anything is built: an unusable one is told at once.
 pub fn try_driver(
     side: Side,
-    environment: &GivenEnvironment,
-    program: &Path,
-    gpu: &gpu::Options,
+    start: &WorkerStart,
     waiting: &Waiting<'_>,
 ) -> Result<(), EnvironmentError> {
-    let Some(driver) = &environment.driver else { return Ok(()) };
-    let start = WorkerStart {
-        gpu: gpu.clone(),
-        environment: environment.clone(),
-        ..WorkerStart::new(program)
-    };
-    match WorkerProcess::open(&start, waiting) {
+    let Some(driver) = &start.environment.driver else { return Ok(()) };
+    match WorkerProcess::open(start, waiting) {
         Ok((worker, greeting)) => {
             worker.quit();
-            check(side, environment, &greeting.adapter)
+            check(side, &start.environment, &greeting.adapter)
         }
         // Whoever interrupts needs no reason.
         Err(WorkerFault::Interrupted) => Ok(()),

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::bench::Processes;
 use super::cells::{CellsError, Gates};
-use super::driver::{self, EnvironmentError, GivenEnvironment};
+use super::driver::{self, EnvironmentError};
 use super::instructions;
 use super::launch::{Quiet, Waiting, WorkerFault, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
@@ -20,7 +20,6 @@ use fathom_gates::adapters::AdapterRelation;
 use fathom_gates::schedule::Schedule;
 use fathom_gates::store::{self, StoreError, StoredComparison};
 use fathom_gates::time;
-use fathom_gpu as gpu;
 use fathom_harness::catalog::Catalog;
 use fathom_record::RecordError;
 use fathom_record::calendar;
@@ -58,21 +57,17 @@ pub enum CompareError {
 /// A build to compare.
 #[derive(Clone, Debug)]
 pub struct Program {
-    pub path: PathBuf,
     /// What to call it: the revision it was built from, or its path.
     pub label: String,
-    /// What its processes alone are given.
-    pub environment: GivenEnvironment,
-    /// See [`driver::shader_cache`].
-    pub shader_cache: Option<PathBuf>,
+    /// How its workers are started.
+    pub start: WorkerStart,
 }
 
 #[derive(Clone, Debug)]
 pub struct CompareOptions {
     pub catalog: Catalog,
-    pub gpu: gpu::Options,
-    pub base: Program,
-    pub head: Program,
+    /// In the order of [`Side::BOTH`].
+    pub programs: [Program; 2],
     /// The gates' configurations; the built-in ones without.
     pub cells_file: Option<PathBuf>,
     /// Only cells whose names contain this.
@@ -87,11 +82,8 @@ pub struct CompareOptions {
 }
 
 impl CompareOptions {
-    fn program(&self, side: Side) -> &Program {
-        match side {
-            Side::Base => &self.base,
-            Side::Head => &self.head,
-        }
+    fn start(&self, side: Side) -> WorkerStart {
+        WorkerStart { name: side.into(), ..self.programs[side as usize].start.clone() }
     }
 }
 
@@ -134,30 +126,14 @@ pub fn measure(
 }
 
 /// The folder to write to, if it is free, or to resume from.
-fn taken(folder: &Path, resume: bool) -> Result<Taken, OutputError> {
+pub fn taken(folder: &Path, resume: bool) -> Result<Taken, OutputError> {
     if resume { Taken::measured(folder, FolderKind::Comparison) } else { Taken::free(folder) }
-}
-
-/// Finds out whether a folder can be written to, or resumed from, before minutes are spent on building.
-pub fn try_folder(folder: &Path, resume: bool) -> Result<(), OutputError> {
-    taken(folder, resume).map(drop)
 }
 
 /// A new folder for a comparison without `--out`.
 pub fn fresh() -> Result<PathBuf, OutputError> {
     let name = format!("compare-{}", calendar::compact(jiff::Timestamp::now()));
     unused(&Path::new(DEFAULT_FOLDER).join(name))
-}
-
-fn worker_of(options: &CompareOptions, side: Side) -> WorkerStart {
-    let program = options.program(side);
-    WorkerStart {
-        name: side.into(),
-        gpu: options.gpu.clone(),
-        environment: program.environment.clone(),
-        shader_cache: program.shader_cache.clone(),
-        ..WorkerStart::new(&program.path)
-    }
 }
 
 /// The worker of a side's survey. Both run at once, each on a core of its own where there are two.
@@ -168,7 +144,7 @@ fn start_build<'a>(
 ) -> Result<SurveyedBuild<'a>, CompareError> {
     let core = allowed_cores().into_iter().cycle().nth(side as usize);
     let quiet = Some(Quiet { core, ..Quiet::default() });
-    let start = WorkerStart { quiet, ..worker_of(options, side) };
+    let start = WorkerStart { quiet, ..options.start(side) };
     SurveyedBuild::new(start, waiting).map_err(|fault| CompareError::Worker { side, fault })
 }
 
@@ -177,15 +153,16 @@ fn greeted(
     options: &CompareOptions,
     builds: &mut [SurveyedBuild<'_>; 2],
 ) -> Result<[Greeting; 2], CompareError> {
-    let [base, head] = builds;
-    let greet = |build: &mut SurveyedBuild<'_>, side| {
+    let environments = options.programs.each_ref().map(|program| &program.start.environment);
+    let greet = |side: Side, build: &mut SurveyedBuild<'_>| {
         let greeting = build.greeted().map_err(|fault| CompareError::Worker { side, fault })?;
-        driver::check(side, &options.program(side).environment, &greeting.adapter)?;
+        driver::check(side, environments[side as usize], &greeting.adapter)?;
         Ok::<Greeting, CompareError>(greeting)
     };
-    let greetings = [greet(base, Side::Base)?, greet(head, Side::Head)?];
+    let [base, head] = builds;
+    let greetings = [greet(Side::Base, base)?, greet(Side::Head, head)?];
     let [base, head] = greetings.each_ref().map(|greeting| &greeting.adapter);
-    let given_the_same = options.base.environment == options.head.environment;
+    let given_the_same = environments[0] == environments[1];
     if given_the_same && AdapterRelation::of(base, head) != AdapterRelation::Same {
         let [base, head] = [base, head].map(with_driver);
         return Err(CompareError::Adapters { base, head });
@@ -198,15 +175,17 @@ fn header(
     gates: &Gates,
     greetings: &[Greeting; 2],
 ) -> Result<ComparisonHeader, CompareError> {
-    let build = |program: &Program, greeting: &Greeting| {
-        let digest = input::open(&program.path).and_then(input::sha256);
-        let unreadable = |source| CompareError::Program { path: program.path.clone(), source };
+    let build = |side: Side| {
+        let (program, greeting) = (&options.programs[side as usize], &greetings[side as usize]);
+        let path = &program.start.program;
+        let digest = input::open(path).and_then(input::sha256);
+        let unreadable = |source| CompareError::Program { path: path.clone(), source };
         Ok::<ComparedBuild, CompareError>(ComparedBuild {
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
             digest: digest.map_err(unreadable)?,
-            environment: program.environment.recorded(options.env_values).shown(),
+            environment: program.start.environment.recorded(options.env_values).shown(),
         })
     };
     let [base, head] = greetings;
@@ -219,8 +198,8 @@ fn header(
         possible
     });
     Ok(ComparisonHeader {
-        base: build(&options.base, base)?,
-        head: build(&options.head, head)?,
+        base: build(Side::Base)?,
+        head: build(Side::Head)?,
         adapter: head.adapter.clone(),
         base_adapter: (base.adapter != head.adapter).then(|| base.adapter.clone()),
         settings,
@@ -233,17 +212,13 @@ fn header(
 
 /// Why a gate cannot be run with these workers here.
 fn obstacle(gate: Gate, greetings: &[Greeting; 2]) -> Option<String> {
-    for (side, greeting) in Side::BOTH.into_iter().zip(greetings) {
-        if !greeting.parts.contains(&gate.to_string()) {
-            return Some(format!("the {side} build knows no such gate"));
-        }
+    let knows = |greeting: &Greeting| greeting.parts.contains(&gate.to_string());
+    let mut sides = Side::BOTH.into_iter().zip(greetings);
+    if let Some((side, _)) = sides.find(|(_, greeting)| !knows(greeting)) {
+        return Some(format!("the {side} build knows no such gate"));
     }
-    match gate {
-        Gate::Instructions => {
-            instructions::obstacle(greetings.iter().all(|greeting| greeting.adapter.software))
-        }
-        Gate::Exact | Gate::Time => None,
-    }
+    let software = greetings.iter().all(|greeting| greeting.adapter.software);
+    (gate == Gate::Instructions).then(|| instructions::obstacle(software))?
 }
 
 /// The folder's comparison, if it is this one.
@@ -331,7 +306,7 @@ impl ComparisonRun<'_> {
             return Ok(());
         }
         (self.waiting.tell)("instruction gate: every stage under callgrind");
-        let start = |side| worker_of(self.options, side);
+        let start = |side| self.options.start(side);
         Ok(instructions::run(&mut self.held, &self.before, common, &start, self.interrupted)?)
     }
 
@@ -341,7 +316,7 @@ impl ComparisonRun<'_> {
         }
         let cells: Vec<CellId> = common.iter().flat_map(GateConfiguration::cells).collect();
         let settings = &self.before.header.settings;
-        let builds = Side::BOTH.map(|side| worker_of(self.options, side));
+        let builds = Side::BOTH.map(|side| self.options.start(side));
         let mut workers = match Processes::new(builds, common, settings.seed, self.waiting) {
             Ok(workers) => workers,
             Err(cause) => {

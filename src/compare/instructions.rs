@@ -28,19 +28,15 @@ use fathom_record::output::Held;
 
 /// Frames that are counted of each cell and side.
 pub const FRAMES: u32 = 3;
-/// The version of the valgrind that is installed, if one is.
-pub fn valgrind_version() -> Option<String> {
-    let version = process::printed(Command::new("valgrind").arg("--version")).ok()?;
-    (!version.is_empty()).then_some(version)
-}
-
 /// Why the gate cannot be run; none where it can.
 pub fn obstacle(software: bool) -> Option<String> {
     if !software {
         return Some("the adapter is no software driver: its work is not the process's".to_owned());
     }
-    let lacks = valgrind_version().is_none();
-    lacks.then(|| "valgrind is not installed (Debian: apt-get install valgrind)".to_owned())
+    let version = process::printed(Command::new("valgrind").arg("--version"));
+    let is_installed = version.is_ok_and(|version| !version.is_empty());
+    let lacks = || "valgrind is not installed (Debian: apt-get install valgrind)".to_owned();
+    (!is_installed).then(lacks)
 }
 
 /// A configuration of one side, with the stages of it that are still to be counted.
@@ -74,7 +70,8 @@ pub fn run(
             let (jobs, sender, core) = (&jobs, sender.clone(), cores.get(number).copied());
             scope.spawn(move || {
                 let waiting = Waiting { interrupted: &ending, ..Waiting::PLAINLY };
-                while let Some(job) = next(jobs, waiting) {
+                let next = || jobs.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+                while let Some(job) = next().filter(|_| !waiting.is_interrupted()) {
                     let start = quieted(start(job.side), core);
                     count(&job, &Conditions { start, wrapper: callgrind, waiting }, &sender);
                 }
@@ -103,11 +100,6 @@ fn jobs<'a>(before: &StoredComparison, wanted: &'a [GateConfiguration]) -> VecDe
     };
     let all = wanted.iter().cartesian_product(Side::BOTH).map(job);
     all.filter(|job| !job.stages.is_empty()).collect()
-}
-
-fn next<'a>(jobs: &Mutex<VecDeque<Job<'a>>>, waiting: Waiting<'_>) -> Option<Job<'a>> {
-    let mut left = jobs.lock().unwrap_or_else(PoisonError::into_inner);
-    left.pop_front().filter(|_| !waiting.is_interrupted())
 }
 
 /// How a job is counted.
@@ -216,15 +208,11 @@ impl Counter {
         // The first cut ends what came before the first frame.
         let first = self.cuts + 2;
         self.cuts += FRAMES + 1;
-        let counts: Result<Vec<u64>, String> = (first..=self.cuts)
-            .map(|cut| total(&self.folder.path().join(format!("{OUT}.{cut}"))))
-            .collect();
-        match counts.map_err(WorkerFault::fatal)? {
-            counts if counts.contains(&0) => {
-                Err(WorkerFault::fatal("callgrind counted nothing".to_owned()))
-            }
-            counts => Ok(counts),
-        }
+        let count = |cut| match total(&self.folder.path().join(format!("{OUT}.{cut}"))) {
+            Ok(0) => Err("callgrind counted nothing".to_owned()),
+            count => count,
+        };
+        (first..=self.cuts).map(count).collect::<Result<_, _>>().map_err(WorkerFault::fatal)
     }
 }
 

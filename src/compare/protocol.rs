@@ -263,6 +263,11 @@ mod tests {
         }
     }
 
+    fn read(reply: &Reply) -> Reply {
+        let line = serde_json::to_string(reply).unwrap();
+        serde_json::from_str(&line).unwrap_or_else(|error| panic!("{line}: {error}"))
+    }
+
     #[test]
     fn figures_that_are_no_numbers_can_be_read_back() {
         let exact = Exact {
@@ -278,13 +283,11 @@ mod tests {
             tolerance: 0.1,
             sound: false,
         };
-        let read = |reply: Reply| -> Reply {
-            let line = serde_json::to_string(&reply).unwrap();
-            serde_json::from_str(&line).unwrap_or_else(|error| panic!("{line}: {error}"))
+        let Reply::Exact(exact) = read(&Reply::Exact(Box::new(exact))) else {
+            panic!("no figures")
         };
-        let Reply::Exact(exact) = read(Reply::Exact(Box::new(exact))) else { panic!("no figures") };
         assert!(exact.errors["an_error"].is_nan() && exact.quantities["a_figure"].is_nan());
-        let Reply::Checks { checks } = read(Reply::Checks { checks: vec![check] }) else {
+        let Reply::Checks { checks } = read(&Reply::Checks { checks: vec![check] }) else {
             panic!("no checks")
         };
         assert!(checks[0].measured.is_nan() && checks[0].tolerance == 0.1);
@@ -307,9 +310,6 @@ mod tests {
                 notes: Vec::new(),
             })),
         ];
-        for reply in replies {
-            let line = serde_json::to_string(&reply).unwrap();
-            assert_eq!(serde_json::from_str::<Reply>(&line).unwrap(), reply, "{line}");
-        }
+        replies.iter().for_each(|reply| assert_eq!(read(reply), *reply));
     }
 }

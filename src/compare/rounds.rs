@@ -58,26 +58,20 @@ impl WorkerRole {
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoleFault {
     pub role: WorkerRole,
+    /// The configuration that it was to prepare, if that was it.
+    pub configuration: Option<String>,
     pub fault: WorkerFault,
 }
 
 /// A launch ready for its rounds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OpenedLaunch {
-    /// Configurations that a side refused.
-    pub refused: Vec<(String, RoleFault)>,
+    /// What sides refused.
+    pub refused: Vec<RoleFault>,
     /// The only core that is measured on, if the workers are kept on one.
     pub core: Option<usize>,
     /// Conditions of a quiet measurement that could not be had.
     pub notes: Vec<String>,
-}
-
-/// A launch that did not get ready.
-#[derive(Clone, Debug, PartialEq)]
-pub struct BrokenLaunch {
-    /// The configuration whose preparation ended a worker, if that was it.
-    pub configuration: Option<String>,
-    pub cause: RoleFault,
 }
 
 /// A sample of one side.
@@ -90,13 +84,14 @@ pub struct Sampled {
 
 /// The workers of one launch at a time.
 pub trait LaunchWorkers {
-    /// Starts fresh workers and prepares the configurations of `cells`, and that of `control` for its workers.
+    /// Starts fresh workers and prepares the configurations of `cells`, and that of `control` for its workers. A worker that ends
+    /// meanwhile is an error.
     fn open(
         &mut self,
         launch: u32,
         cells: &[CellId],
         control: Option<&CellId>,
-    ) -> Result<OpenedLaunch, BrokenLaunch>;
+    ) -> Result<OpenedLaunch, RoleFault>;
     /// One sample, while the other workers rest.
     fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault>;
     /// Ends the workers.
@@ -192,15 +187,10 @@ impl Gatekeeper<'_> {
         let opened = match self.workers.open(self.launch, &self.cells, self.control.as_ref()) {
             Ok(opened) => opened,
             Err(_) if self.is_interrupted() => return LaunchOutcome::Interrupted,
-            Err(BrokenLaunch { configuration: Some(id), cause }) => {
-                return LaunchOutcome::Spoilt(self.lose_configuration(&id, &cause));
-            }
-            Err(BrokenLaunch { configuration: None, cause }) => {
-                return LaunchOutcome::Spoilt(vec![self.fault(None, &cause)]);
-            }
+            Err(cause) => return LaunchOutcome::Spoilt(self.unprepared(&cause)),
         };
-        for (configuration, cause) in opened.refused {
-            faults.extend(self.lose_configuration(&configuration, &cause));
+        for cause in opened.refused {
+            faults.extend(self.unprepared(&cause));
         }
         let mut random = random(self.schedule.seed, self.launch);
         let mut visits = self.visits(&mut random);
@@ -221,7 +211,10 @@ impl Gatekeeper<'_> {
                     // Whatever interrupted this process may have ended its workers as well.
                     Err(_) if self.is_interrupted() => return LaunchOutcome::Interrupted,
                     Err(cause) => {
-                        faults.push(self.lose(&visits.remove(at), &cause));
+                        let lost = visits.remove(at);
+                        faults.extend(self.lose(&cause, |cell, control| {
+                            (cell, control) == (&lost.cell, lost.control)
+                        }));
                         if !cause.fault.goes_on() {
                             return LaunchOutcome::Spoilt(faults);
                         }
@@ -270,7 +263,7 @@ impl Gatekeeper<'_> {
         };
         let mut sample = |role| {
             let sampled = self.workers.sample(role, &visit.cell);
-            sampled.map_err(|fault| RoleFault { role, fault })
+            sampled.map_err(|fault| RoleFault { role, configuration: None, fault })
         };
         let base_first = round.is_none_or(|round| visit.base_first[round as usize]);
         let (of_base, of_head) = if base_first {
@@ -293,33 +286,21 @@ impl Gatekeeper<'_> {
         })
     }
 
-    /// The fault that ends this cell's part in the gate.
-    fn lose(&mut self, visit: &Visit, cause: &RoleFault) -> Fault {
-        if visit.control {
-            return self.lose_control(cause);
-        }
-        self.cells.retain(|cell| *cell != visit.cell);
-        self.fault(Some(visit.cell.clone()), cause)
+    /// The faults that end the part of some cells in the gate, and of the control if it is one of them.
+    fn lose(&mut self, cause: &RoleFault, is_lost: impl Fn(&CellId, bool) -> bool) -> Vec<Fault> {
+        let cells: Vec<CellId> = self.cells.extract_if(.., |cell| is_lost(cell, false)).collect();
+        let control = self.control.take_if(|cell| is_lost(cell, true));
+        let faults = cells.into_iter().map(|cell| self.fault(Some(cell), cause));
+        let of_control = |cell| Fault { control: true, ..self.fault(Some(cell), cause) };
+        faults.chain(control.map(of_control)).collect()
     }
 
-    fn lose_control(&mut self, cause: &RoleFault) -> Fault {
-        let cell = self.control.take();
-        Fault { control: true, ..self.fault(cell, cause) }
-    }
-
-    /// The faults that end a configuration's part: of all its cells, or of the control alone if only that could not be made.
-    fn lose_configuration(&mut self, configuration: &str, cause: &RoleFault) -> Vec<Fault> {
-        if cause.role.is_control() {
-            return vec![self.lose_control(cause)];
-        }
-        let concerned = |cell: &CellId| cell.configuration() == configuration;
-        let lost: Vec<CellId> = self.cells.extract_if(.., |cell| concerned(cell)).collect();
-        let mut faults: Vec<Fault> =
-            lost.into_iter().map(|cell| self.fault(Some(cell), cause)).collect();
-        if self.control.as_ref().is_some_and(concerned) {
-            faults.push(self.lose_control(cause));
-        }
-        faults
+    /// The faults that follow where workers could not be made ready: of all cells of a configuration, of the control alone if
+    /// only that could not be prepared, or of the launch.
+    fn unprepared(&mut self, cause: &RoleFault) -> Vec<Fault> {
+        let Some(id) = &cause.configuration else { return vec![self.fault(None, cause)] };
+        let control_alone = cause.role.is_control();
+        self.lose(cause, |cell, control| cell.configuration() == id && (control || !control_alone))
     }
 
     fn fault(&self, cell: Option<CellId>, cause: &RoleFault) -> Fault {

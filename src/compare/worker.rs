@@ -32,10 +32,6 @@ use fathom_verify::{Case, Check, VerifyError, verify_stages};
 
 /// Readings of a frame before its clock is given up.
 const ATTEMPTS: u32 = 20;
-/// Frames of a configuration before it counts as prepared: it compiles the shaders and fills every stage's inputs.
-const WARM_UP_FRAMES: u32 = 1;
-/// Frames of a stage alone before its instructions are counted.
-const STEADYING_FRAMES: u32 = 1;
 /// Most frames of one request.
 const MAX_FRAMES: u32 = 10_000;
 
@@ -156,10 +152,7 @@ struct Device {
     prepared: BTreeMap<String, Prepared>,
 }
 
-struct Prepared {
-    subject: Subject,
-    pipeline: Box<AnyPipeline>,
-}
+type Prepared = (Subject, Box<AnyPipeline>);
 
 impl RequestServer<'_> {
     fn answer(&mut self, request: WorkerRequest) -> Result<Reply, Refusal> {
@@ -224,13 +217,12 @@ impl Device {
             subjects.subject(&configuration.pipeline, &configuration.scene, &overrides)?;
         let pipeline = subject.build(&self.gpu)?;
         let stages = pipeline.stages();
-        for _ in 0..WARM_UP_FRAMES {
-            self.timer.untimed(&self.gpu, &stages)?;
-        }
+        // A whole frame compiles the shaders and fills every stage's inputs.
+        self.timer.untimed(&self.gpu, &stages)?;
         let kinds = stages.iter().zip(self.timer.kinds(&self.gpu, &stages)?);
         let kinds = kinds.map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
         let reply = Reply::Prepared { stages: kinds.collect() };
-        self.prepared.insert(configuration.id.clone(), Prepared { subject, pipeline });
+        self.prepared.insert(configuration.id.clone(), (subject, pipeline));
         Ok(reply)
     }
 
@@ -247,8 +239,7 @@ impl Device {
     }
 
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {
-        let prepared = known(&self.prepared, config)?;
-        let pipeline = prepared.pipeline.as_ref();
+        let (Subject { scene, .. }, pipeline) = known(&self.prepared, config)?;
         let stages = pipeline.stages();
         let counted = gpu::count(&self.gpu, &stages, MAX_PASSES)?.unwrap_or_default();
         self.timer.untimed(&self.gpu, &stages)?;
@@ -256,7 +247,7 @@ impl Device {
             let counters = counted.iter().find(|counted| counted.name == stage.name());
             ExactStage {
                 name: stage.name().to_owned(),
-                work: stage.work(),
+                work: stage.work,
                 counters: counters.map(|stage| stage.counters.clone()).unwrap_or_default(),
             }
         });
@@ -267,7 +258,6 @@ impl Device {
             ..Exact::default()
         };
         let mut known = Known::default();
-        let scene = &prepared.subject.scene;
         match pipeline.judge(&mut Judge { gpu: &self.gpu, scene, known: &mut known, asked: &[] }) {
             Ok(judged) => {
                 exact.quantities.extend(judged.quantities);
@@ -284,9 +274,8 @@ impl Device {
         let frames = checked(frames)?;
         let stage = find(&self.prepared, config, stage)?;
         valgrind::start_counting();
-        for _ in 0..STEADYING_FRAMES {
-            self.timer.untimed(&self.gpu, &[stage])?;
-        }
+        // A frame that steadies it is not counted.
+        self.timer.untimed(&self.gpu, &[stage])?;
         for _ in 0..frames {
             fathom_sample_boundary();
             self.timer.untimed(&self.gpu, &[stage])?;
@@ -327,8 +316,8 @@ fn find<'a>(
     prepared: &'a BTreeMap<String, Prepared>,
     config: &str,
     stage: &str,
-) -> Result<&'a dyn Stage, Refusal> {
-    let stages = known(prepared, config)?.pipeline.stages();
+) -> Result<&'a Stage, Refusal> {
+    let stages = known(prepared, config)?.1.stages();
     let found = stages.iter().find(|present| present.name() == stage);
     found.copied().ok_or_else(|| Refusal::NoStage {
         config: config.to_owned(),
@@ -339,18 +328,19 @@ fn find<'a>(
 
 /// The stage's time; an error where it is below what the clock can tell from none, as a ratio of such times says nothing.
 fn resolved(sample: &StageTime) -> Result<f64, GpuError> {
-    sample.is_resolved().then_some(sample.ns).ok_or_else(|| {
-        let message = format!(
-            "{}: shorter than the {:.3} ms that the fenced host clock tells from none: choose a larger configuration",
-            sample.stage,
-            sample.resolution_ns * 1e-6
-        );
-        DeviceError::Internal(message).into()
-    })
+    if sample.is_resolved() {
+        return Ok(sample.ns);
+    }
+    let message = format!(
+        "{}: shorter than the {:.3} ms that the fenced host clock tells from none: choose a larger configuration",
+        sample.stage,
+        sample.resolution_ns * 1e-6
+    );
+    Err(DeviceError::Internal(message).into())
 }
 
 /// Time of one frame with this stage alone. Readings that cannot be true are taken again.
-fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Stage) -> Result<f64, GpuError> {
+fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &Stage) -> Result<f64, GpuError> {
     let mut last = String::new();
     for _ in 0..ATTEMPTS {
         if gpu.adapter.software {

@@ -108,7 +108,6 @@ pub fn header(profile: Profile) -> Run {
             ..Adapter::default()
         },
         shader_checks: ShaderChecks::Checked,
-        shard: None,
         clocks: [(PassKind::Compute, Clock::FencedHost), (PassKind::Render, Clock::Timestamp)]
             .into(),
         conditions: Conditions { cores: vec![1], ..Conditions::default() },
@@ -118,9 +117,8 @@ pub fn header(profile: Profile) -> Run {
             row(PassKind::Render, Surrounding::Mixed, 0.998, true),
         ],
         submit_cost_ns: [(PassKind::Compute, 41_000.0), (PassKind::Render, 52_000.0)].into(),
-        loop_turns: None,
-        ceilings: Vec::new(),
         notes: vec![Note::new(NoteKind::Adapter, "no SHADER_F16: not used")],
+        ..Run::default()
     }
 }
 
@@ -174,7 +172,6 @@ pub fn measure(experiment: &Experiment, plan: &CellPlan, random: &mut Pcg64) -> 
         stages,
         allocated_bytes: (number("view.width") * number("view.height") * 40.0) as u64,
         quantities: quantities(plan, experiment, photons, number("water.amplitude_m")).into(),
-        errors: Vec::new(),
         warm_up_frames: 3,
         ..Measured::default()
     }

@@ -222,7 +222,7 @@ const FIGURES: &[Entry] = &[
     ("voxel_m", "side of a voxel", Unit::Metres),
 ];
 
-/// Parameters and axes of the built-in experiments.
+/// Parameters and axes of the built-in experiments. A single word stands for itself.
 const PARAMETERS: &[Entry] = &[
     ("ao.guard", "guard band", Unit::One),
     ("ao.offset_voxels", "offset of the first sample", Unit::Voxels),
@@ -236,38 +236,28 @@ const PARAMETERS: &[Entry] = &[
     ("caustics.grid", "side of the caustic photon grid", Unit::One),
     ("caustics.subdivision", "photons per node of the caustic grid", Unit::One),
     ("caustics.subdivision_mode", "subdivision of the caustic grid", Unit::One),
-    ("crates", "crates", Unit::One),
     ("dragon", "size of the model", Unit::One),
     ("filters", "filters of both buffers", Unit::One),
-    ("glass", "glass", Unit::One),
     ("godrays", "godray buffer", Unit::One),
     ("godrays.buffer", "godray buffer", Unit::Pixels),
     ("godrays.grid", "side of the godray photon grid", Unit::One),
     ("godrays.line_width_px", "line width of godrays", Unit::Pixels),
     ("ldi.layers", "layers of depth", Unit::One),
     ("ldi.method", "method of the layers", Unit::One),
-    ("medium", "medium", Unit::One),
-    ("method", "method", Unit::One),
-    ("photons", "photons", Unit::One),
-    ("pipeline", "pipeline", Unit::One),
     ("planar.texels", "texels per side of a face", Unit::One),
     ("rays", "ends of rays", Unit::One),
     ("rays.method", "method of intersection testing", Unit::One),
     ("rays.test", "test for a hit", Unit::One),
     ("refraction.method", "method of refraction", Unit::One),
-    ("scene", "scene", Unit::One),
     ("shadow.size", "side of the shadow map", Unit::Pixels),
     ("side", "voxels along the longest side", Unit::One),
     ("step", "step of the march", Unit::One),
     ("transfer.grid", "photon grid", Unit::One),
     ("view.height", "height of the picture", Unit::Pixels),
     ("view.width", "width of the picture", Unit::Pixels),
-    ("viewport", "viewport", Unit::One),
     ("volume", "voxels along the longest side", Unit::One),
-    ("volumes", "volumes", Unit::One),
     ("voxel.method", "method of voxelization", Unit::One),
     ("voxel.resolution", "voxels along the longest side", Unit::One),
-    ("water", "water", Unit::One),
     ("water.amplitude_m", "amplitude of waves", Unit::Metres),
 ];
 
@@ -303,7 +293,9 @@ mod tests {
     }
 
     fn assert_known(table: &[Entry], name: &str) {
-        assert!(known(table, name).is_some(), "`{name}` has no words in src/experiments/words.rs");
+        let is_word = name.chars().all(|c| c.is_ascii_alphabetic());
+        let is_known = is_word || known(table, name).is_some();
+        assert!(is_known, "`{name}` has no words in src/experiments/words.rs");
     }
 
     #[test]

@@ -165,11 +165,8 @@ impl<'a> Fleet<'a> {
                 shard.submitted(job);
             }
         }
-        self.progress.say(&format!(
-            "{} of {} shards submitted as job {job}",
-            due.len(),
-            self.options.shards
-        ));
+        let told = format!("{} of {shards} shards submitted as job {job}", due.len());
+        self.progress.say(&told);
         Ok(())
     }
 
@@ -207,7 +204,7 @@ impl<'a> Fleet<'a> {
                 _ => std::thread::sleep(Duration::from_millis(500)),
             }
         }
-        Ok(self.slurm.kill()?)
+        Ok(self.slurm.cancel(&[])?)
     }
 
     fn end(mut self, interrupted: &AtomicBool) -> Followed {
@@ -216,9 +213,9 @@ impl<'a> Fleet<'a> {
             shard.read_ending();
         }
         let failed = self.shards.iter().filter_map(Shard::failure).collect();
-        let with_records = self.shards.iter().filter(|shard| shard.folder.has_header());
+        let with_records = self.shards.iter().filter(|shard| shard.folder.header().is_some());
         Followed {
-            folders: with_records.map(|shard| shard.folder.path.clone()).collect(),
+            folders: with_records.map(|shard| shard.folder.path()).collect(),
             failed,
             interrupted: interrupted.load(Ordering::Relaxed),
         }

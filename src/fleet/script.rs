@@ -49,7 +49,6 @@ mod tests {
     use std::process::{Child, Command, Stdio};
     use std::time::Duration;
 
-    use super::super::shards::Folder;
     use super::*;
 
     /// Of the run: all that a shell may take for something else.
@@ -65,7 +64,7 @@ mod tests {
         fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
         let run = ["uw-default", "--cell", HOSTILE].map(str::to_owned);
         let out = folder.path().join("o ut");
-        fs::create_dir_all(Folder::parent(&out)).unwrap();
+        fs::create_dir_all(out.join(SHARDS)).unwrap();
         let script = folder.path().join(NAME);
         let [program, out] = [&program, &out].map(|path| path.to_str().unwrap());
         fs::write(&script, super::text(program, &run, 8, out)).unwrap();

@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use itertools::Itertools;
 
 use super::slurm::{JobId, Queue};
 use super::{GRACE, UNSEEN_GRACE};
 use fathom_base::folder;
-use fathom_base::input::{self, Limited};
+use fathom_base::input;
 use fathom_base::tell;
 use fathom_base::text;
 use fathom_record as record;
@@ -33,17 +34,19 @@ const CELL: &[u8] = br#"{"record":"cell""#;
 
 /// The folder that a shard's task writes to, and the files beside it.
 pub struct Folder {
-    pub path: PathBuf,
+    /// The fleet's. Beneath it no link is followed.
+    out: PathBuf,
+    /// Its place beneath that.
+    name: String,
 }
 
 impl Folder {
     pub fn of(out: &Path, number: u32) -> Self {
-        Self { path: Self::parent(out).join(number.to_string()) }
+        Self { out: out.to_owned(), name: format!("{SHARDS}/{number}") }
     }
 
-    /// Of all shards' folders.
-    pub fn parent(out: &Path) -> PathBuf {
-        out.join(SHARDS)
+    pub fn path(&self) -> PathBuf {
+        self.out.join(&self.name)
     }
 
     /// Where Slurm puts what tasks print; `%a` is the number of the task, `%%` a `%` (`sbatch(1)`, "filename pattern").
@@ -60,29 +63,23 @@ impl Folder {
         })
     }
 
-    fn beside(&self, ending: &str) -> PathBuf {
-        let mut path = self.path.clone().into_os_string();
-        path.push(format!(".{ending}"));
-        path.into()
+    /// The place beneath the fleet's folder of a file beside this one.
+    fn beside(&self, ending: &str) -> String {
+        format!("{}.{ending}", self.name)
     }
 
-    /// Opens a file of the shards' folder. Beneath the fleet's folder no link is followed.
-    fn open(&self, path: &Path) -> io::Result<File> {
-        let out = self.path.ancestors().nth(2).unwrap_or(Path::new("."));
-        folder::Folder::open(out)?.read(path.strip_prefix(out).unwrap_or(path))
+    fn bytes_beside(&self, ending: &str, limit: u64) -> io::Result<Vec<u8>> {
+        folder::Folder::open(&self.out)?.bytes(self.beside(ending), limit)
     }
 
-    /// All bytes of a file of the shards' folder.
-    fn bytes(&self, path: &Path, limit: u64) -> io::Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        Limited::of_file(self.open(path)?, limit)?.read_to_end(&mut bytes)?;
-        Ok(bytes)
+    fn records(&self) -> io::Result<File> {
+        folder::Folder::open(&self.out)?.read(format!("{}/{RECORDS}", self.name))
     }
 
     /// The exit status that its task wrote last. Of a job that is known, only that job's counts: an earlier one's may still be
     /// there when the next begins.
     fn status(&self, job: Option<JobId>) -> Option<i32> {
-        let bytes = self.bytes(&self.beside(STATUS), MOST_STATUS_BYTES).ok()?;
+        let bytes = self.bytes_beside(STATUS, MOST_STATUS_BYTES).ok()?;
         let (status, of) = str::from_utf8(&bytes).ok()?.trim().split_once(' ')?;
         let of = JobId(of.parse().ok()?);
         job.is_none_or(|job| job == of).then_some(status)?.parse().ok()
@@ -90,20 +87,15 @@ impl Folder {
 
     /// The last line that its task printed.
     fn last_line(&self) -> Option<String> {
-        let bytes = self.bytes(&self.beside(LOG), MOST_LOG_BYTES).ok()?;
+        let bytes = self.bytes_beside(LOG, MOST_LOG_BYTES).ok()?;
         let text = String::from_utf8_lossy(&bytes);
         let line = text.lines().rev().find(|line| !line.trim().is_empty());
         line.map(|line| text::line(line.trim()))
     }
 
-    /// Its task came so far that its records can be merged.
-    pub fn has_header(&self) -> bool {
-        self.header().is_some()
-    }
-
-    fn header(&self) -> Option<record::Shard> {
-        let records = self.open(&self.path.join(RECORDS)).ok()?;
-        let mut lines = input::Lines::new(BufReader::new(records), MAX_LINE);
+    /// What its records say first; none while they cannot be merged.
+    pub fn header(&self) -> Option<record::Shard> {
+        let mut lines = input::Lines::new(BufReader::new(self.records().ok()?), MAX_LINE);
         lines.advance().ok()??;
         match serde_json::from_slice(&lines.line).ok()? {
             Record::Run(run) => run.shard,
@@ -168,8 +160,10 @@ pub struct Shard {
 
 impl Shard {
     pub fn new(folder: Folder, number: u32) -> Self {
-        let status = folder.status(None);
-        let state = status.map_or(State::New, |status| State::Over(Ending::of(Some(status))));
+        let state = match folder.status(None) {
+            None => State::New,
+            status => State::Over(Ending::of(status)),
+        };
         let (job, is_seen, attempts, counted, cells) = (None, false, 0, (0, 0), None);
         Self { number, folder, state, job, is_seen, attempts, counted, cells }
     }
@@ -177,18 +171,13 @@ impl Shard {
     /// Takes over what the queue and the folder say; a line to tell where that is news.
     pub fn look(&mut self, queue: &Queue) -> Option<String> {
         let number = self.number;
-        if let Some((job, task)) = queue.task(number) {
-            (self.job, self.is_seen) = (Some(*job), true);
-            let state = match &task.node {
-                Some(node) => State::Runs { node: node.clone() },
-                None => State::Waits,
-            };
-            if state == self.state {
-                return None;
-            }
-            let begins = matches!(state, State::Runs { .. });
+        if let Some(task) = queue.get(&number) {
+            (self.job, self.is_seen) = (Some(task.job), true);
+            let state = task.node.clone().map_or(State::Waits, |node| State::Runs { node });
+            let is_news = state != self.state;
             self.state = state;
-            return begins.then(|| format!("shard {number} runs {task}"));
+            let node = task.node.as_ref().filter(|_| is_news);
+            return node.map(|node| format!("shard {number} runs on {node}"));
         }
         let since = match self.state {
             State::New | State::Over(_) => return None,
@@ -267,7 +256,7 @@ impl Shard {
 
     /// Reads the whole lines that were added to the records.
     fn count_on(&mut self) -> std::io::Result<()> {
-        let mut file = self.folder.open(&self.folder.path.join(RECORDS))?;
+        let mut file = self.folder.records()?;
         if file.metadata()?.len() < self.counted.1 {
             self.counted = (0, 0);
         }
@@ -338,19 +327,14 @@ fn states(shards: &[Shard]) -> String {
     let count = |is: fn(&State) -> bool| shards.iter().filter(|shard| is(&shard.state)).count();
     let waits = count(|state| matches!(state, State::New | State::Waits));
     let over = count(|state| matches!(state, State::Over(_)));
-    let running: Vec<String> = shards
-        .iter()
-        .filter_map(|shard| match &shard.state {
-            State::Runs { node } => {
-                let cells = shard.cells.map_or_else(|| "?".to_owned(), |cells| cells.to_string());
-                Some(format!("{node}: shard {}, {}/{cells}", shard.number, shard.counted.0))
-            }
-            _ => None,
-        })
-        .collect();
-    let running =
-        if running.is_empty() { String::new() } else { format!("; {}", running.join(", ")) };
-    format!("{waits} shards wait, {over} are over{running}")
+    let mut running = shards.iter().filter_map(|shard| {
+        let State::Runs { node } = &shard.state else { return None };
+        let cells = shard.cells.map_or_else(|| "?".to_owned(), |cells| cells.to_string());
+        Some(format!("{node}: shard {}, {}/{cells}", shard.number, shard.counted.0))
+    });
+    let states = format!("{waits} shards wait, {over} are over");
+    let running = running.join(", ");
+    [states, running].iter().filter(|told| !told.is_empty()).join("; ")
 }
 
 #[cfg(test)]

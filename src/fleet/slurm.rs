@@ -66,14 +66,16 @@ pub struct Options {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct JobId(pub u64);
 
-/// A task that Slurm has in its queue.
+/// A task that waits or runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Task {
+    pub job: JobId,
     /// The node it runs on; none while it waits.
     pub node: Option<String>,
-    /// Why it waits, in Slurm's word.
-    pub reason: String,
 }
+
+/// Tasks of a fleet by number.
+pub type Queue = BTreeMap<u32, Task>;
 
 /// What tells a fleet's jobs from all others of the user: it follows from the fleet's folder alone, so nothing that a file
 /// says can name another job.
@@ -93,41 +95,25 @@ impl Mark {
     }
 }
 
-/// Tasks of a fleet that wait or run, by number, each with its job array.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Queue(BTreeMap<u32, (JobId, Task)>);
-
-impl Queue {
-    /// A shard's task.
-    pub fn task(&self, number: u32) -> Option<&(JobId, Task)> {
-        self.0.get(&number)
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    /// From lines of array, number, node, reason and comment.
-    fn parse(answer: &str, mark: &Mark) -> Result<Self, SlurmError> {
-        let understood = |line: &str| {
-            let (job, number, comment, task) = fields(line)
-                .ok_or_else(|| SlurmError::Answer { command: SQUEUE, answer: text::line(line) })?;
-            if comment != mark.comment {
-                let (name, comment) = (mark.name.clone(), text::line(comment));
-                return Err(SlurmError::Foreign { job, name, comment });
-            }
-            Ok((number, (job, task)))
-        };
-        let lines = answer.lines().filter(|line| !line.trim().is_empty());
-        lines.map(understood).collect::<Result<_, _>>().map(Self)
-    }
+/// From lines of array, number, node and comment.
+fn queue_of(answer: &str, mark: &Mark) -> Result<Queue, SlurmError> {
+    let understood = |line: &str| {
+        let (number, task, comment) = fields(line)
+            .ok_or_else(|| SlurmError::Answer { command: SQUEUE, answer: text::line(line) })?;
+        if comment != mark.comment {
+            let (job, name, comment) = (task.job, mark.name.clone(), text::line(comment));
+            return Err(SlurmError::Foreign { job, name, comment });
+        }
+        Ok((number, task))
+    };
+    answer.lines().filter(|line| !line.trim().is_empty()).map(understood).collect()
 }
 
-fn fields(line: &str) -> Option<(JobId, u32, &str, Task)> {
-    let [array, number, node, reason, comment] = line.splitn(5, '|').collect_array()?;
+fn fields(line: &str) -> Option<(u32, Task, &str)> {
+    let [array, number, node, comment] = line.splitn(4, '|').collect_array()?;
     let node = (!node.is_empty()).then(|| node.to_owned());
-    let task = Task { node, reason: reason.to_owned() };
-    Some((JobId(array.parse().ok()?), number.parse().ok()?, comment.trim(), task))
+    let task = Task { job: JobId(array.parse().ok()?), node };
+    Some((number.parse().ok()?, task, comment.trim()))
 }
 
 const SBATCH: &str = "sbatch";
@@ -207,11 +193,10 @@ impl<'a> Slurm<'a> {
             answer => answer?,
         };
         // `JOB` or `JOB;CLUSTER`.
-        let job = answer.trim().split(';').next().and_then(|job| job.parse().ok()).map(JobId);
-        let job = job.ok_or_else(|| SlurmError::Answer {
-            command: SBATCH,
-            answer: text::line(answer.trim()),
-        })?;
+        let answer = answer.trim();
+        let job = answer.split(';').next().and_then(|job| job.parse().ok()).map(JobId);
+        let strange = || SlurmError::Answer { command: SBATCH, answer: text::line(answer) };
+        let job = job.ok_or_else(strange)?;
         self.jobs.insert(job);
         Ok(job)
     }
@@ -219,11 +204,11 @@ impl<'a> Slurm<'a> {
     /// This fleet's tasks.
     pub fn queue(&mut self) -> Result<Queue, SlurmError> {
         let mut squeue = Command::new(SQUEUE);
-        squeue.args(["--noheader", "--array", "--me", "--format=%F|%K|%N|%r|%k"]);
+        squeue.args(["--noheader", "--array", "--me", "--format=%F|%K|%N|%k"]);
         squeue.arg(format!("--name={}", self.mark.name));
         let limits = Limits { interrupted: self.interrupted, ..PLAINLY };
-        let queue = Queue::parse(&output(SQUEUE, &mut squeue, limits)?, &self.mark)?;
-        self.jobs.extend(queue.0.values().map(|(job, _)| *job));
+        let queue = queue_of(&output(SQUEUE, &mut squeue, limits)?, &self.mark)?;
+        self.jobs.extend(queue.values().map(|task| task.job));
         Ok(queue)
     }
 
@@ -233,13 +218,8 @@ impl<'a> Slurm<'a> {
         self.cancel(&["--batch", "--signal=TERM"])
     }
 
-    /// Ends tasks at once.
-    pub fn kill(&self) -> Result<(), SlurmError> {
-        self.cancel(&[])
-    }
-
-    /// Jobs that are over are no error.
-    fn cancel(&self, options: &[&str]) -> Result<(), SlurmError> {
+    /// Ends the tasks that `options` choose, at once unless they say otherwise. Jobs that are over are no error.
+    pub fn cancel(&self, options: &[&str]) -> Result<(), SlurmError> {
         if self.jobs.is_empty() {
             return Ok(());
         }
@@ -299,15 +279,6 @@ impl fmt::Display for JobId {
     }
 }
 
-impl fmt::Display for Task {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.node {
-            Some(node) => write!(f, "on {node}"),
-            None => write!(f, "waits ({})", self.reason),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -316,16 +287,15 @@ mod tests {
     fn a_queue_is_read_and_a_job_of_another_is_refused() {
         let mark = Mark::of(Path::new("/shared/a"));
         let comment = &mark.comment;
-        let answer = format!("12|1|n1|None|{comment}\n14|2||Resources|{comment}\n\n");
-        let queue = Queue::parse(&answer, &mark).unwrap();
-        let told = |number| queue.task(number).map(|(job, task)| format!("{job} {task}"));
-        assert_eq!(told(1).as_deref(), Some("12 on n1"));
-        assert_eq!(told(2).as_deref(), Some("14 waits (Resources)"));
-        assert_eq!(told(3), None);
-        assert!(!queue.is_empty() && Queue::parse("\n", &mark).unwrap().is_empty());
-        assert!(Queue::parse("slurm_load_jobs error", &mark).is_err());
+        let answer = format!("12|1|n1|{comment}\n14|2||{comment}\n\n");
+        let task =
+            |job, node: Option<&str>| Task { job: JobId(job), node: node.map(str::to_owned) };
+        let expected = [(1, task(12, Some("n1"))), (2, task(14, None))];
+        assert_eq!(queue_of(&answer, &mark).unwrap(), expected.into());
+        assert!(queue_of("\n", &mark).unwrap().is_empty());
+        assert!(queue_of("slurm_load_jobs error", &mark).is_err());
         for comment in ["(null)", "", "a|b", &Mark::of(Path::new("/shared/b")).comment] {
-            let refused = Queue::parse(&format!("7|1|n1|None|{comment}\n"), &mark).unwrap_err();
+            let refused = queue_of(&format!("7|1|n1|{comment}\n"), &mark).unwrap_err();
             assert!(matches!(refused, SlurmError::Foreign { job: JobId(7), .. }), "{refused}");
         }
         assert_ne!(mark.name, Mark::of(Path::new("/shared/b")).name);

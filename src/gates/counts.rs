@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use fathom_record::comparison::{CellId, Side};
+use fathom_record::comparison::{CellId, InstructionCounts};
 
 use super::adapters::AdapterRelation;
-use super::store::StoredComparison;
+use super::store::{StoredComparison, of_both};
 
 /// A cell's counts on both sides.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,17 +32,13 @@ pub enum Change {
 pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Counted> {
     let threshold = comparison.header.settings.instruction_threshold;
     let is_judged = AdapterRelation::in_header(&comparison.header).is_judged();
-    let counts = |cell: &CellId, side: Side| {
-        let mut lines = comparison.instructions.iter().rev();
-        lines.find(|line| line.cell == *cell && line.side == side && !line.counts.is_empty())
-    };
-    let judged = |cell: &CellId| {
-        let (base, head) = (counts(cell, Side::Base)?, counts(cell, Side::Head)?);
+    let counted = comparison.instructions.iter().filter(|line| !line.counts.is_empty());
+    let judged = |(base, head): (&InstructionCounts, &InstructionCounts)| {
         let counted = compared(&base.counts, &head.counts, threshold);
         let change = if is_judged { counted.change } else { Change::NotJudged };
-        Some((cell.clone(), Counted { change, ..counted }))
+        (base.cell.clone(), Counted { change, ..counted })
     };
-    comparison.header.cells.iter().filter_map(judged).collect()
+    of_both(counted, |line| (line.side, &line.cell)).into_iter().map(judged).collect()
 }
 
 fn compared(base_counts: &[u64], head_counts: &[u64], threshold: f64) -> Counted {

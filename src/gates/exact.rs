@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::adapters::AdapterRelation;
-use super::store::StoredComparison;
+use super::store::{StoredComparison, of_both};
 use fathom_record::ErrorFigure;
 use fathom_record::comparison::{
     CellId, CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
@@ -64,14 +64,14 @@ impl Difference {
 pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
     let counting = Side::BOTH.map(|side| counting(comparison, side));
     let mut found = Vec::new();
-    for (base, head) in of_both(&comparison.exact, |line| (line.side, &line.cell)) {
+    for (base, head) in of_both(comparison.exact.iter(), |line| (line.side, &line.cell)) {
         let counted = counting.iter().all(|side| side.contains(base.cell.configuration()));
         found.extend(cell(base, head, counted));
     }
     for (base, head) in configurations(comparison) {
         configuration(base, head, &comparison.header.cells, &mut found);
     }
-    let checks = of_both(&comparison.checks, |line| (line.side, (&line.stage, &line.what)));
+    let checks = of_both(comparison.checks.iter(), |line| (line.side, (&line.stage, &line.what)));
     found.extend(checks.into_iter().filter_map(|(base, head)| check(base, head)));
     if !AdapterRelation::in_header(&comparison.header).is_judged() {
         // What another driver or device invokes more often is no change of this one.
@@ -84,7 +84,7 @@ pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
 fn configurations(
     comparison: &StoredComparison,
 ) -> Vec<(&ConfigurationFigures, &ConfigurationFigures)> {
-    of_both(&comparison.configurations, |line| (line.side, &line.configuration))
+    of_both(comparison.configurations.iter(), |line| (line.side, &line.configuration))
 }
 
 /// Configurations in which a side counts invocations.
@@ -92,20 +92,6 @@ fn counting(comparison: &StoredComparison, side: Side) -> BTreeSet<&str> {
     let lines = comparison.exact.iter();
     let counted = lines.filter(|line| line.side == side && !line.counters.is_empty());
     counted.map(|line| line.cell.configuration()).collect()
-}
-
-/// Lines of the base, each with the head's line of the same key; what one side lacks is left out. Of several lines
-/// with one key, which a resumed comparison may have, the last holds.
-fn of_both<'a, T, K: Ord>(lines: &'a [T], key: impl Fn(&'a T) -> (Side, K)) -> Vec<(&'a T, &'a T)> {
-    let last: BTreeMap<(Side, K), &T> = lines.iter().map(|line| (key(line), line)).collect();
-    let with_head = |line: &'a T| {
-        let (side, own) = key(line);
-        let own = (side, own);
-        let holds = side == Side::Base && std::ptr::eq(last[&own], line);
-        let head = last.get(&(Side::Head, own.1))?;
-        holds.then_some((line, *head))
-    };
-    lines.iter().filter_map(with_head).collect()
 }
 
 /// Errors and checks that one side gives and the other does not. What the base lacks is new in the head, unless a damaged

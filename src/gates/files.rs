@@ -45,11 +45,7 @@ pub fn lines(
 ) -> Result<Vec<Compared>, FilesError> {
     let [base, head] = [read(base)?, read(head)?];
     let timed = comparable(&base.run, &head.run);
-    let mut contents = Contents {
-        same_driver: timed.is_ok(),
-        notes: base.notes.iter().chain(&head.notes).cloned().collect(),
-        ..Contents::default()
-    };
+    let mut contents = Contents { same_driver: timed.is_ok(), ..Contents::default() };
     let mut ids = BTreeMap::new();
     for (key, cell) in &base.cells {
         if let Some(of_head) = head.cells.get(key) {
@@ -60,9 +56,24 @@ pub fn lines(
         let (base, head) = (base.cells.len(), head.cells.len());
         return Err(FilesError::NothingInCommon { base, head });
     }
-    contents.notes.extend(only_in(Side::Base, &base, &head));
-    contents.notes.extend(only_in(Side::Head, &head, &base));
-    let header = header([base, head], settings, contents.cells, contents.notes, timed);
+    let alone = [only_in(Side::Base, &base, &head), only_in(Side::Head, &head, &base)];
+    let notes = [base.notes, head.notes, contents.notes].into_iter().flatten();
+    let skip = |gate, reason: &str| Skip { gate, reason: reason.to_owned() };
+    let no_counts = skip(Gate::Instructions, "files of records hold no instruction counts");
+    let (gates, skipped) = match timed {
+        Ok(()) => (vec![Gate::Exact, Gate::Time], vec![no_counts]),
+        Err(reason) => (vec![Gate::Exact], vec![no_counts, skip(Gate::Time, &reason)]),
+    };
+    let header = ComparisonHeader {
+        base: base.build,
+        head: head.build,
+        adapter: head.run.adapter,
+        settings: GateSettings { gates, unpaired: true, launches: 0, pairs: 0, ..settings.clone() },
+        cells: contents.cells,
+        skipped,
+        notes: notes.chain(alone.into_iter().flatten()).collect(),
+        ..ComparisonHeader::default()
+    };
     contents.lines.insert(0, Compared::Header(Box::new(header)));
     Ok(contents.lines)
 }
@@ -224,32 +235,6 @@ fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Compared> {
     };
     let fault = Fault::new(Gate::Exact, Some(side), Some(cell), reason);
     Some(Compared::Fault(Fault { absent: side == Side::Base && !failed, ..fault }))
-}
-
-fn header(
-    [base, head]: [Read; 2],
-    settings: &GateSettings,
-    cells: Vec<CellId>,
-    notes: Vec<String>,
-    timed: Result<(), String>,
-) -> ComparisonHeader {
-    let skip = |gate, reason: &str| Skip { gate, reason: reason.to_owned() };
-    let mut skipped = vec![skip(Gate::Instructions, "files of records hold no instruction counts")];
-    let mut gates = vec![Gate::Exact];
-    match timed {
-        Ok(()) => gates.push(Gate::Time),
-        Err(reason) => skipped.push(skip(Gate::Time, &reason)),
-    }
-    ComparisonHeader {
-        base: base.build,
-        head: head.build,
-        adapter: head.run.adapter,
-        settings: GateSettings { gates, unpaired: true, launches: 0, pairs: 0, ..settings.clone() },
-        cells,
-        skipped,
-        notes,
-        ..ComparisonHeader::default()
-    }
 }
 
 #[cfg(test)]

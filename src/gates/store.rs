@@ -1,5 +1,6 @@
 //! A comparison's folder: what its records hold, sorted for the verdicts.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
@@ -163,6 +164,22 @@ impl StoredComparison {
         self.last_launch = paired.chain(failed).chain(whole.iter().copied()).max();
         self.pairs.retain(|pair| whole.contains(&pair.launch));
     }
+}
+
+/// Lines of the base, each with the head's line of the same key; what one side lacks is left out. Of several lines
+/// with one key, which a resumed comparison may have, the last holds.
+pub fn of_both<'a, T, K: Ord>(
+    lines: impl Iterator<Item = &'a T> + Clone,
+    key: impl Fn(&'a T) -> (Side, K),
+) -> Vec<(&'a T, &'a T)> {
+    let last: BTreeMap<(Side, K), &T> = lines.clone().map(|line| (key(line), line)).collect();
+    let with_head = |line: &'a T| {
+        let own = key(line);
+        let holds = own.0 == Side::Base && std::ptr::eq(last[&own], line);
+        let head = last.get(&(Side::Head, own.1))?;
+        holds.then_some((line, *head))
+    };
+    lines.filter_map(with_head).collect()
 }
 
 /// Records of a comparison, and not of a run.

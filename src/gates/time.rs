@@ -18,8 +18,8 @@ use super::adapters::AdapterRelation;
 use super::rank::{self, Centre};
 use super::store::StoredComparison;
 use fathom_base::statistics::median;
-use fathom_record::comparison::{CellId, ComparisonHeader, GateSettings, MOST_PAIRS, Pair, Side};
-use fathom_record::{MachineState, ThrottleReason};
+use fathom_record::ThrottleReason;
+use fathom_record::comparison::{CellId, ComparisonHeader, GateSettings, MOST_PAIRS, Pair};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TimeVerdict {
@@ -83,23 +83,19 @@ pub struct ThrottledLaunches {
 
 impl ThrottledLaunches {
     fn of(pairs: &[&Pair]) -> Option<Self> {
-        let states = |state: fn(&Pair) -> Option<&MachineState>| {
-            let known = pairs.iter().filter_map(move |pair| Some((pair.launch, state(pair)?)));
-            known.filter(|(_, state)| state.is_throttled())
-        };
-        let of_base = states(|pair| pair.machine.base.as_ref());
-        let of_head = states(|pair| pair.machine.head.as_ref());
-        let launches = |states: &mut dyn Iterator<Item = (u32, &MachineState)>| {
-            states.map(|(launch, _)| launch).collect::<BTreeSet<u32>>().len()
-        };
-        let reasons = of_base.clone().chain(of_head.clone());
-        let reasons: BTreeSet<ThrottleReason> =
-            reasons.flat_map(|(_, state)| state.harmful().cloned()).collect();
-        (!reasons.is_empty()).then(|| Self {
-            base: launches(&mut of_base.clone()),
-            head: launches(&mut of_head.clone()),
-            reasons,
-        })
+        let mut launches = [BTreeSet::new(), BTreeSet::new()];
+        let mut reasons = BTreeSet::new();
+        for pair in pairs {
+            let states = [&pair.machine.base, &pair.machine.head];
+            for (state, launches) in states.into_iter().zip(&mut launches) {
+                if let Some(state) = state.as_ref().filter(|state| state.is_throttled()) {
+                    launches.insert(pair.launch);
+                    reasons.extend(state.harmful().cloned());
+                }
+            }
+        }
+        let [base, head] = launches.map(|launches| launches.len());
+        (!reasons.is_empty()).then_some(Self { base, head, reasons })
     }
 }
 
@@ -138,39 +134,26 @@ impl TimeGate {
 /// Pairs of one order that a launch's figure is taken from: all that a launch may have, as half of its pairs have each order.
 const MOST_SAMPLES: usize = 2 * MOST_PAIRS as usize;
 
-/// ln(head / base) of one launch's pairs, by the side that was sampled first.
-#[derive(Default)]
-struct Ratios {
-    base_first: Vec<f64>,
-    head_first: Vec<f64>,
-}
-
-impl Ratios {
-    fn middle(&self) -> f64 {
-        let (a, b) = (&self.base_first, &self.head_first);
-        if a.is_empty() || b.is_empty() {
-            return median(if a.is_empty() { b } else { a });
-        }
-        let (a, b) = (a.iter().take(MOST_SAMPLES), b.iter().take(MOST_SAMPLES));
-        let means = a.flat_map(|x| b.clone().map(move |y| (x + y) / 2.0));
-        median(&means.collect::<Vec<_>>())
+/// A launch's figure from ln(head / base) of its pairs, by the side that was sampled first.
+fn middle([a, b]: &[Vec<f64>; 2]) -> f64 {
+    if a.is_empty() || b.is_empty() {
+        return median(if a.is_empty() { b } else { a });
     }
+    let (a, b) = (a.iter().take(MOST_SAMPLES), b.iter().take(MOST_SAMPLES));
+    let means = a.flat_map(|x| b.clone().map(move |y| (x + y) / 2.0));
+    median(&means.collect::<Vec<_>>())
 }
 
 impl CellTime {
     /// What the pairs of one cell say alone; [`together`] adds what they say among others.
     fn of(cell: &CellId, second: bool, pairs: &[&Pair], settings: &GateSettings) -> Self {
-        let mut ratios: BTreeMap<u32, Ratios> = BTreeMap::new();
+        let mut ratios: BTreeMap<u32, [Vec<f64>; 2]> = BTreeMap::new();
         for pair in pairs {
-            let ratio = (pair.head_ns / pair.base_ns).ln();
-            let ratios = ratios.entry(pair.launch).or_default();
-            match pair.first {
-                Side::Base => ratios.base_first.push(ratio),
-                Side::Head => ratios.head_first.push(ratio),
-            }
+            let of_launch = ratios.entry(pair.launch).or_default();
+            of_launch[pair.first as usize].push((pair.head_ns / pair.base_ns).ln());
         }
-        let middle = |ns: fn(&&Pair) -> f64| median(&pairs.iter().map(ns).collect::<Vec<_>>());
-        let launches: Vec<f64> = ratios.values().map(Ratios::middle).collect();
+        let launches: Vec<f64> = ratios.values().map(middle).collect();
+        let median = |ns: fn(&&Pair) -> f64| median(&pairs.iter().map(ns).collect::<Vec<_>>());
         let Centre { estimate, low, high } = rank::centre(&launches, settings.alpha);
         let bound = (1.0 + settings.threshold).ln();
         let is_same = -bound <= low && high <= bound;
@@ -181,8 +164,8 @@ impl CellTime {
             cell: cell.clone(),
             verdict: if is_same { TimeVerdict::Same } else { TimeVerdict::Inconclusive },
             second,
-            base_ns: middle(|pair| pair.base_ns),
-            head_ns: middle(|pair| pair.head_ns),
+            base_ns: median(|pair| pair.base_ns),
+            head_ns: median(|pair| pair.head_ns),
             change: estimate.exp_m1(),
             interval: is_bounded.then(|| (low.exp_m1(), high.exp_m1())),
             p: (2.0 * slower.min(faster)).min(1.0),

@@ -5,10 +5,10 @@
 
 use std::collections::BTreeMap;
 
-use super::store::StoredComparison;
+use super::store::{StoredComparison, of_both};
 use fathom_base::statistics;
 use fathom_record::Estimate;
-use fathom_record::comparison::{CellId, Side, UnpairedSamples};
+use fathom_record::comparison::{CellId, UnpairedSamples};
 
 /// A cell's time on both sides: medians with intervals that know nothing of what lay between the runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,15 +44,9 @@ impl Unpaired {
 }
 
 pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Unpaired> {
-    let of = |side: Side, cell: &CellId| {
-        let mut lines = comparison.samples.iter();
-        lines.find(|line: &&UnpairedSamples| {
-            line.side == side && line.cell == *cell && !line.ns.is_empty()
-        })
+    let sampled = comparison.samples.iter().filter(|line| !line.ns.is_empty());
+    let judged = |(base, head): (&UnpairedSamples, &UnpairedSamples)| {
+        (base.cell.clone(), Unpaired { base: RunTime::of(base), head: RunTime::of(head) })
     };
-    let both = |cell: &CellId| {
-        let (base, head) = (of(Side::Base, cell)?, of(Side::Head, cell)?);
-        Some((cell.clone(), Unpaired { base: RunTime::of(base), head: RunTime::of(head) }))
-    };
-    comparison.header.cells.iter().filter_map(both).collect()
+    of_both(sampled, |line| (line.side, &line.cell)).into_iter().map(judged).collect()
 }

@@ -294,15 +294,15 @@ fn uncontrolled(comparison: &StoredComparison, time: &TimeGate) -> Option<String
 /// What failed was measured after all: by another launch, or when the comparison was resumed.
 fn overcome(comparison: &StoredComparison, fault: &Fault) -> bool {
     let cell = |own: &CellId| fault.cell.as_ref() == Some(own);
-    let side = |own| fault.side == Some(own);
+    let is_of = |side: Side, own: &CellId| fault.side == Some(side) && cell(own);
     match fault.gate {
         // What concerns no cell are the checks of all stages.
         Gate::Exact if fault.cell.is_none() => {
             Side::BOTH.into_iter().all(|own| comparison.checks.iter().any(|line| line.side == own))
         }
-        Gate::Exact => comparison.exact.iter().any(|line| cell(&line.cell) && side(line.side)),
+        Gate::Exact => comparison.exact.iter().any(|line| is_of(line.side, &line.cell)),
         Gate::Instructions => {
-            comparison.instructions.iter().any(|line| cell(&line.cell) && side(line.side))
+            comparison.instructions.iter().any(|line| is_of(line.side, &line.cell))
         }
         Gate::Time if fault.cell.is_none() => {
             let wanted = comparison.header.settings.launches as usize;

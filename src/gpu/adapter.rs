@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use super::pipelines::Pipelines;
 use super::shader::Shaders;
-use super::{Capacity, GpuError, Stage};
+use super::{Capacity, GpuError, TimedStage};
 use fathom_clock::{ClockPlan, FrameTimer, SubmitCost, WatchedDevice, describe};
 use fathom_embedded::{Folders, SHADERS};
 use fathom_record as record;
@@ -292,7 +292,7 @@ impl Gpu {
     }
 
     /// Runs stages as one untimed frame and waits for it.
-    pub fn run(&self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
+    pub fn run<S: TimedStage + ?Sized>(&self, stages: &[&S]) -> Result<(), GpuError> {
         // The limit is on timed passes, and there are none.
         let plan = ClockPlan::fenced(SubmitCost::default());
         FrameTimer::new(self, plan, 1)?.untimed(self, stages)?;

@@ -1,4 +1,6 @@
-//! How WGSL lays out the structs that a linked shader binds.
+//! What a linked shader binds: of which kind, and how WGSL lays out the structs.
+
+use std::collections::HashSet;
 
 use wgpu::naga;
 
@@ -21,14 +23,24 @@ pub struct StructLayout {
     pub span: u32,
 }
 
-/// A struct that a shader binds, alone or as the element of an array.
+/// What a shader binds at a place.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct BoundStruct {
+pub struct Binding {
     pub group: u32,
     pub binding: u32,
-    /// As the shader calls it.
-    pub name: String,
-    pub layout: StructLayout,
+    pub kind: BindingKind,
+    /// The struct that is bound, alone or as the element of an array: as the shader calls it, and how it is laid out.
+    pub structure: Option<(String, StructLayout)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BindingKind {
+    Buffer(wgpu::BufferBindingType),
+    /// Floats count as filterable: whether they are follows from the texture's format.
+    Texture(wgpu::TextureViewDimension, wgpu::TextureSampleType),
+    /// A texture that the shader writes.
+    Stored(wgpu::TextureViewDimension),
+    Sampler(wgpu::SamplerBindingType),
 }
 
 impl StructLayout {
@@ -73,19 +85,97 @@ impl StructLayout {
     }
 }
 
-/// The structs that a linked module binds.
-pub(super) fn bound_structs(module: &naga::Module) -> Vec<BoundStruct> {
-    let bound = |variable: &naga::GlobalVariable| {
-        let binding = variable.binding?;
-        let (ty, members, span) = element(module, variable.ty)?;
-        Some(BoundStruct {
-            group: binding.group,
-            binding: binding.binding,
-            name: plain(ty.name.as_deref().unwrap_or_default()),
-            layout: StructLayout::of(module, members, span),
-        })
-    };
-    module.global_variables.iter().filter_map(|(_, variable)| bound(variable)).collect()
+/// What the entry points of a linked module bind. An imported module may hold variables that they do not use.
+pub(super) fn bindings(module: &naga::Module) -> Vec<Binding> {
+    let used = used(module);
+    let bound =
+        |(handle, variable): (naga::Handle<naga::GlobalVariable>, &naga::GlobalVariable)| {
+            if !used.contains(&handle) {
+                return None;
+            }
+            let naga::ResourceBinding { group, binding } = variable.binding?;
+            let kind = kind(variable.space, &module.types[variable.ty].inner)?;
+            let structure = element(module, variable.ty).map(|(ty, members, span)| {
+                let name = plain(ty.name.as_deref().unwrap_or_default());
+                (name, StructLayout::of(module, members, span))
+            });
+            Some(Binding { group, binding, kind, structure })
+        };
+    module.global_variables.iter().filter_map(bound).collect()
+}
+
+/// The variables that entry points use, themselves or through what they call.
+fn used(module: &naga::Module) -> HashSet<naga::Handle<naga::GlobalVariable>> {
+    let mut waiting: Vec<_> = module.entry_points.iter().map(|entry| &entry.function).collect();
+    let (mut called, mut used) = (HashSet::new(), HashSet::new());
+    while let Some(function) = waiting.pop() {
+        used.extend(function.expressions.iter().filter_map(|(_, expression)| match expression {
+            naga::Expression::GlobalVariable(variable) => Some(*variable),
+            _ => None,
+        }));
+        let mut calls = Vec::new();
+        add_calls(&function.body, &mut calls);
+        let new = calls.into_iter().filter(|function| called.insert(*function));
+        waiting.extend(new.map(|function| &module.functions[function]));
+    }
+    used
+}
+
+fn add_calls(block: &naga::Block, calls: &mut Vec<naga::Handle<naga::Function>>) {
+    for statement in block {
+        match statement {
+            naga::Statement::Call { function, .. } => calls.push(*function),
+            naga::Statement::Block(inner) => add_calls(inner, calls),
+            naga::Statement::If { accept, reject, .. } => {
+                [accept, reject].into_iter().for_each(|inner| add_calls(inner, calls));
+            }
+            naga::Statement::Loop { body, continuing, .. } => {
+                [body, continuing].into_iter().for_each(|inner| add_calls(inner, calls));
+            }
+            naga::Statement::Switch { cases, .. } => {
+                cases.iter().for_each(|case| add_calls(&case.body, calls));
+            }
+            _ => {}
+        }
+    }
+}
+
+fn kind(space: naga::AddressSpace, ty: &naga::TypeInner) -> Option<BindingKind> {
+    Some(match (space, ty) {
+        (naga::AddressSpace::Uniform, _) => BindingKind::Buffer(wgpu::BufferBindingType::Uniform),
+        (naga::AddressSpace::Storage { access }, _) => {
+            let read_only = access == naga::StorageAccess::LOAD;
+            BindingKind::Buffer(wgpu::BufferBindingType::Storage { read_only })
+        }
+        (_, naga::TypeInner::Sampler { comparison: true }) => {
+            BindingKind::Sampler(wgpu::SamplerBindingType::Comparison)
+        }
+        (_, naga::TypeInner::Sampler { .. }) => {
+            BindingKind::Sampler(wgpu::SamplerBindingType::Filtering)
+        }
+        (_, naga::TypeInner::Image { dim, arrayed, class }) => {
+            let dimension = match dim {
+                naga::ImageDimension::D3 => wgpu::TextureViewDimension::D3,
+                _ if *arrayed => wgpu::TextureViewDimension::D2Array,
+                _ => wgpu::TextureViewDimension::D2,
+            };
+            let sampled = match class {
+                naga::ImageClass::Sampled { kind: naga::ScalarKind::Uint, .. } => {
+                    wgpu::TextureSampleType::Uint
+                }
+                naga::ImageClass::Sampled { kind: naga::ScalarKind::Sint, .. } => {
+                    wgpu::TextureSampleType::Sint
+                }
+                naga::ImageClass::Sampled { .. } => {
+                    wgpu::TextureSampleType::Float { filterable: true }
+                }
+                naga::ImageClass::Depth { .. } => wgpu::TextureSampleType::Depth,
+                _ => return Some(BindingKind::Stored(dimension)),
+            };
+            BindingKind::Texture(dimension, sampled)
+        }
+        _ => return None,
+    })
 }
 
 /// A struct, or that which an array holds.

@@ -23,9 +23,9 @@ pub use error::GpuError;
 pub use fathom_clock::{
     Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, Fault, FrameSample,
     FrameTimer, HostClock, HostTime, MachineReader, StageCounters, StageScope, SubmitCost, Targets,
-    audit, audit_all, audit_cpu_time, audit_table, count,
+    TimedStage, audit, audit_all, audit_cpu_time, audit_table, count,
 };
-pub use layout::{BoundStruct, Member, StructLayout};
+pub use layout::{Binding, BindingKind, Member, StructLayout};
 pub use limits::Demand;
 pub use pipelines::{CodeKey, GroupKey, KernelKey, RasterKey};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};

@@ -15,7 +15,7 @@ use naga_oil::compose::{
 };
 use wgpu::naga;
 
-use super::layout::{BoundStruct, bound_structs};
+use super::layout::{Binding, bindings};
 use super::{Gpu, GpuError};
 use fathom_embedded::Folders;
 
@@ -24,8 +24,7 @@ use fathom_embedded::Folders;
 pub struct Shader {
     pub path: String,
     pub module: wgpu::ShaderModule,
-    /// The structs that it binds.
-    pub structs: Arc<[BoundStruct]>,
+    pub bindings: Arc<[Binding]>,
 }
 
 /// Shaders by path and values of the host: pipelines share most of theirs.
@@ -157,7 +156,7 @@ impl Gpu {
 
     fn make_shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
         let module = link(&self.folders, path, defs)?;
-        let structs = bound_structs(&module).into();
+        let bindings = bindings(&module).into();
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some(path),
             source: wgpu::ShaderSource::Naga(Cow::Owned(module)),
@@ -165,13 +164,13 @@ impl Gpu {
         self.scoped(|| {
             if !self.unchecked {
                 let module = self.device.create_shader_module(descriptor);
-                return Ok(Shader { path: path.to_owned(), module, structs });
+                return Ok(Shader { path: path.to_owned(), module, bindings });
             }
             let checks = wgpu::ShaderRuntimeChecks::unchecked();
             // SAFETY: only shaders of this crate come here. They index within their bindings and have no
             // endless loops, which running the same shaders with the checks on shows.
             let module = unsafe { self.device.create_shader_module_trusted(descriptor, checks) };
-            Ok(Shader { path: path.to_owned(), module, structs })
+            Ok(Shader { path: path.to_owned(), module, bindings })
         })
     }
 }

@@ -1,51 +1,125 @@
 //! What a frame is made of: stages, and what they leave behind.
 
+use std::ops::Deref;
+
 use glam::DVec3;
 
 use fathom_clock::{StageScope, TimedStage};
 use fathom_record::Work;
 
-/// A timed unit of a pipeline.
-pub trait Stage {
-    fn info(&self) -> &'static StageInfo;
-    /// The name under which the time is recorded, such as `caustics/trace`.
-    fn name(&self) -> &'static str {
-        self.info().name
-    }
-    /// Opens the stage's passes. Called once per frame, or once for each of its [`turns`](Self::turns).
-    fn encode(&self, scope: &mut StageScope<'_>);
-    /// How often the stage is encoded in a frame. Neighbours with the same number of turns, more than one, take them together: all of
-    /// them the first turn, then all the second, as stages do that share a target too small for the whole.
-    fn turns(&self) -> u32 {
-        1
-    }
+/// A timed unit of a pipeline. `L` is what later stages take of it.
+pub struct Stage<L = ()> {
+    pub info: &'static StageInfo,
     /// Work of one frame, from the algorithm.
-    fn work(&self) -> Work {
-        Work::default()
-    }
-    /// What the stage does at least in a frame, for comparison with the adapter's limits. To be given where [`work`](Self::work) is an
-    /// estimate or an upper bound, because the work depends on the data; where it counts a byte more than once; and where a compute
-    /// pass does what a rasterizer else would.
-    fn least_work(&self) -> Work {
-        self.work()
-    }
+    pub work: Work,
+    /// What the stage does at least in a frame, for comparison with the adapter's limits. See [`Self::at_least`].
+    pub least_work: Work,
     /// What the stage leaves behind, for read-back and analysis.
-    fn outputs(&self) -> Vec<Output> {
-        Vec::new()
+    pub outputs: Vec<Output>,
+    pub left: L,
+    turns: u32,
+    encode: Box<dyn Fn(&mut StageScope<'_>)>,
+}
+
+impl Stage {
+    /// `encode` opens the passes of a frame.
+    pub fn new(
+        info: &'static StageInfo,
+        work: Work,
+        encode: impl Fn(&mut StageScope<'_>) + 'static,
+    ) -> Self {
+        let encode = Box::new(encode);
+        Self { info, work, least_work: work, outputs: Vec::new(), left: (), turns: 1, encode }
     }
 }
 
-impl TimedStage for dyn Stage + '_ {
+impl<L> Stage<L> {
+    /// The name under which the time is recorded, such as `caustics/trace`.
+    pub fn name(&self) -> &'static str {
+        self.info.name
+    }
+
+    /// To be given where the work is an estimate or an upper bound, because it depends on the data; where it counts a byte more than once;
+    /// and where a compute pass does what a rasterizer else would.
+    #[must_use]
+    pub fn at_least(self, least_work: Work) -> Self {
+        Self { least_work, ..self }
+    }
+
+    /// Encoded so often in a frame. Neighbours with the same number of turns, more than one, take them together: all of them the first
+    /// turn, then all the second, as stages do that share a target too small for the whole.
+    #[must_use]
+    pub fn in_turns(self, turns: u32) -> Self {
+        Self { turns, ..self }
+    }
+
+    /// One more output.
+    #[must_use]
+    pub fn output(self, output: Output) -> Self {
+        self.outputs([output])
+    }
+
+    #[must_use]
+    pub fn outputs(mut self, outputs: impl IntoIterator<Item = Output>) -> Self {
+        self.outputs.extend(outputs);
+        self
+    }
+
+    /// The same with something else for later stages.
+    pub fn leaving<M>(self, left: M) -> Stage<M> {
+        self.swap(left).0
+    }
+
+    /// The stage by itself, and what it leaves.
+    pub fn split(self) -> (Stage, L) {
+        self.swap(())
+    }
+
+    fn swap<M>(self, left: M) -> (Stage<M>, L) {
+        let Self { info, work, least_work, outputs, left: before, turns, encode } = self;
+        (Stage { info, work, least_work, outputs, left, turns, encode }, before)
+    }
+}
+
+impl Stage<wgpu::Texture> {
+    pub fn texture(&self) -> &wgpu::Texture {
+        &self.left
+    }
+
+    /// The texture is an output of these columns.
+    #[must_use]
+    pub fn shown(self, name: &str, meaning: &str, columns: Vec<Column>) -> Self {
+        let output = Output::texture(name, meaning, columns, &self.left);
+        self.output(output)
+    }
+
+    /// The texture is the final image of a pipeline.
+    #[must_use]
+    pub fn image(self) -> Self {
+        let image = Output::image(&self.left);
+        self.output(image)
+    }
+}
+
+impl<L> Deref for Stage<L> {
+    type Target = L;
+
+    fn deref(&self) -> &L {
+        &self.left
+    }
+}
+
+impl<L> TimedStage for Stage<L> {
     fn name(&self) -> &'static str {
-        Stage::name(self)
+        self.info.name
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        Stage::encode(self, scope);
+        (self.encode)(scope);
     }
 
     fn turns(&self) -> u32 {
-        Stage::turns(self)
+        self.turns
     }
 }
 
@@ -104,16 +178,25 @@ impl Column {
         Self { name, unit, meaning }
     }
 
+    /// Columns of one unit and meaning.
+    pub fn alike<const N: usize>(
+        names: [&'static str; N],
+        unit: &'static str,
+        meaning: &'static str,
+    ) -> Vec<Self> {
+        names.map(|name| Self::new(name, unit, meaning)).to_vec()
+    }
+
     /// Red, green, blue and alpha of a picture.
     pub fn display(meaning: &'static str) -> Vec<Self> {
-        ["red", "green", "blue", "alpha"].map(|name| Self::new(name, "1", meaning)).to_vec()
+        Self::alike(["red", "green", "blue", "alpha"], "1", meaning)
     }
 }
 
 impl Output {
     pub fn texture(
         name: &str,
-        meaning: impl Into<String>,
+        meaning: &str,
         columns: Vec<Column>,
         texture: &wgpu::Texture,
     ) -> Self {
@@ -125,6 +208,19 @@ impl Output {
     pub fn image(texture: &wgpu::Texture) -> Self {
         let columns = Column::display("display value, gamma 2.2");
         Self::texture("image", "the final image", columns, texture)
+    }
+
+    /// `count` elements of so many 32-bit floats each; `row` makes an element's columns of them.
+    pub fn rows(
+        name: &str,
+        meaning: &str,
+        columns: Vec<Column>,
+        (buffer, stride_floats, count): (&wgpu::Buffer, usize, u32),
+        row: impl Fn(&[f32]) -> Vec<f32> + 'static,
+    ) -> Self {
+        let (buffer, stride_floats, row) = (buffer.clone(), stride_floats as u32, Box::new(row));
+        let data = OutputData::Buffer { buffer, stride_floats, count, row };
+        Self { name: name.into(), meaning: meaning.into(), columns, data }
     }
 }
 

@@ -56,19 +56,11 @@ fn made(gpu: &Gpu, [outer, inner]: [u32; 2]) -> Result<u32, GpuError> {
             compilation_options: compilation_options(),
             cache: None,
         });
-        let uniform = buffer(gpu, 16, Usage::UNIFORM | Usage::COPY_DST);
+        let uniform = gpu.buffer("audit", 16, Usage::UNIFORM | Usage::COPY_DST);
         gpu.queue.write_buffer(&uniform, 0, [outer, inner].map(u32::to_le_bytes).as_flattened());
-        let result = buffer(gpu, 8, Usage::STORAGE | Usage::COPY_SRC);
-        let buffers = [&uniform, &result];
-        let entry = |i: usize| wgpu::BindGroupEntry {
-            binding: i as u32,
-            resource: buffers[i].as_entire_binding(),
-        };
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("audit"),
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &[entry(0), entry(1)],
-        });
+        let result = gpu.buffer("audit", 8, Usage::STORAGE | Usage::COPY_SRC);
+        let layout = pipeline.get_bind_group_layout(0);
+        let bindings = gpu.bind("audit", &layout, &[&uniform, &result]);
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut pass = encoder.begin_compute_pass(&Default::default());
         pass.set_pipeline(&pipeline);
@@ -86,11 +78,6 @@ fn made(gpu: &Gpu, [outer, inner]: [u32; 2]) -> Result<u32, GpuError> {
     Err(GpuError::Unusable(format!(
         "the adapter counts {turns} turns of a loop and has not done the work of so many"
     )))
-}
-
-fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
-    let (label, mapped_at_creation) = (Some("audit"), false);
-    gpu.device.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation })
 }
 
 /// What so many turns leave: `turned` in `shaders/audit/turns.wgsl`.

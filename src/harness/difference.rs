@@ -30,13 +30,13 @@ pub enum ReadoutError {
 pub fn image(gpu: &Gpu, pipeline: &AnyPipeline, stages: &[String]) -> Result<Pixels, ReadoutError> {
     let present = pipeline.stages();
     let named = |name: &String| present.iter().find(|stage| stage.name() == name);
-    let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| stage.outputs());
-    let texture = outputs.find_map(|output| match output.data {
+    let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| &stage.outputs);
+    let texture = outputs.find_map(|output| match &output.data {
         OutputData::Texture(texture) => Some(texture),
         _ => None,
     });
     let texture = texture.ok_or_else(|| ReadoutError::NoTexture(stages.join(", ")))?;
-    Ok(read_texture(gpu, &texture)?)
+    Ok(read_texture(gpu, texture)?)
 }
 
 /// Results of reference runs, each run once.

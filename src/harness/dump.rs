@@ -39,7 +39,7 @@ pub fn dump(
 ) -> Result<Vec<PathBuf>, DumpError> {
     let pipeline = render::frame(gpu, subject)?;
     let stages = pipeline.stages();
-    let outputs = find(&stages, stage)?.outputs();
+    let outputs = &find(&stages, stage)?.outputs;
     let context = pipeline.context(stage);
     if outputs.is_empty() {
         return Err(DumpError::NoOutput(stage.to_owned()));
@@ -49,7 +49,7 @@ pub fn dump(
     outputs.iter().map(|output| write(gpu, subject, (stage, &context), output, &folder)).collect()
 }
 
-fn find<'a>(stages: &[&'a dyn Stage], name: &str) -> Result<&'a dyn Stage, DumpError> {
+fn find<'a>(stages: &[&'a Stage], name: &str) -> Result<&'a Stage, DumpError> {
     let found = stages.iter().find(|stage| stage.name() == name);
     found.copied().ok_or_else(|| DumpError::UnknownStage {
         name: name.to_owned(),

@@ -352,7 +352,7 @@ impl<'a> CellExecutor<'a> {
     fn frame<T>(
         &mut self,
         cell: usize,
-        run: impl FnOnce(&mut FrameTimer, &Gpu, &[&dyn Stage]) -> Result<T, GpuError>,
+        run: impl FnOnce(&mut FrameTimer, &Gpu, &[&Stage]) -> Result<T, GpuError>,
         ns: impl FnOnce(&T) -> f64,
     ) -> Result<T, Failure> {
         let Some(built) = &self.built[cell] else {

@@ -1,6 +1,7 @@
 //! Published figures as data: `benches/figures/*.toml`. Each lists the panels that are rendered for it, which [`sheet`](super::sheet)
 //! puts together with their captions.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -54,6 +55,10 @@ pub struct Figure {
     #[serde(default)]
     pub params: Map<String, Value>,
     pub panel: Vec<Panel>,
+    /// Words by their names. The panels are there once for each of these tables, with its words in place of their names in braces in
+    /// captions and scenes.
+    #[serde(default)]
+    each: Vec<BTreeMap<String, String>>,
 }
 
 /// What is shown of a rendered frame.
@@ -85,6 +90,19 @@ pub struct Panel {
     pub shows: Shown,
     /// The part that is shown, shares of width and height: left, top, right, bottom.
     pub crop: Option<[f64; 4]>,
+}
+
+impl Panel {
+    fn with(&self, words: &BTreeMap<String, String>) -> Self {
+        let filled = |text: &String| {
+            let word = |text: String, (name, word): (&String, &String)| {
+                text.replace(&format!("{{{name}}}"), word)
+            };
+            words.iter().fold(text.clone(), word)
+        };
+        let (caption, scene) = (filled(&self.caption), self.scene.as_ref().map(filled));
+        Self { caption, scene, ..self.clone() }
+    }
 }
 
 fn two() -> u32 {
@@ -127,7 +145,13 @@ impl Figure {
 
     fn parse(name: &str, text: &str) -> Result<Self, FigureError> {
         let invalid = |message| FigureError::Invalid { name: name.to_owned(), message };
-        let figure: Self = toml::from_str(text).map_err(|e| invalid(one_line(&e, text)))?;
+        let mut figure: Self = toml::from_str(text).map_err(|e| invalid(one_line(&e, text)))?;
+        if !figure.each.is_empty() {
+            let filled = figure.each.iter();
+            figure.panel = filled
+                .flat_map(|words| figure.panel.iter().map(|panel| panel.with(words)))
+                .collect();
+        }
         figure.check(name).map_err(invalid)?;
         Ok(figure)
     }

@@ -82,7 +82,7 @@ fn stage_records(
     let stages = pipeline.stages();
     let work = |name: &str| {
         let found = stages.iter().find(|stage| stage.name() == name);
-        found.map(|stage| (stage.work(), stage.least_work())).unwrap_or_default()
+        found.map(|stage| (stage.work, stage.least_work)).unwrap_or_default()
     };
     let counted = |name: &str| {
         let found = counters.iter().find(|stage| stage.name == name);

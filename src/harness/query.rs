@@ -15,7 +15,7 @@ use super::subject::{Subject, SubjectError};
 use fathom_base::input::{self, Limited};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_pipelines::settings::Deform;
-use fathom_pipelines::volume_ao::{PointQuery, VolumeAo, occlusion_at};
+use fathom_pipelines::volume_ao::{VolumeAo, occlusion_at, point_query};
 use fathom_reference::ReferenceError;
 use fathom_reference::occlusion::{self as exact, Attenuation};
 use fathom_reference::rays::Tracer;
@@ -110,7 +110,7 @@ pub fn occlusion(
     };
     let points: Vec<SurfacePoint> = rows.iter().map(point).collect();
     let plan = |resources: &Resources<'_>| {
-        PointQuery::new(resources, &subject.scene, params, &points).map(drop)
+        point_query(resources, &subject.scene, params, &points).map(drop)
     };
     check(gpu, plan)?;
     Ok(gpu.scoped(|| occlusion_at(gpu, &subject.scene, params, &points))?)

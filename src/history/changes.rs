@@ -34,7 +34,8 @@ const WHOLE_SHARE: f64 = 0.5;
 pub struct ChangePoint {
     /// The first run of the new level, counted from 0.
     pub at: usize,
-    /// The least level at which it is found: chance that a stable series has such a change, at most.
+    /// The least level at which it is found: chance that a stable series has such a change, at most. Of a split of a part, allowed
+    /// for what was searched there.
     pub p: f64,
 }
 
@@ -63,24 +64,17 @@ fn search(
     search(after, first + split.at, p, scores, found);
 }
 
-/// A split of a segment and its probability, allowed for all that was searched.
-#[derive(Clone, Copy)]
-struct Split {
-    at: usize,
-    p: f64,
-}
-
 /// The surest split of a segment over all intervals in it.
-fn surest(values: &[f64], scores: &mut Scores) -> Option<Split> {
+fn surest(values: &[f64], scores: &mut Scores) -> Option<ChangePoint> {
     let whole = best_split(values, scores)?;
-    let mut surest = Split { p: (whole.p / WHOLE_SHARE).min(1.0), ..whole };
+    let mut surest = ChangePoint { p: (whole.p / WHOLE_SHARE).min(1.0), ..whole };
     let layers = layers(values.len());
     for (length, starts) in &layers {
         let share = (1.0 - WHOLE_SHARE) / (layers.len() * starts.len()) as f64;
         for start in starts {
             let Some(split) = best_split(&values[*start..start + length], scores) else { continue };
             if split.p / share < surest.p {
-                surest = Split { at: start + split.at, p: split.p / share };
+                surest = ChangePoint { at: start + split.at, p: split.p / share };
             }
         }
     }
@@ -101,7 +95,7 @@ fn layers(n: usize) -> Vec<(usize, Vec<usize>)> {
 }
 
 /// The best split of an interval, its probability allowed for the number of splits. None of an interval that is too short.
-fn best_split(values: &[f64], scores: &mut Scores) -> Option<Split> {
+fn best_split(values: &[f64], scores: &mut Scores) -> Option<ChangePoint> {
     let n = values.len();
     if n < LEAST_RUNS {
         return None;
@@ -112,7 +106,7 @@ fn best_split(values: &[f64], scores: &mut Scores) -> Option<Split> {
         return None;
     }
     let (at, z) = largest(&scores, squares);
-    Some(Split { at, p: of_largest(one_split(z, at, n, most_equal), n) })
+    Some(ChangePoint { at, p: of_largest(one_split(z, at, n, most_equal), n) })
 }
 
 /// The split whose left side has the mean that is furthest from 0, in standard deviations over all arrangements of the scores.

@@ -4,13 +4,16 @@ use rayon::prelude::*;
 
 use super::changes::{self, ChangePoint, LEAST_RUNS};
 use super::scores::Scores;
-use super::shift::{MOST_SIDE, shift};
+use super::shift::shift;
 use super::stored::{Series, StoredRuns};
 use fathom_record::Estimate;
 
 /// A change is sure where, of all changes that are as sure or surer, at most this share is expected to be false. Benjamini &
 /// Hochberg, *J. R. Stat. Soc. B* 57 (1995).
 pub const FALSE_SHARE: f64 = 0.05;
+
+/// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
+const MOST_SIDE: usize = 60;
 
 /// By how much a figure changed, the later runs against the earlier ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +26,8 @@ pub enum Size {
 
 impl Size {
     fn of(before: &[f64], after: &[f64]) -> Size {
+        let before = &before[before.len().saturating_sub(MOST_SIDE)..];
+        let after = &after[..after.len().min(MOST_SIDE)];
         if before.iter().chain(after).all(|value| *value > 0.0) {
             let logarithms = |values: &[f64]| values.iter().map(|v| v.ln()).collect::<Vec<f64>>();
             let found = shift(&logarithms(before), &logarithms(after));
@@ -131,21 +136,13 @@ fn of_series(place: usize, series: &Series, scores: &mut Scores) -> Vec<Change> 
             series: place,
             at: point.at,
             runs: [point.at - 1, point.at].map(|at| series.points[at].run),
-            size: Size::of(nearest_last(before), nearest_first(after)),
+            size: Size::of(before, after),
             n: [before.len(), after.len()],
             p: point.p,
             false_share: 1.0,
         }
     };
     points.iter().enumerate().map(change).collect()
-}
-
-fn nearest_last(values: &[f64]) -> &[f64] {
-    &values[values.len().saturating_sub(MOST_SIDE)..]
-}
-
-fn nearest_first(values: &[f64]) -> &[f64] {
-    &values[..values.len().min(MOST_SIDE)]
 }
 
 /// Each series is searched once, and both sides of each change once more.

@@ -3,8 +3,6 @@
 use super::changes::LEAST_SIDE;
 use fathom_base::statistics::{Estimate, Interval, median};
 
-/// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
-pub const MOST_SIDE: usize = 60;
 /// Quantile of the standard normal distribution for an interval of 95 %.
 const Z_95: f64 = 1.959_964;
 
@@ -13,8 +11,6 @@ const Z_95: f64 = 1.959_964;
 /// `n` is the number of differences' runs. The place of a change is chosen where the sides differ most, so the interval of a small
 /// shift covers less.
 pub fn shift(before: &[f64], after: &[f64]) -> Estimate {
-    let before = &before[before.len().saturating_sub(MOST_SIDE)..];
-    let after = &after[..after.len().min(MOST_SIDE)];
     let mut differences: Vec<f64> =
         after.iter().flat_map(|b| before.iter().map(move |a| b - a)).collect();
     differences.sort_unstable_by(f64::total_cmp);

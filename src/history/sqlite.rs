@@ -63,15 +63,12 @@ impl Sqlite {
 fn check(path: &Path, writable: bool) -> Result<(), HistoryError> {
     let io = |source| HistoryError::Read { path: path.to_owned(), source };
     match std::fs::metadata(path) {
-        Ok(found) if !found.is_file() => Err(HistoryError::NotSqlite { path: path.to_owned() }),
-        Ok(found) if found.len() == 0 => Ok(()),
+        Ok(found) if found.is_file() && found.len() == 0 => Ok(()),
         Ok(_) => {
             let mut begin = [0; MAGIC.len()];
             let read = input::open(path).and_then(|mut file| file.read_exact(&mut begin));
-            if read.is_ok() && &begin == MAGIC {
-                return Ok(());
-            }
-            Err(HistoryError::NotSqlite { path: path.to_owned() })
+            let is_sqlite = read.is_ok() && &begin == MAGIC;
+            is_sqlite.then_some(()).ok_or(HistoryError::NotSqlite { path: path.to_owned() })
         }
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(io(error)),
         Err(_) if !writable => Err(HistoryError::NoHistory { place: path.display().to_string() }),

@@ -6,7 +6,7 @@ mod parameters;
 use std::collections::BTreeMap;
 
 use super::lighting::{Composed, Seen};
-use super::occlusion::{self, Model, OcclusionBuffers};
+use super::occlusion::{Model, OcclusionBuffers};
 use super::{Drawing, Pipeline, settings};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
@@ -45,22 +45,16 @@ impl Pipeline for Hsao {
         let uniforms = params.hsao.uniforms(params.buffer_px(), r_max_m);
         let hard = params.hsao.attenuation == settings::Attenuation::Hard;
         let of_buffer = resources.sized_by("view × hsao.scale");
-        let textures = &seen.gbuffer.textures;
-        let march = march::March::new(&of_buffer, &seen.shared, textures, &uniforms, hard)?;
+        let textures = &seen.gbuffer;
+        let march = march::new(&of_buffer, &seen.shared, textures, &uniforms, hard)?;
         let march = of_buffer.push(march);
         let filter = params.hsao.filter.then_some((&hsao::filter::INFO, &params.filter));
-        let composed = Composed::new(
-            resources,
-            &seen,
-            (scene, &geometry),
-            march.texture(),
-            filter,
-            &params.compose,
-        )?;
+        let composed =
+            Composed::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
-            raw: (march::INFO.name, march.texture().clone()),
-            filtered: occlusion::filtered(&hsao::filter::INFO, composed.filter.as_deref()),
+            raw: (march::INFO.name, march.clone()),
+            filtered: composed.filtered.clone(),
             camera: params.camera.clone(),
             r_max_m,
             model: Model::First(params.hsao.attenuation),
@@ -72,11 +66,11 @@ impl Pipeline for Hsao {
 
 impl Drawing for Hsao {
     fn image(&self) -> &wgpu::Texture {
-        self.composed.compose.texture()
+        &self.composed.image
     }
 
     fn shows_visibility(&self) -> bool {
-        self.composed.compose.shows_occlusion()
+        self.composed.shows_occlusion
     }
 
     /// `samples_per_pixel_most`, and `samples_per_pixel` as taken by the pixels of the occlusion buffer where something was

@@ -1,30 +1,29 @@
 //! What pipelines of ambient occlusion draw before and after their occlusion buffer: shadow map and G-buffer, then filter and
 //! composition. VAO §6.
 
-use std::rc::Rc;
-
 use super::settings::{Compose, Filter, Shadow, VIEWPORT};
 use fathom_gpu::{GpuError, StageInfo};
 use fathom_scene::Scene;
-use fathom_stages::bilateral::Bilateral;
-use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::bilateral;
+use fathom_stages::frame::{self, Shared, View};
+use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::Resources;
+use fathom_stages::kit::{self, Resources};
 use fathom_stages::{ao, post, scene, shadow};
 
 /// The stages before the occlusion buffer.
 pub struct Seen {
     view: View,
     pub shared: Shared,
-    shadow: Rc<shadow::depth::Depth>,
-    pub gbuffer: Rc<scene::gbuffer::Gbuffer>,
+    shadow: wgpu::Texture,
+    pub gbuffer: GbufferTextures,
 }
 
 impl Seen {
     /// Writes the shared uniforms: the first stage of a frame.
     pub fn frame(resources: &Resources<'_>, view: &View) -> Shared {
         let shared = Shared::new(resources, view);
-        resources.push(Frame::new(view.clone(), &shared));
+        resources.push(frame::new(view.clone(), &shared));
         shared
     }
 
@@ -39,19 +38,22 @@ impl Seen {
         shadow: &Shadow,
     ) -> Result<Self, GpuError> {
         let of_light = resources.sized_by("shadow.size");
-        let depth = shadow::depth::Depth::new(&of_light, &shared, geometry, shadow.size)?;
+        let depth = shadow::depth::new(&of_light, &shared, geometry, shadow.size)?;
         let shadow = of_light.push(depth);
         let of_view = resources.sized_by(VIEWPORT);
         let size_px = view.size_px.to_array();
-        let gbuffer = scene::gbuffer::Gbuffer::new(&of_view, &shared, geometry, size_px)?;
+        let gbuffer = scene::gbuffer::new(&of_view, &shared, geometry, size_px)?;
         Ok(Self { gbuffer: of_view.push(gbuffer), view, shared, shadow })
     }
 }
 
-/// The stages after the occlusion buffer.
+/// What the stages after the occlusion buffer leave.
 pub struct Composed {
-    pub filter: Option<Rc<Bilateral>>,
-    pub compose: Rc<ao::compose::Compose>,
+    /// The stage that filters, and what it leaves.
+    pub filtered: Option<(&'static str, wgpu::Texture)>,
+    pub image: wgpu::Texture,
+    /// The image is visibility.
+    pub shows_occlusion: bool,
 }
 
 impl Composed {
@@ -68,38 +70,35 @@ impl Composed {
         compose: &Compose,
     ) -> Result<Self, GpuError> {
         let resources = &resources.sized_by(VIEWPORT);
-        let gbuffer = &seen.gbuffer.textures;
+        let gbuffer = &seen.gbuffer;
         let filtered = |(info, settings): (&'static StageInfo, &Filter)| {
-            let source_px = [visibility.width(), visibility.height()];
-            let settings = settings.uniforms(&seen.view, source_px);
+            let settings = settings.uniforms(&seen.view, kit::size_px(visibility));
             let textures = (visibility, &gbuffer.depth, &gbuffer.normal);
-            let made = Bilateral::new(resources, info, &seen.shared, textures, &settings)?;
-            Ok::<_, GpuError>(resources.push(made))
+            let made = bilateral::new(resources, info, &seen.shared, textures, &settings)?;
+            Ok::<_, GpuError>((info.name, resources.push(made)))
         };
-        let filter = filter.map(filtered).transpose()?;
+        let filtered = filter.map(filtered).transpose()?;
         let lit = ao::compose::Lit {
             gbuffer,
-            visibility: filter.as_ref().map_or(visibility, |filter| filter.texture()),
-            shadow: seen.shadow.texture(),
+            visibility: filtered.as_ref().map_or(visibility, |(_, texture)| texture),
+            shadow: &seen.shadow,
         };
         let settings = compose.uniforms(&seen.view);
         let shows_occlusion = compose.shows_occlusion();
-        let made =
-            ao::compose::Compose::new(resources, &seen.shared, &lit, &settings, shows_occlusion)?;
-        let lighted = resources.push(made);
+        let made = ao::compose::new(resources, &seen.shared, &lit, &settings, shows_occlusion)?;
+        let image = resources.push(made);
         // Visibility is shown without what one sees through: VAO Fig. 6.
         if !shows_occlusion {
-            let drawn = (lighted.texture(), &gbuffer.depth);
             let (of_frame, of_scene) = ((&seen.shared, &seen.view), (scene, geometry));
-            let settings = compose.glass();
-            let glass = ao::glass::Glass::new(resources, of_frame, of_scene, drawn, &settings)?;
+            let (drawn, settings) = ((&image, &gbuffer.depth), compose.glass());
+            let glass = ao::glass::new(resources, of_frame, of_scene, drawn, &settings)?;
             if let Some(glass) = glass {
                 resources.push(glass);
             }
         }
         if compose.meter {
-            resources.push(post::luminance::Luminance::new(resources, lighted.texture())?);
+            resources.push(post::luminance::new(resources, &image)?);
         }
-        Ok(Self { compose: lighted, filter })
+        Ok(Self { filtered, image, shows_occlusion })
     }
 }

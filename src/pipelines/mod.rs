@@ -133,7 +133,7 @@ pub trait Drawing {
     fn image(&self) -> &wgpu::Texture;
 
     /// Stages that draw the image where the frame itself does not: run for pictures only, never timed.
-    fn presenting(&self) -> Vec<&dyn Stage> {
+    fn presenting(&self) -> Vec<&Stage> {
         Vec::new()
     }
 
@@ -269,7 +269,7 @@ impl<P: Pipeline> Built<P> {
 
 impl<P: Drawing + ?Sized> Built<P> {
     /// In frame order.
-    pub fn stages(&self) -> Vec<&dyn Stage> {
+    pub fn stages(&self) -> Vec<&Stage> {
         self.parts.stages.iter().map(AsRef::as_ref).collect()
     }
 
@@ -387,7 +387,7 @@ impl<P: Pipeline> Configuration for Configured<P> {
             let picture = resources.sized_by(settings::VIEWPORT);
             picture.host_copies("image", pixels.saturating_mul(PICTURE_BYTES));
             let parts = resources.into_parts();
-            let stages = parts.stages.iter().map(|stage| stage.info()).collect();
+            let stages = parts.stages.iter().map(|stage| stage.info).collect();
             Ok(Plan { demand: parts.demand, stages })
         })
     }

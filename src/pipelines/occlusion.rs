@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation, Deform};
 use super::{ErrorPicture, Judge, JudgeError, Judged};
-use fathom_gpu::{Pixels, StageInfo, read_texture};
+use fathom_gpu::{Pixels, read_texture};
 use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
 use fathom_reference::ReferenceError;
@@ -18,7 +18,6 @@ use fathom_reference::kept::Content;
 use fathom_reference::occlusion::{self as reference, occlusion, occlusion_through};
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, Object, Scene};
-use fathom_stages::bilateral::Bilateral;
 use fathom_stages::gbuffer::GbufferTextures;
 
 /// Points that figures rest on at most: an RMS over so many independent errors is known to 2 %.
@@ -58,14 +57,6 @@ pub enum Model {
     Through,
     /// The same with all surfaces taken for opaque.
     ThroughOpaque,
-}
-
-/// The buffer of a filter's stage.
-pub(super) fn filtered(
-    info: &'static StageInfo,
-    filter: Option<&Bilateral>,
-) -> Option<(&'static str, wgpu::Texture)> {
-    filter.map(|filter| (info.name, filter.texture().clone()))
 }
 
 /// A seen point, the pixel of the viewport that sees it, and the occlusion there by ray casting.

@@ -4,26 +4,25 @@ mod measure;
 mod parameters;
 
 use std::f64::consts::PI;
-use std::rc::Rc;
 
 use super::Pipeline;
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use fathom_gpu::GpuError;
 use fathom_scene::{Bounds, Scene};
-use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::frame::{self, Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::photon::Photons;
-use fathom_stages::refraction::surface::{Dry, Surface};
+use fathom_stages::refraction::surface::{self, Dry};
 use fathom_stages::scene;
 use fathom_stages::screen_picture::Shafts;
 use fathom_stages::screen_ray::{FragmentLists, Rays, WalkUniforms, walk_uniforms};
-use fathom_stages::shafts::blur::Blur;
-use fathom_stages::shafts::lines::Lines;
-use fathom_stages::sprites::compose::{Compose, Composed};
-use fathom_stages::sprites::draw::{Sprite, Sprites};
+use fathom_stages::shafts::blur;
+use fathom_stages::shafts::lines;
+use fathom_stages::sprites::compose::{self, Composed};
+use fathom_stages::sprites::draw::{self, Sprite};
 
 pub use parameters::Params;
 
@@ -48,7 +47,7 @@ impl Pipeline for PhotonTracing {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = &Shared::new(resources, &view);
-        resources.push(Frame::new(view.clone(), shared));
+        resources.push(frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);
 
         let light_map = (params.shadow.size, params.surface.cells);
@@ -57,8 +56,7 @@ impl Pipeline for PhotonTracing {
 
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);
-        let gbuffer =
-            of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
+        let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.sized_by("view × ldi.layers");
         let solid = (geometry, Part::Solid);
         let (layers, lists) =
@@ -72,21 +70,20 @@ impl Pipeline for PhotonTracing {
         };
         let of_grid = &resources.sized_by("transfer.grid");
         let photons = screen_tracing::trace(of_grid, shared, &traced, params.rays.method)?;
-        let (lit, seen) = ((&photons, &map.weights), &gbuffer.textures);
+        let (lit, seen) = ((&photons, &map.weights), &gbuffer);
         let sprite = sprite(params, &view);
-        let sprites = Sprites::new(of_view, shared, lit, &layers, &seen.depth, &sprite)?;
-        let sprites = of_view.push(sprites);
+        let sprites = draw::new(of_view, shared, lit, &layers, &seen.depth, &sprite)?;
+        let irradiance = of_view.push(sprites);
         let drawn = if params.shafts.draw {
             Some(shafts(of_view, shared, lit, seen, params, &view)?)
         } else {
             None
         };
-        let shafts =
-            drawn.as_ref().map(|(blur, scale)| Shafts { flux: blur.texture(), scale: *scale });
+        let shafts = drawn.as_ref().map(|(flux, scale)| Shafts { flux, scale: *scale });
         let light = (shafts, params.compose.exposure);
         let compose = |composed: &Composed<'_>| -> Result<wgpu::Texture, GpuError> {
-            let stage = Compose::new(of_view, shared, seen, &sprites.irradiance, composed)?;
-            Ok(of_view.push(stage).texture().clone())
+            let stage = compose::new(of_view, shared, seen, &irradiance, composed)?;
+            Ok(of_view.push(stage))
         };
         let image = if params.surface.draw {
             let radiance = &compose(&Composed::Dry)?;
@@ -96,12 +93,11 @@ impl Pipeline for PhotonTracing {
                 ..walk_uniforms(&layers, scene.solid_bounds(), params.rays.least_px)
             };
             let walk = (&walk, view.water.bound_m());
-            let surface = Surface::new(of_view, shared, &dry, walk, light)?;
-            of_view.push(surface).texture().clone()
+            let surface = surface::new(of_view, shared, &dry, walk, light)?;
+            of_view.push(surface)
         } else {
             compose(&Composed::Picture { shafts: light.0, exposure: light.1 })?
         };
-        let irradiance = sprites.irradiance.clone();
         Ok(Self { params: params.clone(), view, photons, lists, irradiance, image })
     }
 }
@@ -124,14 +120,13 @@ fn shafts(
     seen: &GbufferTextures,
     params: &Params,
     view: &View,
-) -> Result<(Rc<Blur>, f64), GpuError> {
+) -> Result<(wgpu::Texture, f64), GpuError> {
     let pixel_m = view.pixel_tangent(params.view.height) * params.middle_m();
     let photon_w = photon_w(params, view);
     let length_px = params.floor_depth_m / pixel_m;
-    let lines = Lines::new(of_view, shared, photons, &seen.depth, (photon_w, length_px))?;
+    let lines = lines::new(of_view, shared, photons, &seen.depth, (photon_w, length_px))?;
     let lines = of_view.push(lines);
-    let blur =
-        of_view.push(Blur::new(of_view, (&lines.target, Lines::column()), params.shafts.sigma_px)?);
+    let blur = of_view.push(blur::new(of_view, &lines, params.shafts.sigma_px)?);
     // A photon of the flux Φ along a line scatters σ Φ / 4π for each metre and steradian. Its line is a pixel wide.
     let scale = params.shafts.scattering_per_m / (4.0 * PI * pixel_m);
     Ok((blur, scale))

@@ -8,19 +8,17 @@ mod measure;
 mod parameters;
 mod receivers;
 
-use std::rc::Rc;
-
 use super::Pipeline;
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use fathom_gpu::GpuError;
 use fathom_reference::pool::Basin;
 use fathom_scene::Scene;
-use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::frame::{self, Shared, View};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
-use fathom_stages::planar::compose::Compose;
-use fathom_stages::planar::points::Points;
+use fathom_stages::planar::compose;
+use fathom_stages::planar::points;
 use fathom_stages::scene;
 use fathom_stages::screen_ray::Transfers;
 
@@ -32,8 +30,9 @@ pub struct Planar {
     pub view: View,
     basin: Basin,
     pub transfers: Transfers,
-    pub points: Rc<Points>,
-    compose: Rc<Compose>,
+    /// The illumination map.
+    pub map: wgpu::Texture,
+    image: wgpu::Texture,
 }
 
 impl Pipeline for Planar {
@@ -47,27 +46,26 @@ impl Pipeline for Planar {
         receivers::check(scene, &basin).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = &Shared::new(resources, &view);
-        resources.push(Frame::new(view.clone(), shared));
+        resources.push(frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);
 
         let light_map = (params.shadow.size, params.surface.cells);
-        let map =
-            screen_tracing::transfers(resources, shared, geometry, light_map, &params.transfer)?;
-        let transfers = map.transfers.clone();
+        let transfers =
+            screen_tracing::transfers(resources, shared, geometry, light_map, &params.transfer)?
+                .transfers;
 
         let of_view = &resources.sized_by(VIEWPORT);
         let size_px = view.size_px.to_array();
-        let gbuffer =
-            of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
+        let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
 
         let of_map = &resources.sized_by("planar.texels");
         let pool = params.pool(&scene.water);
         let photon_w = view.weighted_flux_w() / f64::from(params.transfer.photons());
-        let points = of_map.push(Points::new(of_map, shared, &transfers, &pool, photon_w)?);
+        let map = of_map.push(points::new(of_map, shared, &transfers, &pool, photon_w)?);
         let (exposure, shown) = (params.compose.exposure, params.compose.show);
-        let lit = (&points.map, &pool);
-        let compose = Compose::new(of_view, shared, &gbuffer.textures, lit, exposure, shown)?;
-        let compose = of_view.push(compose);
-        Ok(Self { params: params.clone(), view, basin, transfers, points, compose })
+        let lit = (&map, &pool);
+        let compose = compose::new(of_view, shared, &gbuffer, lit, exposure, shown)?;
+        let image = of_view.push(compose);
+        Ok(Self { params: params.clone(), view, basin, transfers, map, image })
     }
 }

@@ -1,7 +1,6 @@
 //! Refraction through glass as the camera sees it: Krüger, Bürger and Westermann (SPT) §4 and Table 1, beside Wyman's approximation.
 
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -19,13 +18,12 @@ use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile};
-use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::frame::{self, Shared, View};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
-use fathom_stages::refraction::trace::{self, Surface, Trace};
-use fathom_stages::refraction::two_interface::{self, TwoInterface};
-use fathom_stages::screen_picture::Picture;
+use fathom_stages::refraction::trace::{self, Surface};
+use fathom_stages::refraction::two_interface;
 use fathom_stages::screen_ray::{WalkUniforms, walk_uniforms};
 use fathom_stages::{StageInfo, refraction, scene};
 
@@ -87,7 +85,7 @@ pub struct ScreenRefraction {
     params: Params,
     view: View,
     exits: Exits,
-    compose: Rc<Picture>,
+    image: wgpu::Texture,
 }
 
 impl Pipeline for ScreenRefraction {
@@ -107,31 +105,29 @@ impl Pipeline for ScreenRefraction {
         }
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = &Shared::new(resources, &view);
-        resources.push(Frame::new(view.clone(), shared));
+        resources.push(frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);
-        let gbuffer =
-            of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
+        let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let exits = match params.refraction.method {
             Method::Trace => traced(resources, shared, (scene, geometry), size_px, params)?,
             Method::TwoInterface => {
                 let thickness_m = thickness(resources, scene)?;
-                let stage = TwoInterface::new(of_view, shared, geometry, size_px, &thickness_m)?;
-                of_view.push(stage).exits.clone()
+                let stage = two_interface::new(of_view, shared, geometry, size_px, &thickness_m)?;
+                of_view.push(stage)
             }
         };
         let exposure = params.compose.exposure;
-        let compose =
-            refraction::compose::picture(of_view, shared, &gbuffer.textures, &exits, exposure)?;
-        let compose = of_view.push(compose);
-        Ok(Self { params: params.clone(), view, exits, compose })
+        let compose = refraction::compose::new(of_view, shared, &gbuffer, &exits, exposure)?;
+        let image = of_view.push(compose);
+        Ok(Self { params: params.clone(), view, exits, image })
     }
 }
 
 impl Drawing for ScreenRefraction {
     fn image(&self) -> &wgpu::Texture {
-        self.compose.texture()
+        &self.image
     }
 
     /// Share of the pixels that show glass, and of these whose ray is totally reflected at the last surface.
@@ -174,7 +170,7 @@ fn traced(
         walk_uniforms(&layers, scene.solid_bounds(), params.refraction.least_px);
     let of_view = &resources.sized_by(VIEWPORT);
     let method = (params.refraction.count, params.refraction.surface);
-    Ok(of_view.push(Trace::new(of_view, shared, &layers, &walk, method)?).exits.clone())
+    Ok(of_view.push(trace::new(of_view, shared, &layers, &walk, method)?))
 }
 
 /// Way through the glass from each vertex against its normal, up to the nearest surface; 0 where there is none. Wyman's d_N, stored once.

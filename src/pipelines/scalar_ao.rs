@@ -7,16 +7,16 @@ mod parameters;
 mod tests;
 
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
 use super::settings::{self, VIEWPORT};
 use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
-use fathom_stages::frame::{Frame, Shared};
+use fathom_stages::Stage;
+use fathom_stages::frame::{self, Shared};
 use fathom_stages::kit::{self, Resources};
-use fathom_stages::ray_cast::RayCast;
+use fathom_stages::ray_cast::Cast;
 use fathom_stages::scalar;
 use fathom_stages::scalar_field::ScalarField;
 
@@ -39,15 +39,15 @@ fn longest_m(scene: &Scene) -> f64 {
 pub struct ScalarAo {
     settings: Scalar,
     camera: Camera,
-    cast: Rc<RayCast>,
+    cast: Cast,
     field: ScalarField,
     r_max_m: f64,
 }
 
 impl ScalarAo {
-    /// Visibility, opacity, distance and look-ups of each pixel: see [`RayCast::result`].
+    /// Visibility, opacity, distance and look-ups of each pixel: see [`Cast::result`].
     pub fn result(&self) -> &wgpu::Texture {
-        self.cast.result()
+        &self.cast.result
     }
 }
 
@@ -63,13 +63,13 @@ impl Pipeline for ScalarAo {
         params.scalar.suits(volume, longest_m(scene))?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = Shared::new(resources, &view);
-        resources.push(Frame::new(view, &shared));
+        resources.push(frame::new(view, &shared));
         let field = ScalarField::new(resources, volume, params.scalar.needs_pyramid());
         let r_max_m = params.scalar.reach_m(longest_m(scene));
         let of_view = &resources.sized_by(VIEWPORT);
         let cast = of_view.push(cast(of_view, (&shared, &field), params, r_max_m)?);
         let texel_fetches =
-            kit::pixels(cast.image()).saturating_mul(params.scalar.typical_fetches(volume));
+            kit::pixels(&cast.image).saturating_mul(params.scalar.typical_fetches(volume));
         of_view.expects("look-ups", Work { texel_fetches, ..Work::default() });
         let (settings, camera) = (params.scalar.clone(), params.camera.clone());
         Ok(Self { settings, camera, cast, field, r_max_m })
@@ -78,7 +78,7 @@ impl Pipeline for ScalarAo {
 
 impl Drawing for ScalarAo {
     fn image(&self) -> &wgpu::Texture {
-        self.cast.image()
+        &self.cast.image
     }
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
@@ -123,7 +123,7 @@ fn cast(
     through: (&Shared, &ScalarField),
     params: &Params,
     r_max_m: f64,
-) -> Result<RayCast, GpuError> {
+) -> Result<Stage<Cast>, GpuError> {
     let settings = &params.scalar;
     let size_px = [params.view.width, params.view.height];
     let march = &settings.uniforms(size_px, through.1.voxel_m, r_max_m);

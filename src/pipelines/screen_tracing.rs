@@ -1,8 +1,6 @@
 //! Layers of depth and rays through them: settings and stages that the pipelines of screen-space photon tracing share. Krüger,
 //! Bürger and Westermann (SPT) §2.
 
-use std::rc::Rc;
-
 use serde::{Deserialize, Serialize};
 
 use super::settings::Transfer;
@@ -14,11 +12,9 @@ use fathom_stages::frame::Shared;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Resources, linear_workgroups};
 use fathom_stages::photon::Photons;
-use fathom_stages::screen_ray::{
-    FragmentLists, HitTest, Layers, Rays, Walked, Walking, group_each,
-};
-use fathom_stages::transfer::bounce::Bounce;
-use fathom_stages::transfer::map::Map;
+use fathom_stages::screen_ray::{self, FragmentLists, HitTest, Layers, Rays, Walking, group_each};
+use fathom_stages::transfer::bounce;
+use fathom_stages::transfer::map::{self, Map};
 use fathom_stages::{StageInfo, ldi, rays, shadow};
 
 settings! {
@@ -136,14 +132,14 @@ pub fn transfers(
     geometry: &Geometry,
     (shadow_px, cells): (u32, u32),
     transfer: &Transfer,
-) -> Result<Rc<Map>, GpuError> {
+) -> Result<Map, GpuError> {
     let of_light = &resources.sized_by("shadow.size");
-    let depth = shadow::depth::Depth::new(of_light, shared, geometry, shadow_px)?;
+    let depth = shadow::depth::new(of_light, shared, geometry, shadow_px)?;
     let depth = of_light.push(depth);
-    let mask = shadow::mask::Mask::new(of_light, shared, depth.texture(), cells)?;
+    let mask = shadow::mask::new(of_light, shared, &depth, cells)?;
     let mask = of_light.push(mask);
     let of_grid = &resources.sized_by("transfer.grid");
-    let map = Map::new(of_grid, shared, mask.texture(), &transfer.uniforms())?;
+    let map = map::new(of_grid, shared, &mask, &transfer.uniforms())?;
     Ok(of_grid.push(map))
 }
 
@@ -158,16 +154,15 @@ pub fn layers(
     let count = settings.layers;
     match settings.method {
         LayerMethod::Peel => {
-            let peel =
-                ldi::peel::LayeredDepth::new(resources, shared, (geometry, part), size_px, count)?;
-            Ok((resources.push(peel).layers.clone(), None))
+            let peel = ldi::peel::new(resources, shared, (geometry, part), size_px, count)?;
+            Ok((resources.push(peel), None))
         }
         LayerMethod::Lists => {
             let room = settings.fragments_per_pixel;
-            let lists = ldi::lists::Lists::new(resources, shared, (geometry, part), size_px, room)?;
-            let lists = resources.push(lists).lists.clone();
-            let sort = ldi::sort::Sort::new(resources, &lists, count)?;
-            Ok((resources.push(sort).layers.clone(), Some(lists)))
+            let lists = ldi::lists::new(resources, shared, (geometry, part), size_px, room)?;
+            let lists = resources.push(lists);
+            let sort = ldi::sort::new(resources, &lists, count)?;
+            Ok((resources.push(sort), Some(lists)))
         }
     }
 }
@@ -181,22 +176,22 @@ pub fn trace(
 ) -> Result<Photons, GpuError> {
     let count = traced.transfers.count;
     let walked = |info, workgroups| -> Result<Photons, GpuError> {
-        let stage = Walked::new(of_rays, info, shared, traced, workgroups)?;
-        Ok(of_rays.push(stage).photons.clone())
+        let stage = screen_ray::walked(of_rays, info, shared, traced, workgroups)?;
+        Ok(of_rays.push(stage))
     };
     let (photons, tiles) = match method {
         Method::Lines => {
             let of_tile = &of_rays.sized_by("view × rays.rows");
-            let drawn = rays::rasterize::Rasterize::new(of_tile, shared, traced)?;
+            let drawn = rays::rasterize::new(of_tile, shared, traced)?;
             let drawn = of_tile.push(drawn);
-            let reduce = rays::reduce::Reduce::new(of_tile, &drawn.hits, traced)?;
-            (of_tile.push(reduce).photons.clone(), traced.tiles())
+            let reduce = rays::reduce::new(of_tile, &drawn, traced)?;
+            (of_tile.push(reduce), traced.tiles())
         }
         Method::March => (walked(&rays::march::INFO, linear_workgroups(count.into()))?, 1),
         Method::Group => (walked(&rays::group::INFO, group_each(count))?, 1),
     };
     if traced.walking.ways > 1 {
-        of_rays.push(Bounce::new(of_rays, shared, traced, &photons, tiles)?);
+        of_rays.push(bounce::new(of_rays, shared, traced, &photons, tiles)?);
     }
     Ok(photons)
 }

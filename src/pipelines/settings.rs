@@ -11,12 +11,12 @@ use fathom_scene::{Bounds, Camera, Grid, Light, Scene, VolumeFile};
 use fathom_stages::ao::compose::LightingUniforms;
 use fathom_stages::ao::glass::GlassUniforms;
 use fathom_stages::bilateral::BilateralUniforms;
-use fathom_stages::frame;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 pub use fathom_stages::marching::{Attenuation, R_MAX_SHARE};
 use fathom_stages::scene::deform::{self, Motion};
 use fathom_stages::transfer::map::MapUniforms;
+use fathom_stages::{Stage, frame};
 
 settings! {
     /// Pixels of the main viewport. Where a pipeline gives no other: 600 × 600, as in VAO Fig. 8.
@@ -225,7 +225,7 @@ pub fn deform(
     geometry: &Geometry,
     scene: &Scene,
     animation: &Animation,
-) -> Result<Option<deform::Deform>, GpuError> {
+) -> Result<Option<Stage>, GpuError> {
     let motion = match animation.deform {
         Deform::None => return Ok(None),
         Deform::Spin => Motion::Spin,
@@ -233,7 +233,7 @@ pub fn deform(
         Deform::Wave => Motion::Wave,
     };
     let amount = (animation.cycles(), animation.amplitude);
-    deform::Deform::new(resources, geometry, scene, motion, amount).map(Some)
+    deform::new(resources, geometry, scene, motion, amount).map(Some)
 }
 
 /// What a pipeline shows its stages where none of them looks photons up in the light's depth.

@@ -1,7 +1,6 @@
 //! Shadows by rays traced in screen space: Krüger, Bürger and Westermann (SPT) §5, Fig. 11 and 12.
 
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,14 +15,12 @@ use fathom_record::ErrorFigure;
 use fathom_reference::quantities::{StoredPhoton, stored_photons};
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, Light, LightKind, Object, Scene, SceneFile};
-use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::frame::{self, Shared, View};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::{MISSED, Photons};
-use fathom_stages::screen_picture::Picture;
 use fathom_stages::screen_ray::Rays;
-use fathom_stages::transfer::shadow::Shadow;
-use fathom_stages::{scene, shadow};
+use fathom_stages::{scene, shadow, transfer};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -56,7 +53,7 @@ pub struct ShadowRays {
     params: Params,
     view: View,
     photons: Photons,
-    compose: Rc<Picture>,
+    image: wgpu::Texture,
 }
 
 impl Pipeline for ShadowRays {
@@ -68,34 +65,32 @@ impl Pipeline for ShadowRays {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = &Shared::new(resources, &view);
-        resources.push(Frame::new(view.clone(), shared));
+        resources.push(frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);
-        let gbuffer =
-            of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
+        let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.sized_by("view × ldi.layers");
         let opaque = (geometry, Part::Opaque);
         let (layers, _) = screen_tracing::layers(of_layers, shared, opaque, size_px, &params.ldi)?;
-        let shadow = of_view.push(Shadow::new(of_view, shared, &gbuffer.textures)?);
+        let starts = of_view.push(transfer::shadow::new(of_view, shared, &gbuffer)?);
         let traced = Rays {
-            transfers: &shadow.transfers,
+            transfers: &starts,
             layers: &layers,
             bounds: scene.solid_bounds(),
             walking: params.rays.walking(resources.gpu, 1),
         };
         let photons = screen_tracing::trace(of_view, shared, &traced, params.rays.method)?;
         let exposure = params.compose.exposure;
-        let compose =
-            shadow::compose::picture(of_view, shared, &gbuffer.textures, &photons, exposure)?;
-        let compose = of_view.push(compose);
-        Ok(Self { params: params.clone(), view, photons, compose })
+        let compose = shadow::compose::new(of_view, shared, &gbuffer, &photons, exposure)?;
+        let image = of_view.push(compose);
+        Ok(Self { params: params.clone(), view, photons, image })
     }
 }
 
 impl Drawing for ShadowRays {
     fn image(&self) -> &wgpu::Texture {
-        self.compose.texture()
+        &self.image
     }
 
     /// Share of the pixels that face the light, and of these that are in shadow.

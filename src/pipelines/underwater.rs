@@ -8,7 +8,6 @@ mod measure;
 mod parameters;
 
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
 use glam::{DVec3, UVec2, Vec2};
 use serde_json::Value;
@@ -18,21 +17,21 @@ use super::settings::{VIEWPORT, scaled};
 use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
-use fathom_stages::caustics::mesh::{Mesh, MeshUniforms};
+use fathom_stages::caustics::mesh::{self, MeshUniforms};
 use fathom_stages::caustics::splat::{self, PointSize, SplatUniforms};
-use fathom_stages::compose::{Compose, ComposeUniforms, Composed};
-use fathom_stages::frame::{Frame, Shared, View};
+use fathom_stages::compose::{self, ComposeUniforms, Composed};
+use fathom_stages::frame::{self, Shared, View};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::godrays::lines::LinesUniforms;
 use fathom_stages::kit::Resources;
-use fathom_stages::lit_scene::LitScene;
-use fathom_stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
-use fathom_stages::photon::{Photons, TraceUniforms, Tracing};
-use fathom_stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
-use fathom_stages::{Stage, StageInfo, caustics, godrays, scene, shadow, water};
+use fathom_stages::lit_scene;
+use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
+use fathom_stages::photon::{self, Photons, TraceUniforms};
+use fathom_stages::splatting::{PHOTONS_PER_INSTANCE, Sums};
+use fathom_stages::{Stage, caustics, godrays, scene, shadow, water};
 
 pub use grid::PhotonGrid;
-pub use measure::{PhotonQuery, blended_fragments, photons_at, read_photons};
+pub use measure::{blended_fragments, photon_query, photons_at, read_photons};
 pub use parameters::{CausticMethod, Intensity, Params, Splatting, SubdivisionMode};
 use parameters::{CausticsUnit, PhotonPath};
 
@@ -42,26 +41,23 @@ pub struct Underwater {
     pub view: View,
     pub caustics: PhotonStages,
     pub godrays: PhotonStages,
-    compose: Rc<Compose>,
+    image: wgpu::Texture,
     plan: Plan,
 }
 
-/// The stages of a photon grid: traced, drawn, filtered.
+/// What the stages of a photon grid leave: traced, drawn, filtered.
 pub struct PhotonStages {
-    pub trace: Rc<Tracing>,
-    pub drawn: Rc<dyn Accumulated>,
-    filter: Option<Rc<LowPass>>,
+    pub photons: Photons,
+    pub drawn: Sums,
+    filtered: Option<wgpu::Texture>,
+    /// The stage that leaves what the picture is composed of.
+    pub last: &'static str,
 }
 
 impl PhotonStages {
-    /// The stage that leaves what the picture is composed of.
-    pub fn last(&self) -> &'static StageInfo {
-        self.filter.as_ref().map_or(self.drawn.info(), |filter| filter.info())
-    }
-
     /// What the picture is composed of.
     pub fn texture(&self) -> &wgpu::Texture {
-        self.filter.as_ref().map_or(self.drawn.texture(), |filter| filter.texture())
+        self.filtered.as_ref().unwrap_or(&self.drawn.texture)
     }
 }
 
@@ -75,49 +71,48 @@ impl Pipeline for Underwater {
         let view = view(params, scene);
         let plan = Plan::new(params, &view);
         let shared = &Shared::new(resources, &view);
-        resources.push(Frame::new(view.clone(), shared));
+        resources.push(frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);
 
         let of_light = &resources.sized_by("shadow.size");
-        let depth = shadow::depth::Depth::new(of_light, shared, geometry, params.shadow.size)?;
+        let depth = shadow::depth::new(of_light, shared, geometry, params.shadow.size)?;
         let depth = of_light.push(depth);
         let cells = params.surface.cells;
-        let mask = shadow::mask::Mask::new(of_light, shared, depth.texture(), cells)?;
+        let mask = shadow::mask::new(of_light, shared, &depth, cells)?;
         let mask_texture = mask.texture().clone();
         if params.caustics.mask || params.godrays.mask {
             of_light.push(mask);
         }
-        let light = (depth.texture(), &mask_texture);
+        let light = (&depth, &mask_texture);
 
         let of_view = &resources.sized_by(VIEWPORT);
         let size_px = view.size_px.to_array();
-        let gbuffer =
-            of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
+        let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_surface = &resources.sized_by("view × surface.scale");
         let surface_px = scaled(size_px, params.surface.scale);
-        let lit = |info| LitScene::new(of_surface, info, shared, geometry, surface_px);
+        let lit = |info| lit_scene::new(of_surface, info, shared, geometry, surface_px);
         let reflection = of_surface.push(lit(&water::reflection::INFO)?);
         let refraction = of_surface.push(lit(&water::refraction::INFO)?);
 
-        let seen = &gbuffer.textures.depth;
+        let seen = &gbuffer.depth;
         let [caustics, godrays] = photon_grids(resources, shared, light, seen, params, &plan)?;
         let composed = Composed {
-            gbuffer: &gbuffer.textures,
+            gbuffer: &gbuffer,
             caustics: caustics.texture(),
             godrays: godrays.texture(),
-            reflection: reflection.texture(),
-            refraction: refraction.texture(),
+            reflection: &reflection,
+            refraction: &refraction,
         };
         let flux = params.caustics.buffer_holds() == CausticsUnit::Flux;
-        let compose = Compose::new(of_view, shared, &composed, plan.compose.clone(), flux)?;
-        let compose = of_view.push(compose);
-        Ok(Self { params: params.clone(), view, caustics, godrays, compose, plan })
+        let compose = compose::new(of_view, shared, &composed, &plan.compose, flux)?;
+        let image = of_view.push(compose);
+        Ok(Self { params: params.clone(), view, caustics, godrays, image, plan })
     }
 }
 
 impl Drawing for Underwater {
     fn image(&self) -> &wgpu::Texture {
-        self.compose.texture()
+        &self.image
     }
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
@@ -153,8 +148,8 @@ fn photon_grids(
         radius_px: params.caustics.filter_radius_px as f32,
         depth_share: params.caustics.filter_depth_share as f32,
     };
-    let filter = |of: &Resources<'_>, drawn: &dyn Accumulated| {
-        LowPass::guided(of, &caustics::filter::INFO, drawn.source(), (shared, seen), &guide)
+    let filter = |of: &Resources<'_>, drawn: &Sums| {
+        low_pass::guided(of, &caustics::filter::INFO, drawn, (shared, seen), &guide)
     };
     let caustics = photon_stages(
         resources,
@@ -165,20 +160,18 @@ fn photon_grids(
             let (inputs, settings, side_px) = ((photons, seen), &plan.splat, plan.splat_px);
             let sides_px = [side_px, params.caustics.point_size_max_px];
             let rules = (conserving, params.caustics.coverage);
-            let drawn: Rc<dyn Accumulated> =
-                match (params.caustics.method, params.caustics.splatting) {
-                    (CausticMethod::Mesh, _) => {
-                        let side = params.caustics.grid_settings().side();
-                        of.push(Mesh::new(of, shared, inputs, &plan.mesh, side)?)
-                    }
-                    (CausticMethod::Splats, Splatting::Compute) => {
-                        of.push(splat::Scatter::new(of, shared, inputs, settings, rules, sides_px)?)
-                    }
-                    (CausticMethod::Splats, Splatting::Raster) => {
-                        of.push(splat::raster(of, shared, inputs, settings, rules, side_px)?)
-                    }
-                };
-            Ok(drawn)
+            match (params.caustics.method, params.caustics.splatting) {
+                (CausticMethod::Mesh, _) => {
+                    let side = params.caustics.grid_settings().side();
+                    mesh::new(of, shared, inputs, &plan.mesh, side)
+                }
+                (CausticMethod::Splats, Splatting::Compute) => {
+                    splat::scatter(of, shared, inputs, settings, rules, sides_px)
+                }
+                (CausticMethod::Splats, Splatting::Raster) => {
+                    splat::raster(of, shared, inputs, settings, rules, side_px)
+                }
+            }
         },
     )?;
     let path = params.godrays.path();
@@ -186,8 +179,8 @@ fn photon_grids(
         taps: params.godrays.filter_taps,
         radius_px: params.godrays.filter_radius_px as f32,
     };
-    let filter = |of: &Resources<'_>, drawn: &dyn Accumulated| {
-        LowPass::new(of, &godrays::filter::INFO, drawn.source(), &settings)
+    let filter = |of: &Resources<'_>, drawn: &Sums| {
+        low_pass::new(of, &godrays::filter::INFO, drawn, &settings)
     };
     let godrays = photon_stages(
         resources,
@@ -196,35 +189,38 @@ fn photon_grids(
         (path, &plan.traces[1], &filter),
         |of, photons, conserving| {
             let (inputs, settings, length_px) = ((photons, seen), &plan.lines, plan.line_px);
-            let drawn: Rc<dyn Accumulated> =
-                of.push(godrays::lines::new(of, shared, inputs, settings, conserving, length_px)?);
-            Ok(drawn)
+            godrays::lines::new(of, shared, inputs, settings, conserving, length_px)
         },
     )?;
     Ok([caustics, godrays])
 }
 
 /// Makes the stage that smooths what another has drawn.
-type Smoothing<'a> = dyn Fn(&Resources<'_>, &dyn Accumulated) -> Result<LowPass, GpuError> + 'a;
+type Smoothing<'a> = dyn Fn(&Resources<'_>, &Sums) -> Result<Stage<wgpu::Texture>, GpuError> + 'a;
 
-/// `draw` pushes the stage that draws the photons, and `filter` makes the one that smooths the result.
+/// `draw` makes the stage that draws the photons, and `filter` makes the one that smooths the result.
 fn photon_stages(
     resources: &Resources<'_>,
     shared: &Shared,
     light: (&wgpu::Texture, &wgpu::Texture),
     (path, uniforms, filter): (PhotonPath, &TraceUniforms, &Smoothing<'_>),
-    draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Rc<dyn Accumulated>, GpuError>,
+    draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Stage<Sums>, GpuError>,
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;
     let of_grid = &resources.sized_by(path.grid_sized_by);
     let rules = (grid.is_dynamic(), conserving);
-    let trace = Tracing::new(of_grid, path.trace, shared, light, uniforms.clone(), rules)?;
-    let trace = of_grid.push(trace);
+    let trace = photon::tracing(of_grid, path.trace, shared, light, uniforms, rules)?;
+    let photons = of_grid.push(trace);
     let of_buffer = &resources.sized_by(path.buffer_sized_by);
-    let drawn = draw(of_buffer, &trace.photons, conserving)?;
-    let filter = path.filter.then(|| filter(of_buffer, &*drawn)).transpose()?;
-    let filter = filter.map(|filter| of_buffer.push(filter));
-    Ok(PhotonStages { trace, drawn, filter })
+    let draw = draw(of_buffer, &photons, conserving)?;
+    let mut last = draw.name();
+    let drawn = of_buffer.push(draw);
+    let filter = path.filter.then(|| filter(of_buffer, &drawn)).transpose()?;
+    let filtered = filter.map(|filter| {
+        last = filter.name();
+        of_buffer.push(filter)
+    });
+    Ok(PhotonStages { photons, drawn, filtered, last })
 }
 
 /// What the frame is seen from, for these parameters.

@@ -7,7 +7,7 @@ use glam::DMat4;
 
 use super::Pipeline;
 use super::lighting::{Composed, Seen};
-use super::occlusion::{self, OcclusionBuffers};
+use super::occlusion::OcclusionBuffers;
 use super::settings::{self, Update};
 use super::voxelization;
 use fathom_gpu::GpuError;
@@ -18,7 +18,7 @@ use fathom_stages::kit::Resources;
 use fathom_stages::marching::Marching;
 use fathom_stages::voxels::Voxels;
 
-pub use measure::{PointQuery, occlusion_at};
+pub use measure::{occlusion_at, point_query};
 pub use parameters::Params;
 
 /// Voxelization, rays marched through the volumes, filter, composition.
@@ -47,9 +47,9 @@ impl Pipeline for VolumeAo {
         let volumes = voxelize(resources, &geometry, scene, params, params.voxel.update)?;
         let seen = Seen::draw(resources, (view, shared), &geometry, &params.shadow)?;
         let marching = params.marching(scene);
-        let textures = &seen.gbuffer.textures;
+        let textures = &seen.gbuffer;
         let of_buffer = resources.sized_by("ao.rays × samples");
-        let march = ao::march::March::new(
+        let march = ao::march::new(
             &of_buffer,
             &seen.shared,
             &volumes,
@@ -59,18 +59,12 @@ impl Pipeline for VolumeAo {
         )?;
         let march = of_buffer.push(march);
         let filter = params.ao.filter.then_some((&ao::bilateral::INFO, &params.filter));
-        let composed = Composed::new(
-            resources,
-            &seen,
-            (scene, &geometry),
-            march.texture(),
-            filter,
-            &params.compose,
-        )?;
+        let composed =
+            Composed::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
-            raw: (ao::march::INFO.name, march.texture().clone()),
-            filtered: occlusion::filtered(&ao::bilateral::INFO, composed.filter.as_deref()),
+            raw: (ao::march::INFO.name, march.clone()),
+            filtered: composed.filtered.clone(),
             camera: params.camera.clone(),
             r_max_m: marching.r_max_m,
             model: params.model(),

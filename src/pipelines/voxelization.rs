@@ -1,18 +1,16 @@
 //! Volumes and the stages that fill them, as `voxelize` and `volume_ao` share them. VAO §4.
 
-use std::rc::Rc;
-
 use super::settings::{self, Animation, Method, Update, Voxel};
 use fathom_gpu::{GpuError, Stage};
 use fathom_scene::{Grid, Scene};
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::Resources;
-use fathom_stages::voxel::clear::{Clear, Cleared};
-use fathom_stages::voxel::combine::Combine;
-use fathom_stages::voxel::mips::Mips;
-use fathom_stages::voxel::slice::Slice;
-use fathom_stages::voxel::slicemap::{Axis, Slicemap};
-use fathom_stages::voxel::unpack::{Packed, Unpack};
+use fathom_stages::kit::{Resources, When};
+use fathom_stages::voxel::clear::{self, Cleared};
+use fathom_stages::voxel::combine;
+use fathom_stages::voxel::mips;
+use fathom_stages::voxel::slice;
+use fathom_stages::voxel::slicemap::{self, Axis};
+use fathom_stages::voxel::unpack::{self, Packed};
 use fathom_stages::voxel::{Part, alpha, overlap};
 use fathom_stages::voxels::Voxels;
 
@@ -39,10 +37,8 @@ pub fn voxelize(
     Volumes { grids, update, pyramid }: Volumes,
 ) -> Result<Vec<Voxels>, GpuError> {
     if let Some(deform) = settings::deform(resources, geometry, scene, animation)? {
-        let deform = resources.push(deform);
-        if update == Update::Once {
-            resources.once(deform);
-        }
+        let once = update == Update::Once;
+        resources.push_as(deform, if once { When::Both } else { When::EveryFrame });
     }
     let resources = &resources.sized_by(settings.size_name());
     let parts = parts(resources, geometry, &grids, settings, pyramid);
@@ -57,7 +53,7 @@ pub fn voxelize(
     }
     // A single voxel has no levels.
     if pyramid && grids.iter().any(|grid| grid.count() > 1) {
-        filling.push(Mips::new(resources, &volumes)?);
+        filling.push(mips::new(resources, &volumes)?);
     }
     Ok(volumes)
 }
@@ -90,19 +86,17 @@ struct Filling<'a> {
 }
 
 impl Filling<'_> {
-    fn push<S: Stage + 'static>(&self, stage: S) -> Rc<S> {
-        match self.update {
-            Update::EveryFrame => self.resources.push(stage),
-            Update::Once => self.resources.push_once(stage),
-        }
+    fn push<L>(&self, stage: Stage<L>) -> L {
+        let once = self.update == Update::Once;
+        self.resources.push_as(stage, if once { When::Once } else { When::EveryFrame })
     }
 
     /// VAO §4.2: three passes, one per axis, and their OR.
     fn slicemap(&self) -> Result<(), GpuError> {
         let Self { resources, geometry, parts, .. } = *self;
-        let make = |axis| Slicemap::new(resources, geometry, parts, axis);
+        let make = |axis| slicemap::new(resources, geometry, parts, axis);
         let [x, y, z] = [make(Axis::X)?, make(Axis::Y)?, make(Axis::Z)?];
-        let maps = x.slicemaps().zip(y.slicemaps()).zip(z.slicemaps());
+        let maps = x.iter().zip(&**y).zip(&**z);
         let volumes: Vec<_> = parts
             .iter()
             .zip(maps)
@@ -113,23 +107,23 @@ impl Filling<'_> {
             .flat_map(|(voxels, maps)| maps.iter().chain([&voxels.bits]))
             .map(Cleared::from)
             .collect();
-        self.push(Clear::new(cleared));
+        self.push(clear::new(cleared));
         for pass in [x, y, z] {
             self.push(pass);
         }
-        self.push(Combine::new(resources, &volumes)?);
+        self.push(combine::new(resources, &volumes)?);
         self.unpack(&Packed::Bits)
     }
 
     /// VAO §4.1: a pass for each slice of each axis.
     fn slice(&self) -> Result<(), GpuError> {
-        self.push(Slice::new(self.resources, self.geometry, self.parts)?);
+        self.push(slice::new(self.resources, self.geometry, self.parts)?);
         self.unpack(&Packed::Bits)
     }
 
     fn overlap(&self, thin: bool) -> Result<(), GpuError> {
         let overlap = overlap::new(self.resources, self.geometry, self.parts, thin)?;
-        self.push(Clear::new(overlap.cleared()));
+        self.push(clear::new(overlap.cleared.clone()));
         self.push(overlap);
         self.unpack(&Packed::Bits)
     }
@@ -137,15 +131,14 @@ impl Filling<'_> {
     /// VAO Fig. 6: opacities in place of bits.
     fn max_alpha(&self) -> Result<(), GpuError> {
         let alpha = alpha::new(self.resources, self.geometry, self.parts)?;
-        let alphas = Packed::Alphas(alpha.alphas().cloned().collect());
-        self.push(Clear::new(alpha.cleared()));
-        self.push(alpha);
-        self.unpack(&alphas)
+        self.push(clear::new(alpha.cleared.clone()));
+        let alphas = self.push(alpha).alphas;
+        self.unpack(&Packed::Alphas(alphas))
     }
 
     fn unpack(&self, packed: &Packed) -> Result<(), GpuError> {
         let volumes: Vec<Voxels> = self.parts.iter().map(|part| part.voxels.clone()).collect();
-        self.push(Unpack::new(self.resources, &volumes, packed)?);
+        self.push(unpack::new(self.resources, &volumes, packed)?);
         Ok(())
     }
 }

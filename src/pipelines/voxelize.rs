@@ -11,7 +11,7 @@ use fathom_scene::{Camera, Light, Scene, SceneFile};
 use fathom_stages::frame::Shared;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
-use fathom_stages::voxel::view::CubeView;
+use fathom_stages::voxel::view;
 use fathom_stages::voxels::Voxels;
 
 fathom_base::settings! {
@@ -50,7 +50,8 @@ impl Parameters for Params {
 /// The volumes that a frame fills, and what draws them.
 pub struct Voxelize {
     pub volumes: Vec<Voxels>,
-    view: CubeView,
+    view: Stage,
+    picture: wgpu::Texture,
 }
 
 impl Pipeline for Voxelize {
@@ -73,17 +74,18 @@ impl Pipeline for Voxelize {
         let picture = &resources.for_pictures().sized_by(VIEWPORT);
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = Shared::new(picture, &view);
-        let view = CubeView::new(picture, &shared, &volumes, view.size_px.to_array())?;
-        Ok(Self { volumes, view })
+        let cubes = view::new(picture, &shared, &volumes, view.size_px.to_array())?;
+        let (view, cubes) = cubes.split();
+        Ok(Self { volumes, view, picture: cubes.picture })
     }
 }
 
 impl Drawing for Voxelize {
     fn image(&self) -> &wgpu::Texture {
-        self.view.texture()
+        &self.picture
     }
 
-    fn presenting(&self) -> Vec<&dyn Stage> {
+    fn presenting(&self) -> Vec<&Stage> {
         vec![&self.view]
     }
 

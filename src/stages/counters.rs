@@ -1,6 +1,6 @@
 //! Counters that a shader adds to, for figures of a frame that is run once more to count.
 
-use super::kit::{Bind, Buffer, Resources};
+use super::kit::{Bind, Buffer, Resource, Resources};
 use fathom_gpu::{Gpu, GpuError, read_buffer};
 
 /// Partial sums of each counter, so that fragments do not queue for one.
@@ -13,14 +13,16 @@ impl Counters {
         Self(resources.storage(label, (counters * SLOTS * 4) as u64))
     }
 
-    pub fn bind(&self) -> Bind<'_> {
-        Bind::Write(&self.0)
-    }
-
     /// What was counted, in the shader's order.
     pub fn sums(&self, gpu: &Gpu) -> Result<Vec<u64>, GpuError> {
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &self.0)?);
         let sum = |slots: &[u32]| slots.iter().map(|n| u64::from(*n)).sum();
         Ok(words.chunks(SLOTS).map(sum).collect())
+    }
+}
+
+impl Bind for Counters {
+    fn resource(&self) -> Resource {
+        self.0.resource()
     }
 }

@@ -4,12 +4,9 @@ use encase::ShaderType;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 
 use super::entry::EntrySearch;
-use super::kit::{Bind, Buffer, Group, Resources, host_bytes};
+use super::kit::host_bytes;
 use super::photon::PhotonEnergy;
-use super::{Stage, StageInfo};
-use crate::shader_struct;
-use fathom_gpu::StageScope;
-use fathom_record::Work;
+use crate::prelude::*;
 use fathom_scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
 
 pub const INFO: StageInfo = StageInfo {
@@ -169,20 +166,21 @@ pub struct Shared {
     uniforms: Buffer,
     /// Value of WATER in shaders that import `fathom::water`.
     water: i32,
-    water_turns: u64,
-    entry_turns: u64,
+    /// Turns of loops that a height of the water takes.
+    pub water_turns: u64,
+    /// Turns of loops in which a photon of the light finds its entry into the water, at most.
+    pub entry_turns: u64,
     fresnel: bool,
-    photons: PhotonEnergy,
+    /// How much of its share of the light's flux a photon carries.
+    pub photon_energy: PhotonEnergy,
 }
 
 impl Shared {
     pub fn new(resources: &Resources<'_>, view: &View) -> Self {
         let uniforms = resources.uniform("frame", &view.uniforms());
         let texels = water_texels(resources, &view.water);
-        let binds = [Bind::Uniform(&uniforms), Bind::Texels(&texels)];
-        let group = Group::new(resources.gpu, "frame", &binds);
         Self {
-            group,
+            group: Group::new(&[&uniforms, &texels]),
             uniforms,
             water: match view.water.model {
                 WaterModel::Circular | WaterModel::Directional => 0,
@@ -192,7 +190,7 @@ impl Shared {
             water_turns: water_turns(&view.water),
             entry_turns: EntrySearch::new(&view.water).turns(&view.water, &view.light_frame()),
             fresnel: view.water.fresnel,
-            photons: PhotonEnergy::new(view),
+            photon_energy: PhotonEnergy::new(view),
         }
     }
 
@@ -201,24 +199,9 @@ impl Shared {
         ("WATER", self.water)
     }
 
-    /// Turns of loops that a height of the water takes.
-    pub fn water_turns(&self) -> u64 {
-        self.water_turns
-    }
-
-    /// Turns of loops in which a photon of the light finds its entry into the water, at most.
-    pub fn entry_turns(&self) -> u64 {
-        self.entry_turns
-    }
-
     /// What shaders that weigh photons are compiled with.
     pub fn fresnel_def(&self) -> (&'static str, i32) {
         ("FRESNEL", i32::from(self.fresnel))
-    }
-
-    /// How much of its share of the light's flux a photon carries.
-    pub fn photon_energy(&self) -> &PhotonEnergy {
-        &self.photons
     }
 }
 
@@ -251,29 +234,10 @@ fn water_texels(resources: &Resources<'_>, water: &Water) -> wgpu::Texture {
     }
 }
 
-pub struct Frame {
-    view: View,
-    uniforms: Buffer,
-}
-
-impl Frame {
-    pub fn new(view: View, shared: &Shared) -> Self {
-        Self { view, uniforms: shared.uniforms.clone() }
-    }
-}
-
-impl Stage for Frame {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        scope.host(|queue| {
-            queue.write_buffer(&self.uniforms, 0, &host_bytes(&self.view.uniforms()));
-        });
-    }
-
-    fn work(&self) -> Work {
-        Work { bytes_written: FrameUniforms::min_size().get(), ..Work::default() }
-    }
+pub fn new(view: View, shared: &Shared) -> Stage {
+    let uniforms = shared.uniforms.clone();
+    let work = Work { bytes_written: FrameUniforms::min_size().get(), ..Work::default() };
+    Stage::new(&INFO, work, move |scope| {
+        scope.host(|queue| queue.write_buffer(&uniforms, 0, &host_bytes(&view.uniforms())));
+    })
 }

@@ -1,11 +1,7 @@
 //! What `caustics/filter` and `godrays/filter` are: a multi-tap low-pass with a kernel rotated per pixel. UW §3.5.
 
-use super::frame::Shared;
-use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use super::{Column, Output, Stage, StageInfo};
-use crate::shader_struct;
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
+use super::splatting::Sums;
+use crate::prelude::*;
 
 shader_struct! {
     /// `Filter` in `shaders/godrays/filter.wgsl`.
@@ -24,92 +20,47 @@ shader_struct! {
     }
 }
 
-pub struct LowPass {
+/// The stage `info`. The result has the size and format of the source.
+pub fn new(
+    resources: &Resources<'_>,
     info: &'static StageInfo,
-    pass: ScreenPass,
-    /// Texels that a pixel reads.
-    fetches: u64,
-    /// Of a pixel, at least.
-    least_fetches: u64,
-    column: Column,
+    source: &Sums,
+    settings: &FilterUniforms,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let filter = resources.loop_settings(info.name, settings);
+    let taps = u64::from(settings.taps);
+    let group = Group::new(&[&filter, &source.texture]);
+    stage(resources, info, &[&group], source, [taps, taps])
 }
 
-impl LowPass {
-    /// The stage `info`. The result has the size and format of the source, and holds what its column says.
-    pub fn new(
-        resources: &Resources<'_>,
-        info: &'static StageInfo,
-        (source, column): (&wgpu::Texture, Column),
-        settings: &FilterUniforms,
-    ) -> Result<Self, GpuError> {
-        let settings_buffer = resources.loop_settings(info.name, settings);
-        let binds = [Bind::Read(&settings_buffer), Bind::Texels(source)];
-        let group = Group::new(resources.gpu, info.name, &binds);
-        let pass = screen_pass(resources, info, &[&group], source)?;
-        let fetches = u64::from(settings.taps);
-        Ok(Self { info, pass, fetches, least_fetches: fetches, column })
-    }
-
-    /// The same, guided by the camera's depth: taps on another surface than the pixel's do not count.
-    pub fn guided(
-        resources: &Resources<'_>,
-        info: &'static StageInfo,
-        (source, column): (&wgpu::Texture, Column),
-        (shared, depth): (&Shared, &wgpu::Texture),
-        settings: &GuidedUniforms,
-    ) -> Result<Self, GpuError> {
-        let settings_buffer = resources.loop_settings(info.name, settings);
-        let binds = [Bind::Read(&settings_buffer), Bind::Texels(source), Bind::Depth(depth)];
-        let group = Group::new(resources.gpu, info.name, &binds);
-        let pass = screen_pass(resources, info, &[&shared.group, &group], source)?;
-        // The pixel's depth and its four neighbours'; depth and light at each tap, but no light on another surface.
-        let taps = u64::from(settings.taps);
-        Ok(Self { info, pass, fetches: 5 + 2 * taps, least_fetches: 5 + taps, column })
-    }
-
-    pub fn texture(&self) -> &wgpu::Texture {
-        self.pass.texture()
-    }
+/// The same, guided by the camera's depth: taps on another surface than the pixel's do not count.
+pub fn guided(
+    resources: &Resources<'_>,
+    info: &'static StageInfo,
+    source: &Sums,
+    (shared, depth): (&Shared, &wgpu::Texture),
+    settings: &GuidedUniforms,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let filter = resources.loop_settings(info.name, settings);
+    let group = Group::new(&[&filter, &source.texture, depth]);
+    // The pixel's depth and its four neighbours'; depth and light at each tap, but no light on another surface.
+    let taps = u64::from(settings.taps);
+    stage(resources, info, &[&shared.group, &group], source, [5 + 2 * taps, 5 + taps])
 }
 
-/// A pass over a target of the source's size and format.
-fn screen_pass(
+/// A pixel reads so many texels, and so many at least.
+fn stage(
     resources: &Resources<'_>,
     info: &'static StageInfo,
     groups: &[&Group],
-    source: &wgpu::Texture,
-) -> Result<ScreenPass, GpuError> {
-    let targets = [kit::opaque(source.format())];
-    let spec = RenderSpec::new(info.name, info.name, groups, &targets);
-    let size_px = [source.width(), source.height()];
-    ScreenPass::new(resources, &spec, size_px, wgpu::Color::BLACK)
-}
-
-impl Stage for LowPass {
-    fn info(&self) -> &'static StageInfo {
-        self.info
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.pass.encode(scope);
-    }
-
-    fn work(&self) -> Work {
-        let pixels = self.pass.pixels();
-        Work {
-            fragments: pixels,
-            texel_fetches: pixels * self.fetches,
-            bytes_written: pixels * 4,
-            ..Work::default()
-        }
-    }
-
-    fn least_work(&self) -> Work {
-        Work { texel_fetches: self.pass.pixels() * self.least_fetches, ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        let meaning = "what the photons add up to, averaged over the low-pass's disc";
-        vec![Output::texture("filtered", meaning, vec![self.column.clone()], self.texture())]
-    }
+    source: &Sums,
+    [texels, least]: [u64; 2],
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let targets = [kit::opaque(source.texture.format())];
+    let spec = RenderSpec::new(info.name, groups, &targets);
+    let pass = Pass::new(resources, &spec, kit::size_px(&source.texture), wgpu::Color::BLACK)?;
+    let (work, least) = (pass.work(texels, 4), pass.work(least, 4));
+    let meaning = "what the photons add up to, averaged over the low-pass's disc";
+    let stage = pass.stage(info, work).at_least(least);
+    Ok(stage.shown("filtered", meaning, vec![source.column.clone()]))
 }

@@ -3,12 +3,10 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::kit::{Bind, Buffer, Group, Resources};
 use super::slices::{Slice, most_turns, slices};
 use super::voxels::Voxels;
-use crate::shader_struct;
+use crate::prelude::*;
 use fathom_base::{choices, settings};
-use fathom_gpu::GpuError;
 use fathom_scene::Grid;
 
 /// ρ(d) on (0, r_max]. VAO Eq. 1 leaves it open.
@@ -256,39 +254,19 @@ impl Marching {
         };
         let slices: Vec<Vec<Slice>> = volumes.iter().map(of_volume).collect();
         let sliced = slices.iter().any(|slices| slices.len() > 1);
-        // A pass of a screen goes through all volumes, so that each needs its own.
-        let groups = |(voxels, slices)| {
+        let groups = |(voxels, slices): (&Voxels, Vec<Slice>)| -> Vec<Group> {
+            // A pass of a screen goes through all volumes, so that each needs its own.
             let sums = sliced.then(|| resources.storage("sums over rays", points * 4));
-            self.groups(resources, voxels, slices, sums.as_ref())
+            let uniforms = resources.uniform("marching", &self.uniforms(&voxels.grid));
+            let sampler = resources.linear_sampler("marching");
+            let group = |slice: &Slice| {
+                let slice = sliced.then(|| resources.loop_settings("marching", slice));
+                let Voxels { uniforms: grid, texture, bits, .. } = voxels;
+                Group::new(&[&uniforms, grid, texture, &sampler, bits]).and(&slice).and(&sums)
+            };
+            slices.iter().map(group).collect()
         };
         Ok(MarchPasses { sliced, volumes: volumes.iter().zip(slices).map(groups).collect() })
-    }
-
-    /// Bind group 1 of each pass through a volume.
-    fn groups(
-        &self,
-        resources: &Resources<'_>,
-        voxels: &Voxels,
-        slices: Vec<Slice>,
-        sums: Option<&Buffer>,
-    ) -> Vec<Group> {
-        let uniforms = resources.uniform("marching", &self.uniforms(&voxels.grid));
-        let sampler = resources.linear_sampler("marching");
-        let group = |slice: Slice| {
-            let slice = sums.map(|sums| (resources.loop_settings("marching", &slice), sums));
-            let mut binds = vec![
-                Bind::Uniform(&uniforms),
-                Bind::Uniform(&voxels.uniforms),
-                Bind::Volume(&voxels.texture),
-                Bind::Sampler(&sampler),
-                Bind::Read(&voxels.bits),
-            ];
-            if let Some((slice, sums)) = &slice {
-                binds.extend([Bind::Read(slice), Bind::Write(sums)]);
-            }
-            Group::new(resources.gpu, "marching", &binds)
-        };
-        slices.into_iter().map(group).collect()
     }
 }
 
@@ -296,20 +274,11 @@ impl Marching {
 pub struct MarchPasses {
     /// Some volume has several.
     sliced: bool,
-    volumes: Vec<Vec<Group>>,
+    /// Bind group 1 of each volume's passes.
+    pub volumes: Vec<Vec<Group>>,
 }
 
 impl MarchPasses {
-    /// Bind group 1 of each volume's passes.
-    pub fn volumes(&self) -> &[Vec<Group>] {
-        &self.volumes
-    }
-
-    /// A group with the layout of all.
-    pub fn first(&self) -> &Group {
-        &self.volumes[0][0]
-    }
-
     /// What the shader is compiled with beside [`Marching::defs`].
     pub fn def(&self) -> (&'static str, i32) {
         ("SLICED", i32::from(self.sliced))

@@ -24,6 +24,7 @@ pub mod photons;
 pub mod planar;
 pub mod pool;
 pub mod post;
+pub mod prelude;
 pub mod ray_cast;
 pub mod rays;
 pub mod refraction;

@@ -4,12 +4,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use super::frame::{Shared, View};
-use super::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use super::{Column, Output, OutputData, Stage, StageInfo};
-use crate::shader_struct;
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
+use super::frame::View;
+use super::kit::{Resource, square_workgroups};
+use crate::prelude::*;
 use fathom_scene::LightKind;
 
 shader_struct! {
@@ -123,6 +120,12 @@ impl Photons {
     }
 }
 
+impl Bind for Photons {
+    fn resource(&self) -> Resource {
+        self.buffer.resource()
+    }
+}
+
 /// How it is found where a photon lands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -196,97 +199,43 @@ impl TraceUniforms {
     }
 }
 
-/// What `caustics/trace` and `godrays/trace` are.
-pub struct Tracing {
+/// What `caustics/trace` and `godrays/trace` are: the stage `info`. `depth` and `mask` are the light's. With `dynamic` the shader takes its
+/// loop bound from the settings. With `conserving` the weights in the output follow the rule of what draws the photons.
+pub fn tracing(
+    resources: &Resources<'_>,
     info: &'static StageInfo,
-    kernel: Kernel,
-    dispatch: Dispatch,
-    settings: TraceUniforms,
-    energy: PhotonEnergy,
-    pub photons: Photons,
-}
-
-impl Tracing {
-    /// The stage `info`. `depth` and `mask` are the light's. With `dynamic` the shader takes its loop bound from the settings.
-    /// With `conserving` the weights in the output follow the rule of what draws the photons.
-    pub fn new(
-        resources: &Resources<'_>,
-        info: &'static StageInfo,
-        shared: &Shared,
-        (depth, mask): (&wgpu::Texture, &wgpu::Texture),
-        settings: TraceUniforms,
-        (dynamic, conserving): (bool, bool),
-    ) -> Result<Self, GpuError> {
-        let name = info.name;
-        resources.turns(
-            &format!("{name}, subdivision × iterations"),
-            settings.turns(shared.entry_turns()),
-        );
-        let side = if dynamic { 0 } else { settings.side as i32 };
-        let defs = [("SIDE", side), shared.water_def()];
-        let uniforms = resources.uniform(name, &settings);
-        let photons = Photons::new(resources, name, settings.photons());
-        let texels = resources.nearest_sampler(name);
-        let binds = [
-            Bind::Uniform(&uniforms),
-            Bind::Depth(depth),
-            Bind::Texels(mask),
-            Bind::Write(&photons.buffer),
-            Bind::NearestSampler(&texels),
-        ];
-        let group = Group::new(resources.gpu, name, &binds);
-        let groups = [&shared.group, &group];
-        let side = settings.grid.div_ceil(WORKGROUP);
-        Ok(Self {
-            info,
-            kernel: Kernel::new(resources, name, (name, &defs[..]), &groups)?,
-            dispatch: Dispatch::new(resources, name, &groups, [side, side, 1]),
-            settings,
-            energy: shared.photon_energy().conserving(conserving),
-            photons,
-        })
-    }
-}
-
-impl Stage for Tracing {
-    fn info(&self) -> &'static StageInfo {
-        self.info
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        scope.compute(|pass| self.kernel.run(pass, &self.dispatch));
-    }
-
-    fn work(&self) -> Work {
-        let photons = u64::from(self.photons.count);
-        Work {
-            photons,
-            // Four depth texels a place.
-            texel_fetches: photons * 4 * u64::from(self.settings.lookups),
-            bytes_written: Photons::bytes(photons),
-            ..Work::default()
-        }
-    }
-
-    /// The search ends where a photon has landed.
-    fn least_work(&self) -> Work {
-        Work { texel_fetches: 0, ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        let (energy, tolerance_m) = (self.energy.clone(), self.settings.tolerance_m);
-        vec![Output {
-            name: "photons".into(),
-            meaning: "traced photons, cell by cell".into(),
-            columns: columns(),
-            data: OutputData::Buffer {
-                buffer: self.photons.buffer.raw(),
-                stride_floats: (size_of::<Photon>() / 4) as u32,
-                count: self.photons.count,
-                row: Box::new(move |floats| row(floats, &energy, tolerance_m)),
-            },
-        }]
-    }
+    shared: &Shared,
+    (depth, mask): (&wgpu::Texture, &wgpu::Texture),
+    settings: &TraceUniforms,
+    (dynamic, conserving): (bool, bool),
+) -> Result<Stage<Photons>, GpuError> {
+    let name = info.name;
+    let turns = settings.turns(shared.entry_turns);
+    resources.turns(&format!("{name}, subdivision × iterations"), turns);
+    let side = if dynamic { 0 } else { settings.side as i32 };
+    let defs = [("SIDE", side), shared.water_def()];
+    let uniforms = resources.uniform(name, settings);
+    let photons = Photons::new(resources, name, settings.photons());
+    let texels = resources.nearest_sampler(name);
+    let groups = [&shared.group, &Group::new(&[&uniforms, depth, mask, &photons, &texels])];
+    let workgroups = square_workgroups([settings.grid; 2], WORKGROUP);
+    let dispatch = Dispatch::new(resources, (name, &defs), &groups, workgroups)?;
+    let count = u64::from(photons.count);
+    let work = Work {
+        photons: count,
+        // Four depth texels a place.
+        texel_fetches: count * 4 * u64::from(settings.lookups),
+        bytes_written: Photons::bytes(count),
+        ..Work::default()
+    };
+    // The search ends where a photon has landed.
+    let least = Work { texel_fetches: 0, ..work };
+    let (energy, tolerance_m) = (shared.photon_energy.conserving(conserving), settings.tolerance_m);
+    let rows = (&*photons.buffer, size_of::<Photon>() / 4, photons.count);
+    let row = move |floats: &[f32]| row(floats, &energy, tolerance_m);
+    let output = Output::rows("photons", "traced photons, cell by cell", columns(), rows, row);
+    let stage = Dispatch::stage([dispatch], info, work).at_least(least);
+    Ok(stage.output(output).leaving(photons))
 }
 
 /// The columns of a stored photon: entry, direction, hit, distance, residual, converged, weight.
@@ -307,33 +256,22 @@ fn row(stored: &[f32], energy: &PhotonEnergy, tolerance_m: f32) -> Vec<f32> {
 }
 
 fn columns() -> Vec<Column> {
-    let column = Column::new;
-    let entry = "where the photon meets the water";
-    let direction = "unit direction after refraction; 0 for a photon that never enters the water";
-    let hit = "where the photon lands";
-    vec![
-        column("entry_x_m", "m", entry),
-        column("entry_y_m", "m", entry),
-        column("entry_z_m", "m", entry),
-        column("direction_x", "1", direction),
-        column("direction_y", "1", direction),
-        column("direction_z", "1", direction),
-        column("hit_x_m", "m", hit),
-        column("hit_y_m", "m", hit),
-        column("hit_z_m", "m", hit),
-        column("distance_m", "m", "from entry to landing point"),
-        column(
-            "residual_m",
-            "m",
-            "distance of the landing point from the surface that the light sees there; -1: never enters the water, -2: left the light's frustum or meets nothing",
-        ),
-        column("converged", "1", "1 where the residual is within the tolerance"),
-        column(
-            "weight",
-            "1",
-            "share of photons.flux_w that enters the water with this photon; 0: never enters the water",
-        ),
-    ]
+    let entry = ["entry_x_m", "entry_y_m", "entry_z_m"];
+    let direction = ["direction_x", "direction_y", "direction_z"];
+    let refracted = "unit direction after refraction; 0 for a photon that never enters the water";
+    let residual = "distance of the landing point from the surface that the light sees there; -1: never enters the water, -2: left the light's frustum or meets nothing";
+    let weight =
+        "share of photons.flux_w that enters the water with this photon; 0: never enters the water";
+    let mut columns = Column::alike(entry, "m", "where the photon meets the water");
+    columns.extend(Column::alike(direction, "1", refracted));
+    columns.extend(Column::alike(["hit_x_m", "hit_y_m", "hit_z_m"], "m", "where the photon lands"));
+    columns.extend([
+        Column::new("distance_m", "m", "from entry to landing point"),
+        Column::new("residual_m", "m", residual),
+        Column::new("converged", "1", "1 where the residual is within the tolerance"),
+        Column::new("weight", "1", weight),
+    ]);
+    columns
 }
 
 #[cfg(test)]

@@ -1,8 +1,6 @@
 //! A rectangular pool and its illumination map: what the stages `planar/*` share. SPT §1.1.
 
-use super::kit::{Buffer, Resources};
-use super::{Column, Output};
-use crate::shader_struct;
+use crate::prelude::*;
 
 /// The floor, and the walls at −x, +x, −z and +z: they stand side by side in the map.
 pub const FACES: u32 = 5;
@@ -41,11 +39,4 @@ impl Pool {
         };
         resources.uniform("pool", &settings)
     }
-}
-
-/// The map, for dumps.
-pub fn map_output(map: &wgpu::Texture) -> Output {
-    let meaning = "faces side by side: the floor (row 0 at −z), then the walls at −x, +x, −z, +z (row 0 at the top)";
-    let column = Column::new("irradiance", "W/m²", "what the photons bring to the texel");
-    Output::texture("map", meaning, vec![column], map)
 }

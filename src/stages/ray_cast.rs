@@ -2,14 +2,10 @@
 
 use glam::{Vec2, Vec3};
 
-use super::frame::Shared;
-use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use super::kit::{Canvas, Raster};
 use super::scalar_field::ScalarField;
 use super::slices::{Slice, most_turns, slices};
-use super::{Column, Output, Stage, StageInfo};
-use crate::shader_struct;
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
+use crate::prelude::*;
 
 shader_struct! {
     /// `March` in `shaders/shared/ray_cast.wgsl`.
@@ -55,130 +51,93 @@ const IMAGE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 const RESULT_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 const NORMAL_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
-/// Full-viewport pass that casts each pixel's ray through a field.
-pub struct RayCast {
-    info: &'static StageInfo,
-    pass: ScreenPass,
-    /// Bind group 1 of each pass.
-    groups: Vec<wgpu::BindGroup>,
-}
-
-impl RayCast {
-    /// The stage `info`. `defs` are the shader's; `normals`: the shader writes them.
-    pub(super) fn new(
-        resources: &Resources<'_>,
-        info: &'static StageInfo,
-        (shared, field): (&Shared, &ScalarField),
-        defs: &[(&str, bool)],
-        normals: bool,
-        settings: &CastUniforms,
-    ) -> Result<Self, GpuError> {
-        let slices = Self::slices(resources, settings, field, normals);
-        let sliced = slices.len() > 1;
-        let mut defs: Vec<_> = defs.iter().map(|(n, on)| (*n, i32::from(*on))).collect();
-        if !normals {
-            defs.push(("SLICED", i32::from(sliced)));
-        }
-        let size_px = settings.size_px.as_uvec2().to_array();
-        let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
-        let uniforms = resources.uniform(info.name, settings);
-        let states = sliced.then(|| resources.storage("steps so far", pixels * STATE_BYTES));
-        let group = |slice: &Slice| {
-            let mut binds = vec![
-                Bind::Uniform(&field.uniforms),
-                Bind::Volume(&field.texture),
-                Bind::Sampler(&field.sampler),
-                Bind::Uniform(&uniforms),
-            ];
-            let own = states.as_ref().map(|s| (resources.loop_settings(info.name, slice), s));
-            if let Some((slice, states)) = &own {
-                binds.extend([Bind::Read(slice), Bind::Write(states)]);
-            }
-            Group::new(resources.gpu, info.name, &binds)
-        };
-        let own: Vec<Group> = slices.iter().map(group).collect();
-        let formats = [IMAGE_FORMAT, RESULT_FORMAT, NORMAL_FORMAT].map(kit::opaque);
-        let targets = &formats[..if normals { 3 } else { 2 }];
-        let groups = [&shared.group, &own[0]];
-        let spec = RenderSpec::new(info.name, (info.name, &defs[..]), &groups, targets);
-        let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)?;
-        let groups = kit::bare(&own.iter().collect::<Vec<_>>());
-        Ok(Self { info, pass, groups })
-    }
-
-    /// The passes over the steps of view rays: one for an isosurface, where the rays of one point follow the steps. In a medium each
-    /// step may take the rays of a point.
-    fn slices(
-        resources: &Resources<'_>,
-        settings: &CastUniforms,
-        field: &ScalarField,
-        isosurface: bool,
-    ) -> Vec<Slice> {
-        let (steps, of_point) = (settings.steps(field), settings.turns_of_point());
-        let label = "scalar.rays × scalar.samples";
-        if isosurface {
-            resources.turns(label, of_point + u64::from(steps) + HALVINGS + 2);
-            return vec![Slice { first: 0, end: steps }];
-        }
-        let slices = slices(steps, of_point + 1, 0);
-        resources.turns(label, most_turns(&slices, of_point + 1, 0));
-        slices
-    }
-
+/// What a cast leaves.
+pub struct Cast {
     /// The look, for display.
-    pub fn image(&self) -> &wgpu::Texture {
-        self.pass.texture()
-    }
-
+    pub image: wgpu::Texture,
     /// Visibility 1 − A, opacity, distance in metres, and the number of look-ups in the field, for each pixel.
-    pub fn result(&self) -> &wgpu::Texture {
-        &self.pass.targets[1]
-    }
-
+    pub result: wgpu::Texture,
     /// Of the surface, where the stage finds one.
-    pub fn normal(&self) -> Option<&wgpu::Texture> {
-        self.pass.targets.get(2)
-    }
+    pub normal: Option<wgpu::Texture>,
 }
 
-impl Stage for RayCast {
-    fn info(&self) -> &'static StageInfo {
-        self.info
+/// The stage `info` casts each pixel's ray through a field. `defs` are the shader's; `normals`: the shader writes them.
+pub(super) fn new(
+    resources: &Resources<'_>,
+    info: &'static StageInfo,
+    (shared, field): (&Shared, &ScalarField),
+    defs: &[(&str, bool)],
+    normals: bool,
+    settings: &CastUniforms,
+) -> Result<Stage<Cast>, GpuError> {
+    let slices = passes(resources, settings, field, normals);
+    let sliced = slices.len() > 1;
+    let mut defs: Vec<_> = defs.iter().map(|(n, on)| (*n, i32::from(*on))).collect();
+    if !normals {
+        defs.push(("SLICED", i32::from(sliced)));
     }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.pass.encode_series(scope, self.groups.len(), |number, pass| {
-            pass.set_bind_group(1, &self.groups[number], &[]);
-            pass.draw(0..3, 0..1);
+    let size_px = settings.size_px.as_uvec2().to_array();
+    let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
+    let uniforms = resources.uniform(info.name, settings);
+    let states = sliced.then(|| resources.storage("steps so far", pixels * STATE_BYTES));
+    let formats = [IMAGE_FORMAT, RESULT_FORMAT, NORMAL_FORMAT].map(kit::opaque);
+    let spec = RenderSpec::new((info.name, &defs), &[], &formats[..if normals { 3 } else { 2 }]);
+    let raster = |slice: &Slice| {
+        let slice = sliced.then(|| resources.loop_settings(info.name, slice));
+        let own = Group::new(&[&field.uniforms, &field.texture, &field.sampler, &uniforms]);
+        let groups = [&shared.group, &own.and(&slice).and(&states)];
+        Raster::new(resources, &RenderSpec { groups: &groups, ..spec.clone() })
+    };
+    let rasters = slices.iter().map(raster).collect::<Result<Vec<_>, _>>()?;
+    let canvas = Canvas::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT);
+    let textures = &canvas.textures;
+    let (image, result) = (textures[0].clone(), textures[1].clone());
+    let cast = Cast { image, result, normal: textures.get(2).cloned() };
+    // Look-ups depend on the field and are counted by the shader: see the last channel of the result.
+    let bytes_written = pixels * (4 + 16 + if normals { 8 } else { 0 });
+    let work = Work { fragments: pixels, bytes_written, ..Work::default() };
+    let stage = Stage::new(info, work, move |scope| {
+        canvas.series(scope, rasters.len(), |number, pass| {
+            rasters[number].bind(pass);
+            kit::cover(pass);
         });
-    }
+    });
+    Ok(stage.outputs(outputs(&cast)).leaving(cast))
+}
 
-    /// Look-ups depend on the field and are counted by the shader: see the last channel of the result.
-    fn work(&self) -> Work {
-        let pixels = self.pass.pixels();
-        let normal_bytes = if self.normal().is_some() { 8 } else { 0 };
-        Work {
-            fragments: pixels,
-            bytes_written: pixels * (4 + 16 + normal_bytes),
-            ..Work::default()
-        }
+/// The passes over the steps of view rays: one for an isosurface, where the rays of one point follow the steps. In a medium each
+/// step may take the rays of a point.
+fn passes(
+    resources: &Resources<'_>,
+    settings: &CastUniforms,
+    field: &ScalarField,
+    isosurface: bool,
+) -> Vec<Slice> {
+    let (steps, of_point) = (settings.steps(field), settings.turns_of_point());
+    let label = "scalar.rays × scalar.samples";
+    if isosurface {
+        resources.turns(label, of_point + u64::from(steps) + HALVINGS + 2);
+        return vec![Slice { first: 0, end: steps }];
     }
+    let slices = slices(steps, of_point + 1, 0);
+    resources.turns(label, most_turns(&slices, of_point + 1, 0));
+    slices
+}
 
-    fn outputs(&self) -> Vec<Output> {
-        let result = vec![
-            Column::new("visibility", "1", "1 − A, weighted by contribution"),
-            Column::new("opacity", "1", "share of the view that the field hides"),
-            Column::new("distance", "m", "from the viewer, weighted by contribution"),
-            Column::new("look_ups", "1", "look-ups in the field"),
-        ];
-        let normal = self.normal().map(|texture| {
-            let mut columns = ["nx", "ny", "nz"].map(|n| Column::new(n, "1", "normal")).to_vec();
-            columns.push(Column::new("covered", "1", "1 where there is a surface"));
-            let meaning = "unit normal of the isosurface in the world's axes";
-            Output::texture("normal", meaning, columns, texture)
-        });
-        let met = "what each pixel's view ray met";
-        let result = Output::texture("result", met, result, self.result());
-        [Output::image(self.image()), result].into_iter().chain(normal).collect()
-    }
+fn outputs(cast: &Cast) -> Vec<Output> {
+    let result = vec![
+        Column::new("visibility", "1", "1 − A, weighted by contribution"),
+        Column::new("opacity", "1", "share of the view that the field hides"),
+        Column::new("distance", "m", "from the viewer, weighted by contribution"),
+        Column::new("look_ups", "1", "look-ups in the field"),
+    ];
+    let normal = cast.normal.as_ref().map(|texture| {
+        let mut columns = Column::alike(["nx", "ny", "nz"], "1", "normal");
+        columns.push(Column::new("covered", "1", "1 where there is a surface"));
+        let meaning = "unit normal of the isosurface in the world's axes";
+        Output::texture("normal", meaning, columns, texture)
+    });
+    let met = "what each pixel's view ray met";
+    let result = Output::texture("result", met, result, &cast.result);
+    [Output::image(&cast.image), result].into_iter().chain(normal).collect()
 }

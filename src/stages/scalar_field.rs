@@ -4,8 +4,7 @@ mod pyramid;
 
 use glam::{DVec3, Vec3};
 
-use super::kit::{Buffer, Resources};
-use crate::shader_struct;
+use crate::prelude::*;
 use fathom_gpu::texture_bytes;
 use fathom_scene::Volume;
 

@@ -3,13 +3,8 @@
 
 use glam::Vec2;
 
-use super::frame::Shared;
 use super::gbuffer::GbufferTextures;
-use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use super::{Output, Stage, StageInfo};
-use crate::shader_struct;
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
+use crate::prelude::*;
 
 /// Shafts of light over a picture.
 #[derive(Clone, Copy)]
@@ -28,77 +23,33 @@ shader_struct! {
     }
 }
 
-pub struct Picture {
+impl ComposeUniforms {
+    pub fn new(size_px: [u32; 2], exposure: f64) -> Self {
+        Self { size_px: Vec2::from(size_px.map(|side| side as f32)), exposure: exposure as f32 }
+    }
+}
+
+/// The stage `info`, whose shader has its path. It binds settings, albedo, normals, depth and then `rays`. `of_pixel` is the work for each
+/// pixel beside the G-buffer's.
+pub(super) fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
     info: &'static StageInfo,
-    pass: ScreenPass,
-    work: Work,
-}
-
-impl Picture {
-    /// The stage `info`, whose shader has its path. It binds settings, albedo, normals, depth and then `rays`. `of_pixel` is the work for each
-    /// pixel beside the G-buffer's.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        info: &'static StageInfo,
-        (gbuffer, rays): (&GbufferTextures, Vec<Bind<'_>>),
-        exposure: f64,
-        of_pixel: Work,
-    ) -> Result<Self, GpuError> {
-        let size_px = [gbuffer.depth.width(), gbuffer.depth.height()];
-        let settings = ComposeUniforms {
-            size_px: Vec2::from(size_px.map(|side| side as f32)),
-            exposure: exposure as f32,
-        };
-        let settings = resources.uniform(info.name, &settings);
-        let mut binds = vec![
-            Bind::Uniform(&settings),
-            Bind::Texels(&gbuffer.albedo),
-            Bind::Texels(&gbuffer.normal),
-            Bind::Depth(&gbuffer.depth),
-        ];
-        binds.extend(rays);
-        let group = Group::new(resources.gpu, info.name, &binds);
-        let groups = [&shared.group, &group];
-        let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
-        let spec = RenderSpec::new(info.name, info.name, &groups, &targets);
-        let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
-        let pixels = pass.pixels();
-        let work = Work {
-            fragments: pixels,
-            texel_fetches: pixels * (3 + of_pixel.texel_fetches),
-            bytes_read: pixels * of_pixel.bytes_read,
-            bytes_written: pixels * 4,
-            ..Work::default()
-        };
-        Ok(Self { info, pass, work })
-    }
-
-    pub fn texture(&self) -> &wgpu::Texture {
-        self.pass.texture()
-    }
-}
-
-impl Stage for Picture {
-    fn info(&self) -> &'static StageInfo {
-        self.info
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.pass.encode(scope);
-    }
-
-    fn work(&self) -> Work {
-        self.work
-    }
-
-    /// The background has no texels but its depth.
-    fn least_work(&self) -> Work {
-        let pixels = self.work.fragments;
-        Work { texel_fetches: pixels, bytes_read: 0, ..self.work }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![Output::image(self.texture())]
-    }
+    (gbuffer, rays): (&GbufferTextures, &[&dyn Bind]),
+    exposure: f64,
+    of_pixel: Work,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let GbufferTextures { albedo, normal, depth } = gbuffer;
+    let size_px = kit::size_px(depth);
+    let settings = resources.uniform(info.name, &ComposeUniforms::new(size_px, exposure));
+    let own = Group::new(&[&settings, albedo, normal, depth]).and(rays.iter().copied());
+    let groups = [&shared.group, &own];
+    let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
+    let spec = RenderSpec::new(info.name, &groups, &targets);
+    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
+    let bytes_read = pass.pixels() * of_pixel.bytes_read;
+    let work = Work { bytes_read, ..pass.work(3 + of_pixel.texel_fetches, 4) };
+    // The background has no texels but its depth.
+    let least = pass.work(1, 4);
+    Ok(pass.stage(info, work).at_least(least).image())
 }

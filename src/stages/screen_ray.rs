@@ -3,13 +3,9 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
-use super::frame::Shared;
-use super::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
+use super::kit::Resource;
 use super::photon::{Photon, Photons};
-use super::{Column, Output, OutputData, Stage, StageInfo};
-use crate::shader_struct;
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
+use crate::prelude::*;
 use fathom_scene::Bounds;
 
 shader_struct! {
@@ -47,30 +43,23 @@ impl Transfers {
 
     /// For dumps.
     pub fn output(&self) -> Output {
-        let column = Column::new;
-        let place = "where the photon leaves the surface";
-        let direction = "unit direction behind the surface";
-        let columns = vec![
-            column("x_m", "m", place),
-            column("y_m", "m", place),
-            column("z_m", "m", place),
-            column("state", "1", "0 for a photon that never gets here, 4 for one that has ended"),
-            column("direction_x", "1", direction),
-            column("direction_y", "1", direction),
-            column("direction_z", "1", direction),
-            column("path_m", "m", "way under water that is behind it"),
-        ];
-        Output {
-            name: "transfers".into(),
-            meaning: "the transfer map: a photon a row, in the order of the light's grid or of the pixels".into(),
-            columns,
-            data: OutputData::Buffer {
-                buffer: self.buffer.raw(),
-                stride_floats: (size_of::<Transfer>() / 4) as u32,
-                count: self.count,
-                row: Box::new(<[f32]>::to_vec),
-            },
-        }
+        let mut columns =
+            Column::alike(["x_m", "y_m", "z_m"], "m", "where the photon leaves the surface");
+        let state = "0 for a photon that never gets here, 4 for one that has ended";
+        columns.push(Column::new("state", "1", state));
+        let directions = ["direction_x", "direction_y", "direction_z"];
+        columns.extend(Column::alike(directions, "1", "unit direction behind the surface"));
+        columns.push(Column::new("path_m", "m", "way under water that is behind it"));
+        let meaning =
+            "the transfer map: a photon a row, in the order of the light's grid or of the pixels";
+        let rows = (&*self.buffer, size_of::<Transfer>() / 4, self.count);
+        Output::rows("transfers", meaning, columns, rows, <[f32]>::to_vec)
+    }
+}
+
+impl Bind for Transfers {
+    fn resource(&self) -> Resource {
+        self.buffer.resource()
     }
 }
 
@@ -257,14 +246,8 @@ impl Rays<'_> {
         photons: Option<&Photons>,
     ) -> Group {
         let uniforms = resources.uniform(label, &self.uniforms());
-        let mut binds = vec![
-            Bind::Uniform(&uniforms),
-            Bind::Read(&self.transfers.buffer),
-            Bind::Layers(&self.layers.depths),
-            Bind::Layers(&self.layers.surfaces),
-        ];
-        binds.extend(photons.map(|photons| Bind::Write(&photons.buffer)));
-        Group::new(resources.gpu, label, &binds)
+        let Layers { depths, surfaces } = self.layers;
+        Group::new(&[&uniforms, self.transfers, depths, surfaces]).and(photons)
     }
 
     /// Work at most: every ray as long as the picture, every layer read at each step, all photons on all ways.
@@ -297,79 +280,27 @@ pub fn output(photons: &Photons) -> Output {
         m("hit_z_m", "the same along z"),
         m("distance_m", "way under water up to the hit"),
     ];
-    Output {
-        name: "photons".into(),
-        meaning: "photons and the first surface of the layers that each ray meets".into(),
-        columns,
-        data: OutputData::Buffer {
-            buffer: photons.buffer.raw(),
-            stride_floats: (size_of::<Photon>() / 4) as u32,
-            count: photons.count,
-            row: Box::new(<[f32]>::to_vec),
-        },
-    }
+    let meaning = "photons and the first surface of the layers that each ray meets";
+    let rows = (&*photons.buffer, size_of::<Photon>() / 4, photons.count);
+    Output::rows("photons", meaning, columns, rows, <[f32]>::to_vec)
 }
 
-/// What `rays/march` and `rays/group` are: a dispatch over all photons.
-pub struct Walked {
+/// What `rays/march` and `rays/group` are: a dispatch over all photons. The stage `info`, whose shader has its path.
+pub fn walked(
+    resources: &Resources<'_>,
     info: &'static StageInfo,
-    kernel: Kernel,
-    dispatch: Dispatch,
-    pub photons: Photons,
-    ways: u32,
-    work: Work,
-}
-
-impl Walked {
-    /// The stage `info`, whose shader has its path.
-    pub fn new(
-        resources: &Resources<'_>,
-        info: &'static StageInfo,
-        shared: &Shared,
-        rays: &Rays<'_>,
-        workgroups: [u32; 3],
-    ) -> Result<Self, GpuError> {
-        let photons = Photons::new(resources, info.name, rays.transfers.count);
-        resources.turns("view × ldi.layers", walk_turns(rays.most(), rays.layers.count()));
-        let own = rays.group(resources, info.name, Some(&photons));
-        let groups = [&shared.group, &own];
-        let defs = rays.defs();
-        Ok(Self {
-            info,
-            kernel: Kernel::new(resources, info.name, (info.name, &defs[..]), &groups)?,
-            dispatch: Dispatch::new(resources, info.name, &groups, workgroups),
-            photons,
-            ways: rays.walking.ways,
-            work: rays.work(),
-        })
-    }
-}
-
-impl Stage for Walked {
-    fn info(&self) -> &'static StageInfo {
-        self.info
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        scope.compute(|pass| self.kernel.run(pass, &self.dispatch));
-    }
-
-    fn turns(&self) -> u32 {
-        self.ways
-    }
-
-    fn work(&self) -> Work {
-        self.work
-    }
-
-    /// Rays end early, and a photon that has ended is passed over on its later ways.
-    fn least_work(&self) -> Work {
-        Work::default()
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![output(&self.photons)]
-    }
+    shared: &Shared,
+    rays: &Rays<'_>,
+    workgroups: [u32; 3],
+) -> Result<Stage<Photons>, GpuError> {
+    let photons = Photons::new(resources, info.name, rays.transfers.count);
+    resources.turns("view × ldi.layers", walk_turns(rays.most(), rays.layers.count()));
+    let own = rays.group(resources, info.name, Some(&photons));
+    let groups = [&shared.group, &own];
+    let dispatch = Dispatch::new(resources, (info.name, &rays.defs()), &groups, workgroups)?;
+    // Rays end early, and a photon that has ended is passed over on its later ways.
+    let stage = Dispatch::stage([dispatch], info, rays.work()).at_least(Work::default());
+    Ok(stage.in_turns(rays.walking.ways).output(output(&photons)).leaving(photons))
 }
 
 /// Most workgroups along one axis of a dispatch, within every adapter's limit.

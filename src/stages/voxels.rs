@@ -2,8 +2,7 @@
 
 use glam::{UVec3, Vec3};
 
-use super::kit::{Buffer, Resources};
-use crate::shader_struct;
+use crate::prelude::*;
 use fathom_scene::Grid;
 
 shader_struct! {

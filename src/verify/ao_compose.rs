@@ -1,7 +1,7 @@
 //! `ao/compose`: known inputs in, closed forms of reflected light out; and its shadows against rays.
 
 use crate::prelude::*;
-use fathom_stages::ao::compose::{Compose, LightingUniforms, Lit};
+use fathom_stages::ao::compose::{self, LightingUniforms, Lit};
 
 const STAGE: &str = "ao/compose";
 const SIZE: [u32; 2] = [96, 64];
@@ -94,7 +94,7 @@ impl Known {
             shadow: &rig.depth([64, 64], self.shadow)?,
         };
         let settings = settings(self.exposure, AMBIENT);
-        let stage = Compose::new(rig, &Shared::new(rig, view), &lit, &settings, shows_occlusion)?;
+        let stage = compose::new(rig, &Shared::new(rig, view), &lit, &settings, shows_occlusion)?;
         rig.drawn(&[&stage], stage.texture(), 0)
     }
 
@@ -121,14 +121,14 @@ impl Known {
 fn shadows(rig: &Rig<'_>) -> Result<Check> {
     const START_M: f64 = 1e-3;
     let stand = rig.stand(Scene::load("tank")?, SIZE)?;
-    let light = Depth::new(rig, &stand.shared, &stand.geometry, 1024)?;
+    let light = shadow::depth::new(rig, &stand.shared, &stand.geometry, 1024)?;
     let white = rig.constant(SIZE, [1.0; 4])?;
     let lit = Lit {
         gbuffer: &GbufferTextures { albedo: white.clone(), ..rig.gbuffer(&stand)? },
         visibility: &white,
         shadow: light.texture(),
     };
-    let stage = Compose::new(rig, &stand.shared, &lit, &settings(1e3, 0.0), false)?;
+    let stage = compose::new(rig, &stand.shared, &lit, &settings(1e3, 0.0), false)?;
     let shown = rig.drawn(&[&light, &stage], stage.texture(), 0)?;
     // Of the covered pixels: whether a ray to the light is free, and whether the picture is lit. Pixels that the light strikes at a slant
     // of less than 5 degrees are left out.

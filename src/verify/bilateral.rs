@@ -4,7 +4,7 @@ use crate::prelude::*;
 use fathom_pipelines::settings;
 use fathom_reference::bilateral::Bilateral;
 use fathom_reference::quantities::quantile;
-use fathom_stages::bilateral::{Bilateral as BilateralStage, BilateralUniforms};
+use fathom_stages::bilateral::{self, BilateralUniforms};
 use fathom_stages::{ao, hsao};
 
 /// Columns, curved objects, walls at a slant, and background between them.
@@ -33,7 +33,7 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     let normals = rig.vectors(&textures.normal)?;
     let filtered = |visibility: &Image, uniforms: &BilateralUniforms| {
         let inputs = (&rig.grey(visibility), &textures.depth, &textures.normal);
-        let stage = BilateralStage::new(rig, info, &stand.shared, inputs, uniforms)?;
+        let stage = bilateral::new(rig, info, &stand.shared, inputs, uniforms)?;
         rig.drawn(&[&stage], stage.texture(), 0)
     };
     let settings = settings::Filter { normal_sigma: NORMAL_SIGMA, ..settings::Filter::default() };

@@ -3,7 +3,7 @@
 use std::iter::successors;
 
 use crate::prelude::*;
-use fathom_stages::lit_scene::LitScene;
+use fathom_stages::lit_scene;
 use fathom_stages::water;
 
 /// Scene with columns, curved objects and walls.
@@ -139,7 +139,7 @@ impl Shore {
         scene.camera.position_m[1] = scene.camera.position_m[1].abs().max(1.5);
         scene.camera.target_m[1] = 0.0;
         let stand = rig.stand(scene, SIZE)?;
-        let stage = LitScene::new(rig, info, &stand.shared, &stand.geometry, SIZE)?;
+        let stage = lit_scene::new(rig, info, &stand.shared, &stand.geometry, SIZE)?;
         let covered = rig.drawn(&[&stage], stage.texture(), 3)?;
         Ok(Self { stand, covered })
     }

@@ -2,7 +2,7 @@
 
 use crate::prelude::*;
 use fathom_reference::openness::Openness;
-use fathom_stages::compose::{Compose, ComposeUniforms, Composed};
+use fathom_stages::compose::{self, ComposeUniforms, Composed};
 
 const STAGE: &str = "compose";
 const SIZE: [u32; 2] = [96, 64];
@@ -114,7 +114,7 @@ impl Known {
             depth_share: DEPTH_SHARE as f32,
         };
         let flux = self.pixel_tangent.is_some();
-        let stage = Compose::new(rig, &Shared::new(rig, view), &inputs, settings, flux)?;
+        let stage = compose::new(rig, &Shared::new(rig, view), &inputs, &settings, flux)?;
         let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
         Ok(shown.map(|value| radiance_of(value, self.exposure)))
     }

@@ -31,7 +31,7 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
     let scene = Scene::load(SCENE)?;
     let geometry = Geometry::new(rig, &scene);
     let amount = (CYCLES, AMPLITUDE);
-    rig.run(&[&deform::Deform::new(rig, &geometry, &scene, of_stage, amount)?])?;
+    rig.run(&[&deform::new(rig, &geometry, &scene, of_stage, amount)?])?;
     let words: Vec<f32> = rig.read(&geometry.vertices)?;
     let vector = |v: &[f32]| Vec3::from_slice(v).as_dvec3();
     let found: Vec<Vertex> =

@@ -3,7 +3,8 @@
 use crate::prelude::*;
 use fathom_gpu::Column;
 use fathom_reference::filter::Disc;
-use fathom_stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
+use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
+use fathom_stages::splatting::Sums;
 use fathom_stages::{caustics, godrays};
 
 const SIZE: [u32; 2] = [96, 64];
@@ -32,20 +33,28 @@ pub fn cases() -> Vec<Case> {
         Case::new(caustics::filter::INFO.name, "edges of surfaces", edges),
         Case::new(godrays::filter::INFO.name, "noise through the low-pass", |rig| {
             let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
-            let source = (&rig.grey(&noise(SIZE, SEED)), Column::new("noise", "1", "noise"));
-            plain(rig, &LowPass::new(rig, &godrays::filter::INFO, source, &settings)?)
+            let source = Sums {
+                texture: rig.grey(&noise(SIZE, SEED)),
+                column: Column::new("noise", "1", "noise"),
+            };
+            plain(rig, &low_pass::new(rig, &godrays::filter::INFO, &source, &settings)?)
         }),
     ]
 }
 
 /// `caustics/filter` over noise, guided by a depth.
-fn caustics_filter(rig: &Rig<'_>, view: &View, depth: &wgpu::Texture) -> Result<LowPass> {
+fn caustics_filter(
+    rig: &Rig<'_>,
+    view: &View,
+    depth: &wgpu::Texture,
+) -> Result<Stage<wgpu::Texture>> {
     let shared = Shared::new(rig, view);
     let settings =
         GuidedUniforms { taps: TAPS, radius_px: RADIUS_PX as f32, depth_share: DEPTH_SHARE as f32 };
-    let source = (&rig.grey(&noise(SIZE, SEED)), Column::new("noise", "1", "noise"));
+    let source =
+        Sums { texture: rig.grey(&noise(SIZE, SEED)), column: Column::new("noise", "1", "noise") };
     let info = &caustics::filter::INFO;
-    Ok(LowPass::guided(rig, info, source, (&shared, depth), &settings)?)
+    Ok(low_pass::guided(rig, info, &source, (&shared, depth), &settings)?)
 }
 
 /// What a filter makes of noise over the pixels that are judged, and the noise.
@@ -58,7 +67,7 @@ struct Filtered {
 impl Filtered {
     fn new(
         rig: &Rig<'_>,
-        filter: &LowPass,
+        filter: &Stage<wgpu::Texture>,
         clear: impl Fn(&Image, u32, u32) -> bool,
     ) -> Result<Self> {
         let source = noise(SIZE, SEED);
@@ -99,7 +108,7 @@ fn edges(rig: &Rig<'_>) -> Result<Check> {
         .with("pixels_left_out_share", filtered.left_out()))
 }
 
-fn plain(rig: &Rig<'_>, filter: &LowPass) -> Result<Check> {
+fn plain(rig: &Rig<'_>, filter: &Stage<wgpu::Texture>) -> Result<Check> {
     let disc = Disc::vogel(TAPS, RADIUS_PX);
     let mut moved = disc.clone();
     moved.taps[0][0] += 1.0;

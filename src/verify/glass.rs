@@ -1,7 +1,7 @@
 //! `ao/glass`: panes over a known picture against the closed form of blending.
 
 use crate::prelude::*;
-use fathom_stages::ao::glass::{Glass, GlassUniforms};
+use fathom_stages::ao::glass::{self, GlassUniforms};
 
 const STAGE: &str = "ao/glass";
 const SIZE: [u32; 2] = [64, 48];
@@ -67,7 +67,7 @@ fn drawn(rig: &Rig<'_>, view: &View, objects: &[Object], wall_m: f64) -> Result<
     let picture = rig.filled(SIZE, wgpu::TextureFormat::Rgba8Unorm, grey)?;
     let settings = GlassUniforms { exposure: EXPOSURE as f32, ambient: AMBIENT as f32 };
     let targets = (&picture, &depth);
-    let stage = Glass::new(rig, (&shared, view), (&scene, &geometry), targets, &settings)?;
+    let stage = glass::new(rig, (&shared, view), (&scene, &geometry), targets, &settings)?;
     let stage = stage.ok_or_else(|| rig.empty("panes"))?;
     rig.drawn(&[&stage], &picture, 0)
 }

@@ -5,7 +5,7 @@ use crate::prelude::*;
 use fathom_reference::horizon::{HorizonSplit, SeenDepth, beside_wall};
 use fathom_reference::occlusion::{Attenuation, occlusion};
 use fathom_scene::surface;
-use fathom_stages::hsao::march::{HorizonUniforms, March};
+use fathom_stages::hsao::march::{self, HorizonUniforms};
 
 const STAGE: &str = "hsao/march";
 const SIZE: [u32; 2] = [96, 72];
@@ -48,7 +48,7 @@ fn shade(
         seed: method.seed,
     };
     let hard = method.attenuation == Attenuation::Hard;
-    let stage = March::new(rig, &stand.shared, gbuffer, &settings, hard)?;
+    let stage = march::new(rig, &stand.shared, gbuffer, &settings, hard)?;
     Ok(rig.drawn(&[&stage], stage.texture(), 0)?.map(|visibility| 1.0 - visibility))
 }
 

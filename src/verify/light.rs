@@ -46,7 +46,7 @@ fn look_at(rig: &Rig<'_>) -> Checks {
 
 fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
     let stand = rig.stand(Scene::load(SCENE)?, VIEW)?;
-    let stage = Depth::new(rig, &stand.shared, &stand.geometry, TEXELS)?;
+    let stage = shadow::depth::new(rig, &stand.shared, &stand.geometry, TEXELS)?;
     let depth = rig.drawn(&[&stage], stage.texture(), 0)?;
     let frame = stand.view.light_frame();
     // Of each texel: the distance along the light between the map and the exact hit of a ray so many texels away; an error where one of
@@ -82,8 +82,8 @@ fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
 
 fn shadow_mask(rig: &Rig<'_>) -> Result<Check> {
     let stand = rig.stand(Scene::load(SHADED_SCENE)?, VIEW)?;
-    let depth = Depth::new(rig, &stand.shared, &stand.geometry, TEXELS)?;
-    let stage = Mask::new(rig, &stand.shared, depth.texture(), CELLS)?;
+    let depth = shadow::depth::new(rig, &stand.shared, &stand.geometry, TEXELS)?;
+    let stage = shadow::mask::new(rig, &stand.shared, depth.texture(), CELLS)?;
     let mask = rig.drawn(&[&depth, &stage], stage.texture(), 0)?;
     let matrix = stand.view.light_frame().view_projection;
     let rays = PixelRays::of_matrix(matrix, mask.width(), mask.height());

@@ -47,7 +47,7 @@ fn draw_as(
     };
     let inputs = (&rig.photons(photons), &rig.depth([side_px; 2], 1.0)?);
     let stage = lines::new(rig, &shared, inputs, &settings, conserving, 10.0)?;
-    rig.drawn(&[&stage], stage.texture(), 0)
+    rig.drawn(&[&stage], &stage.texture, 0)
 }
 
 /// A photon's line with the numbers that the GPU has.

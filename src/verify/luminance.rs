@@ -1,7 +1,7 @@
 //! `post/luminance` against sums in f64.
 
 use crate::prelude::*;
-use fathom_stages::post::luminance::{INFO, Luminance};
+use fathom_stages::post::luminance::{self, INFO};
 
 /// Pictures of fewer texels than a workgroup sums, of some, and of many workgroups with a rest.
 const SIZES: [[u32; 2]; 3] = [[7, 5], [33, 31], [301, 203]];
@@ -20,9 +20,9 @@ pub fn cases() -> Vec<Case> {
 
 fn check(rig: &Rig<'_>, size: [u32; 2]) -> Result<Check> {
     let picture = noise(size, 5);
-    let stage = Luminance::new(rig, &rig.grey(&picture))?;
+    let stage = luminance::new(rig, &rig.grey(&picture))?;
     rig.run(&[&stage])?;
-    let average = f64::from(rig.read::<f32>(&stage.average)?[0]);
+    let average = f64::from(rig.read::<f32>(&stage)?[0]);
     // Of a picture whose red channel alone is not 0.
     let exact = |least: f64| {
         let log = |shown: &f64| (least + 0.2126 * shown.powf(DISPLAY_GAMMA)).ln();

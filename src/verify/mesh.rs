@@ -3,7 +3,7 @@
 use crate::prelude::*;
 use fathom_reference::caustic_mesh::{self, Beam, Corner};
 use fathom_reference::photons::entering;
-use fathom_stages::caustics::mesh::{INFO, Mesh as Stage, MeshUniforms};
+use fathom_stages::caustics::mesh::{self, INFO, MeshUniforms};
 
 const SIZE: [u32; 2] = [320, 240];
 /// Cells per side of the light's grid, and photons per side of each.
@@ -90,9 +90,9 @@ impl Meshed {
             most_stretch: STRETCH as f32,
         };
         let inputs = (&rig.photons(&stored), &rig.gbuffer(&stand)?.depth);
-        let stage = Stage::new(rig, &stand.shared, inputs, &settings, SIDE)?;
+        let stage = mesh::new(rig, &stand.shared, inputs, &settings, SIDE)?;
         // Twice: a frame must not add to the one before.
-        let image = rig.drawn(&[&stage, &stage], stage.texture(), 0)?;
+        let image = rig.drawn(&[&stage, &stage], &stage.texture, 0)?;
         Ok(Self { depth: rig.channel(inputs.1, 0)?, stand, frame, corners, image })
     }
 

@@ -9,7 +9,7 @@ mod points;
 use crate::prelude::*;
 use fathom_reference::march::{Guard as TwinGuard, HostVolume, March};
 use fathom_reference::occlusion as reference;
-use fathom_stages::ao::query::{Query, SurfacePoint};
+use fathom_stages::ao::query::{self, SurfacePoint};
 use fathom_stages::marching::{
     Attenuation, Estimator, Guard, Hit, Marching, Occluder, Sampling, Storage,
 };
@@ -128,9 +128,9 @@ fn query(
         .iter()
         .map(|(p, n)| SurfacePoint { position_m: p.as_vec3(), normal: n.as_vec3() })
         .collect();
-    let stage = Query::new(rig, std::slice::from_ref(volume), &points, marching)?;
+    let stage = query::new(rig, std::slice::from_ref(volume), &points, marching)?;
     rig.run(&[&stage])?;
-    let visibility: Vec<f32> = rig.read(&stage.visibility)?;
+    let visibility: Vec<f32> = rig.read(&stage)?;
     Ok(visibility.iter().map(|v| 1.0 - f64::from(*v)).collect())
 }
 

@@ -3,13 +3,11 @@
 mod bounces;
 
 use crate::prelude::*;
-use fathom_stages::ldi::lists::{self, Lists};
+use fathom_stages::ldi::lists;
 use fathom_stages::ldi::peel;
-use fathom_stages::ldi::sort::{self, Sort};
-use fathom_stages::rays::rasterize::Rasterize;
-use fathom_stages::rays::reduce::Reduce;
+use fathom_stages::ldi::sort;
 use fathom_stages::rays::{group, march, rasterize, reduce};
-use fathom_stages::transfer::bounce::Bounce;
+use fathom_stages::transfer::bounce;
 use fathom_stages::transfer::map;
 use std::iter::successors;
 
@@ -92,15 +90,15 @@ impl Setup {
     fn of(rig: &Rig<'_>, scene: Scene, layers: u32) -> Result<Setup> {
         let stand = rig.stand(scene, SIZE)?;
         let Stand { shared, geometry, .. } = &stand;
-        let depth = Depth::new(rig, shared, geometry, 512)?;
-        let mask = Mask::new(rig, shared, depth.texture(), 64)?;
+        let depth = shadow::depth::new(rig, shared, geometry, 512)?;
+        let mask = shadow::mask::new(rig, shared, depth.texture(), 64)?;
         let settings = MapUniforms { grid: UVec2::from(GRID) };
-        let map = Map::new(rig, shared, mask.texture(), &settings)?;
-        let peel = LayeredDepth::new(rig, shared, (geometry, Part::Solid), SIZE, layers)?;
+        let map = map::new(rig, shared, mask.texture(), &settings)?;
+        let peel = peel::new(rig, shared, (geometry, Part::Solid), SIZE, layers)?;
         rig.run(&[&depth, &mask, &map, &peel])?;
         let stored = rig.read(&map.transfers.buffer)?;
         let weights = rig.read(&map.weights)?;
-        let (layers, transfers) = (peel.layers.clone(), map.transfers.clone());
+        let (layers, transfers) = (peel.left, map.left.transfers);
         Ok(Setup { stand, layers, transfers, stored, weights })
     }
 
@@ -127,21 +125,21 @@ impl Setup {
         };
         let shared = &self.stand.shared;
         let count = self.transfers.count;
-        let traced = |stages: &[&dyn Stage], photons: &Photons, tiles: u32| {
-            let bounce = Bounce::new(rig, shared, &rays, photons, tiles)?;
-            let bounces: &[&dyn Stage] = if ways > 1 { &[&bounce] } else { &[] };
+        let traced = |stages: &[&dyn TimedStage], photons: &Photons, tiles: u32| {
+            let bounce = bounce::new(rig, shared, &rays, photons, tiles)?;
+            let bounces: &[&dyn TimedStage] = if ways > 1 { &[&bounce] } else { &[] };
             rig.run(&[stages, bounces].concat())?;
             Ok(rig.read_photons(photons)?)
         };
         let walked = |info, workgroups| {
-            let stage = Walked::new(rig, info, shared, &rays, workgroups)?;
-            traced(&[&stage], &stage.photons, 1)
+            let stage = walked(rig, info, shared, &rays, workgroups)?;
+            traced(&[&stage], &stage, 1)
         };
         match method {
             Method::Lines { .. } => {
-                let lines = Rasterize::new(rig, shared, &rays)?;
-                let reduce = Reduce::new(rig, &lines.hits, &rays)?;
-                traced(&[&lines, &reduce], &reduce.photons, rays.tiles())
+                let lines = rasterize::new(rig, shared, &rays)?;
+                let reduce = reduce::new(rig, &lines, &rays)?;
+                traced(&[&lines, &reduce], &reduce, rays.tiles())
             }
             Method::March => walked(&march::INFO, linear_workgroups(count.into())),
             Method::Group => walked(&group::INFO, group_each(count)),
@@ -279,12 +277,12 @@ fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
     const NODE: [usize; 2] = [4, 1];
     let setup = Setup::new(rig, name, 1)?;
     let Stand { shared, geometry, .. } = &setup.stand;
-    let stage = Lists::new(rig, shared, (geometry, Part::Solid), SIZE, ROOM)?;
+    let stage = lists::new(rig, shared, (geometry, Part::Solid), SIZE, ROOM)?;
     // Twice, as the second frame finds what the first has left.
     rig.run(&[&stage])?;
     rig.run(&[&stage])?;
-    let heads = rig.read::<u32>(&stage.lists.heads)?;
-    let nodes = rig.read::<u32>(&stage.lists.nodes)?;
+    let heads = rig.read::<u32>(&stage.heads)?;
+    let nodes = rig.read::<u32>(&stage.nodes)?;
     let next = |number: u32| nodes[(number as usize - 1) * NODE[0] + NODE[1]];
     let length = |(x, y): (u32, u32)| {
         let first = heads[1 + (x + y * SIZE[0]) as usize];
@@ -311,10 +309,10 @@ fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let Stand { shared, geometry, .. } = &setup.stand;
     let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?.data;
     let unlike = |room: u32| -> Result<f64> {
-        let lists = Lists::new(rig, shared, (geometry, Part::Solid), SIZE, room)?;
-        let sort = Sort::new(rig, &lists.lists, LAYERS)?;
+        let lists = lists::new(rig, shared, (geometry, Part::Solid), SIZE, room)?;
+        let sort = sort::new(rig, &lists, LAYERS)?;
         rig.run(&[&lists, &sort])?;
-        let sorted = read_volume(rig.gpu, &sort.layers.depths, 0)?.data;
+        let sorted = read_volume(rig.gpu, &sort.depths, 0)?.data;
         Ok(differing(&peeled, &sorted) / peeled.len() as f64)
     };
     Ok(Check::of(rig, format!("scene {name}: share of texels unlike the peeled ones"))

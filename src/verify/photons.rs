@@ -3,7 +3,7 @@
 use crate::prelude::*;
 use fathom_pipelines::underwater::{Params, Underwater};
 use fathom_reference::estimator::{behind_seen, estimate, exact_depth, first_crossing};
-use fathom_stages::photon::Tracing;
+use fathom_stages::photon;
 use fathom_stages::{caustics, godrays};
 
 /// Flat water over a plane has a closed form: what is left is f32 and the depth map's bits.
@@ -63,16 +63,16 @@ impl Traced {
         settings: TraceUniforms,
     ) -> Result<Self> {
         let stand = rig.stand(scene, [256, 256])?;
-        let depth = Depth::new(rig, &stand.shared, &stand.geometry, SHADOW_TEXELS)?;
-        let mask = Mask::new(rig, &stand.shared, depth.texture(), 64)?;
-        let light = (depth.texture(), mask.texture());
+        let depth = shadow::depth::new(rig, &stand.shared, &stand.geometry, SHADOW_TEXELS)?;
+        let mask = shadow::mask::new(rig, &stand.shared, &depth, 64)?;
+        let light = (&*depth, &*mask);
         let grid = PhotonGrid::new(settings.grid, settings.side * settings.side)?;
-        let stage = Tracing::new(rig, info, &stand.shared, light, settings, (dynamic, false))?;
+        let stage = photon::tracing(rig, info, &stand.shared, light, &settings, (dynamic, false))?;
         rig.run(&[&depth, &mask, &stage])?;
         Ok(Self {
             frame: stand.view.light_frame(),
             grid,
-            photons: rig.read_photons(&stage.photons)?,
+            photons: rig.read_photons(&stage)?,
             stand,
         })
     }
@@ -210,8 +210,8 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
     let perturbed = land_all(&frame, &with_index(&scene.water, 1.40), &tracer, grid, 1);
     let unlimited = unconverged_over_exact_depth(&pipeline.view, &params, &tracer, &landings);
     let families = [
-        (caustics::trace::INFO.name, &pipeline.caustics.trace.photons),
-        (godrays::trace::INFO.name, &pipeline.godrays.trace.photons),
+        (caustics::trace::INFO.name, &pipeline.caustics.photons),
+        (godrays::trace::INFO.name, &pipeline.godrays.photons),
     ];
     let check = |(stage, photons)| {
         let photons = rig.read_photons(photons)?;
@@ -229,7 +229,7 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
 pub fn run_until(rig: &Rig<'_>, pipeline: &Built<Underwater>, last: &str) -> Result<(), GpuError> {
     let stages = pipeline.stages();
     let end = stages.iter().position(|stage| stage.name() == last);
-    rig.run(&stages[..end.map_or(stages.len(), |i| i + 1)])
+    rig.gpu.run(&stages[..end.map_or(stages.len(), |i| i + 1)])
 }
 
 /// Of every fourth photon that lands within the light's frustum: the share that the pipeline's estimator does not bring within the

@@ -3,8 +3,8 @@
 
 use crate::prelude::*;
 use fathom_reference::pool::{Basin, Counted, Face, face_by_face, middle_photon_w, share_left};
-use fathom_stages::planar::compose::{self, Compose, Shown};
-use fathom_stages::planar::points::{self, Points};
+use fathom_stages::planar::compose::{self, Shown};
+use fathom_stages::planar::points;
 use fathom_stages::pool::Pool;
 
 const SIZE: [u32; 2] = [160, 120];
@@ -115,17 +115,17 @@ impl Drawn {
     fn new(rig: &Rig<'_>, scene: Scene, grid: [u32; 2]) -> Result<Drawn> {
         let stand = rig.stand(scene, SIZE)?;
         let Stand { shared, geometry, view, scene, .. } = &stand;
-        let depth = Depth::new(rig, shared, geometry, 512)?;
-        let mask = Mask::new(rig, shared, depth.texture(), 64)?;
+        let depth = shadow::depth::new(rig, shared, geometry, 512)?;
+        let mask = shadow::mask::new(rig, shared, depth.texture(), 64)?;
         let settings = MapUniforms { grid: UVec2::from(grid) };
-        let transfers = Map::new(rig, shared, mask.texture(), &settings)?;
+        let transfers = map::new(rig, shared, mask.texture(), &settings)?;
         let count = transfers.transfers.count;
         let basin = Basin::of(&scene.water, scene.floor_depth_m);
         let photon_w = view.weighted_flux_w() / f64::from(count);
-        let points = Points::new(rig, shared, &transfers.transfers, &of_basin(&basin), photon_w)?;
+        let points = points::new(rig, shared, &transfers.transfers, &of_basin(&basin), photon_w)?;
         rig.run(&[&depth, &mask, &transfers, &points])?;
         // Twice, as the second frame finds what the first has left.
-        let atlas = rig.drawn(&[&points], &points.map, 0)?;
+        let atlas = rig.drawn(&[&points], points.texture(), 0)?;
         let frame = view.light_frame();
         let stored: Vec<Transfer> = rig.read(&transfers.transfers.buffer)?;
         Ok(Drawn {
@@ -398,7 +398,7 @@ impl Found {
         let radiance = |map: &Image| -> Result<Image> {
             const EXPOSURE: f64 = 0.8;
             let lit = (&rig.grey(map), &of_basin(&basin));
-            let stage = Compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::Image)?;
+            let stage = compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::Image)?;
             let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
             Ok(shown.map(|value| radiance_of(value, EXPOSURE)))
         };
@@ -454,7 +454,7 @@ fn shown_map(rig: &Rig<'_>) -> Result<Check> {
     let noise = Noise::new();
     let pool = of_basin(&Basin::of(&stand.scene.water, FLOOR_DEPTH_M));
     let (gbuffer, lit) = (rig.gbuffer(&stand)?, (&rig.grey(&noise.0), &pool));
-    let stage = Compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::FloorMap)?;
+    let stage = compose::new(rig, &stand.shared, &gbuffer, lit, EXPOSURE, Shown::FloorMap)?;
     let shown = rig.drawn(&[&stage], stage.texture(), 0)?;
     let error = |face: i64| {
         largest(pixels(SIZE).map(|(x, y)| {

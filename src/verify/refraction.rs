@@ -2,8 +2,8 @@
 
 use crate::prelude::*;
 use fathom_reference::specular::Surfaces;
-use fathom_stages::refraction::trace::{self, Surface, Trace};
-use fathom_stages::refraction::two_interface::{self, TwoInterface};
+use fathom_stages::refraction::trace::{self, Surface};
+use fathom_stages::refraction::two_interface;
 use fathom_stages::refraction::{Exits, compose, surface};
 
 const SIZE: [u32; 2] = [240, 180];
@@ -76,11 +76,11 @@ fn read(rig: &Rig<'_>, stand: &Stand, exits: &Exits) -> Result<Vec<Found>> {
 
 fn traced(rig: &Rig<'_>, stand: &Stand, surface: Surface) -> Result<Vec<Found>> {
     let Stand { shared, geometry, .. } = stand;
-    let peel = LayeredDepth::new(rig, shared, (geometry, Part::Glass), SIZE, LAYERS)?;
-    let walk = walk_uniforms(&peel.layers, stand.scene.solid_bounds(), LEAST);
-    let stage = Trace::new(rig, shared, &peel.layers, &walk, (2, surface))?;
+    let peel = peel::new(rig, shared, (geometry, Part::Glass), SIZE, LAYERS)?;
+    let walk = walk_uniforms(&peel, stand.scene.solid_bounds(), LEAST);
+    let stage = trace::new(rig, shared, &peel, &walk, (2, surface))?;
     rig.run(&[&peel, &stage])?;
-    read(rig, stand, &stage.exits)
+    read(rig, stand, &stage)
 }
 
 /// Angles to the directions that a rule gives, where it has an answer.
@@ -195,9 +195,9 @@ fn two_interfaces(rig: &Rig<'_>) -> Result<Check> {
     let stand = rig.stand(ball()?, SIZE)?;
     let diameter = (2.0 * BALL_M as f32).to_bits();
     let thickness = rig.words(&vec![diameter; stand.scene.objects[0].mesh.positions.len()]);
-    let stage = TwoInterface::new(rig, &stand.shared, &stand.geometry, SIZE, &thickness)?;
+    let stage = two_interface::new(rig, &stand.shared, &stand.geometry, SIZE, &thickness)?;
     rig.run(&[&stage])?;
-    let found = read(rig, &stand, &stage.exits)?;
+    let found = read(rig, &stand, &stage)?;
     let error = |along_normal_m: f64| {
         percentile::<75>(angles_deg(&found, |f| {
             approximated(&stand.rays, (f.origin, f.sight), along_normal_m)
@@ -249,7 +249,7 @@ fn environment(rig: &Rig<'_>) -> Result<Check> {
             directions: rig
                 .constant(SMALL, direction.normalize().as_vec3().extend(0.0).to_array())?,
         };
-        let stage = compose::picture(rig, &stand.shared, &gbuffer, &exits, EXPOSURE)?;
+        let stage = compose::new(rig, &stand.shared, &gbuffer, &exits, EXPOSURE)?;
         rig.run(&[&stage])?;
         let color = rig.vectors(stage.texture())?[5];
         shown.push((direction, color.map(|value| radiance_of(value, EXPOSURE))));
@@ -284,17 +284,17 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     scene.light.direction = [0.9, -0.4, 0.6];
     let stand = rig.stand(scene, SIZE)?;
     let Stand { scene, shared, geometry, .. } = &stand;
-    let peel = LayeredDepth::new(rig, shared, (geometry, Part::Opaque), SIZE, 1)?;
+    let peel = peel::new(rig, shared, (geometry, Part::Opaque), SIZE, 1)?;
     rig.run(&[&peel])?;
     let image = Image::of(SIZE, |x, y| gradient(f64::from(x) + 0.5, f64::from(y) + 0.5));
     let dry = surface::Dry {
-        layers: &peel.layers,
+        layers: &peel,
         depth: &rig.gbuffer(&stand)?.depth,
         radiance: &rig.grey(&image),
     };
-    let walk = walk_uniforms(&peel.layers, scene.solid_bounds(), LEAST);
+    let walk = walk_uniforms(&peel, scene.solid_bounds(), LEAST);
     let walk = (&walk, scene.water.bound_m());
-    let stage = surface::Surface::new(rig, shared, &dry, walk, (None, EXPOSURE))?;
+    let stage = surface::new(rig, shared, &dry, walk, (None, EXPOSURE))?;
     let shown = rig.drawn(&[&stage], stage.texture(), RED)?;
     let error = |index: f64| {
         let water = Wet { stand: &stand, index };

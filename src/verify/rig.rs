@@ -6,7 +6,7 @@ use glam::{DVec3, UVec2};
 
 use super::{Result, VerifyError};
 use fathom_gpu::{
-    ColorTarget, DepthTarget, Gpu, GpuError, Stage, StageInfo, StageScope, Targets, read_buffer,
+    ColorTarget, DepthTarget, Gpu, GpuError, StageScope, Targets, TimedStage, read_buffer,
     read_texture,
 };
 use fathom_reference::image::Image;
@@ -19,7 +19,7 @@ use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::photon::{Photon, Photons};
-use fathom_stages::scene::gbuffer::Gbuffer;
+use fathom_stages::scene::gbuffer;
 
 /// The device, what is made on it, and the stage that a case judges.
 pub struct Rig<'g> {
@@ -71,7 +71,7 @@ impl<'g> Rig<'g> {
     }
 
     /// Runs stages as one frame and waits for it.
-    pub fn run(&self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
+    pub fn run(&self, stages: &[&dyn TimedStage]) -> Result<(), GpuError> {
         self.gpu.run(stages)
     }
 
@@ -90,15 +90,15 @@ impl<'g> Rig<'g> {
     /// The scene's G-buffer, drawn.
     pub fn gbuffer(&self, stand: &Stand) -> Result<GbufferTextures> {
         let Stand { view, shared, geometry, .. } = stand;
-        let gbuffer = Gbuffer::new(self, shared, geometry, view.size_px.to_array())?;
+        let gbuffer = gbuffer::new(self, shared, geometry, view.size_px.to_array())?;
         self.run(&[&gbuffer])?;
-        Ok(gbuffer.textures)
+        Ok(gbuffer.left)
     }
 
     /// One channel of what a stage draws, as the last of some.
     pub fn drawn(
         &self,
-        stages: &[&dyn Stage],
+        stages: &[&dyn TimedStage],
         target: &wgpu::Texture,
         channel: usize,
     ) -> Result<Image> {
@@ -195,9 +195,9 @@ enum To {
     Depth(f32),
 }
 
-impl Stage for Clear {
-    fn info(&self) -> &'static StageInfo {
-        const { &StageInfo::unlisted("verify/clear") }
+impl TimedStage for Clear {
+    fn name(&self) -> &'static str {
+        "verify/clear"
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -5,7 +5,7 @@ mod media;
 
 use crate::prelude::*;
 use fathom_pipelines::scalar_ao::{Law, Mode, Scalar};
-use fathom_stages::ray_cast::RayCast;
+use fathom_stages::ray_cast::Cast;
 use fathom_stages::scalar::{direct, isosurface as surface, positional};
 use fathom_stages::scalar_field::{self, ScalarField};
 
@@ -60,8 +60,8 @@ impl Setup {
 }
 
 impl ScalarPicture {
-    fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<ScalarPicture> {
-        let channel = |i| rig.channel(pass.result(), i);
+    fn read(rig: &Rig<'_>, pass: &Cast) -> Result<ScalarPicture> {
+        let channel = |i| rig.channel(&pass.result, i);
         let axes = |normal| -> Result<[Image; 3]> {
             Ok([rig.channel(normal, 0)?, rig.channel(normal, 1)?, rig.channel(normal, 2)?])
         };
@@ -69,8 +69,8 @@ impl ScalarPicture {
             visibility: channel(0)?,
             opacity: channel(1)?,
             distance_m: channel(2)?,
-            shown: rig.channel(pass.image(), 0)?,
-            normal: pass.normal().map(axes).transpose()?,
+            shown: rig.channel(&pass.image, 0)?,
+            normal: pass.normal.as_ref().map(axes).transpose()?,
         })
     }
 }

@@ -4,7 +4,7 @@ use crate::prelude::*;
 use fathom_stages::photon::OUTSIDE;
 use fathom_stages::rays::march;
 use fathom_stages::shadow::compose;
-use fathom_stages::transfer::shadow::{self, Shadow};
+use fathom_stages::transfer::shadow;
 
 const SIZE: [u32; 2] = [240, 180];
 const LAYERS: u32 = 8;
@@ -34,7 +34,7 @@ pub fn cases() -> Vec<Case> {
 struct Setup {
     stand: Stand,
     gbuffer: GbufferTextures,
-    shadow: Shadow,
+    starts: Stage<Transfers>,
     /// What each pixel shows exactly, row by row.
     hits: Vec<Option<Hit>>,
 }
@@ -48,9 +48,9 @@ impl Setup {
         scene.light.position_m = [2.5, 1.0, 1.5];
         let stand = rig.stand(scene, SIZE)?;
         let gbuffer = rig.gbuffer(&stand)?;
-        let shadow = Shadow::new(rig, &stand.shared, &gbuffer)?;
+        let starts = shadow::new(rig, &stand.shared, &gbuffer)?;
         let hits = pixels(SIZE).map(|at| stand.hit(at)).collect();
-        Ok(Setup { stand, gbuffer, shadow, hits })
+        Ok(Setup { stand, gbuffer, starts, hits })
     }
 
     fn to_light(&self, place: DVec3) -> DVec3 {
@@ -71,14 +71,14 @@ impl Setup {
 
     /// Rays as the stage has left them.
     fn stored(&self, rig: &Rig<'_>) -> Result<Vec<Transfer>> {
-        Ok(rig.read(&self.shadow.transfers.buffer)?)
+        Ok(rig.read(&self.starts.buffer)?)
     }
 }
 
 /// Starts and directions of rays.
 fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
     let setup = Setup::new(rig, "ball", kind)?;
-    rig.run(&[&setup.shadow])?;
+    rig.run(&[&setup.starts])?;
     let stored = setup.stored(rig)?;
     let pairs = || stored.iter().zip(&setup.hits).filter_map(|(ray, hit)| Some((ray, (*hit)?)));
     let alive = || pairs().filter(|(ray, _)| ray.state != NEVER);
@@ -117,7 +117,7 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
 fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Result<Check> {
     let setup = Setup::new(rig, name, kind)?;
     let Stand { shared, geometry, scene, tracer, .. } = &setup.stand;
-    let peel = LayeredDepth::new(rig, shared, (geometry, Part::Opaque), SIZE, LAYERS)?;
+    let peel = peel::new(rig, shared, (geometry, Part::Opaque), SIZE, LAYERS)?;
     let walking = Walking {
         test: HitTest::Crossing,
         tolerance_m: TOLERANCE_M,
@@ -126,16 +126,12 @@ fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Re
         rows: 1,
         ways: 1,
     };
-    let rays = Rays {
-        transfers: &setup.shadow.transfers,
-        layers: &peel.layers,
-        bounds: scene.solid_bounds(),
-        walking,
-    };
+    let rays =
+        Rays { transfers: &setup.starts, layers: &peel, bounds: scene.solid_bounds(), walking };
     let workgroups = linear_workgroups(rays.transfers.count.into());
-    let march = Walked::new(rig, &march::INFO, shared, &rays, workgroups)?;
-    rig.run(&[&peel, &setup.shadow, &march])?;
-    let ends = rig.read_photons(&march.photons)?;
+    let march = walked(rig, &march::INFO, shared, &rays, workgroups)?;
+    rig.run(&[&peel, &setup.starts, &march])?;
+    let ends = rig.read_photons(&march)?;
     let stored = setup.stored(rig)?;
     let shadowed = |end: &StoredPhoton| end.landed() && end.distance_m < setup.light_m(end.entry);
     let wrong = |turned: f64| {
@@ -169,7 +165,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     };
     let photons: Vec<Photon> = setup.hits.iter().enumerate().map(photon).collect();
     let photons = rig.photons(&photons);
-    let stage = compose::picture(rig, &setup.stand.shared, &setup.gbuffer, &photons, EXPOSURE)?;
+    let stage = compose::new(rig, &setup.stand.shared, &setup.gbuffer, &photons, EXPOSURE)?;
     let shown = rig.drawn(&[&stage], stage.texture(), GREEN)?;
     let albedo = rig.channel(&setup.gbuffer.albedo, GREEN)?;
     let light = setup.stand.view.irradiance();

@@ -2,8 +2,10 @@
 
 use super::lines::Segment;
 use crate::prelude::*;
-use fathom_stages::shafts::blur::{self, Blur};
+use fathom_stages::Column;
+use fathom_stages::shafts::blur;
 use fathom_stages::shafts::lines;
+use fathom_stages::splatting::Sums;
 
 const SIZE: [u32; 2] = [160, 120];
 const GAMMA_PER_M: f64 = 0.13;
@@ -78,8 +80,8 @@ fn drawn(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<Drawn>
         let [start, end] = line.ends_m;
         let photons = rig.photons(&[rig::photon(start, end, start.distance(end))]);
         let inputs = (&photons, &rig.ones(photons.count));
-        let stage = lines::Lines::new(rig, &shared, inputs, &depth, (PHOTON_W, 1.0))?;
-        let image = rig.drawn(&[&stage], &stage.target, 0)?;
+        let stage = lines::new(rig, &shared, inputs, &depth, (PHOTON_W, 1.0))?;
+        let image = rig.drawn(&[&stage], &stage.texture, 0)?;
         let lit = pixels(SIZE).map(|at| (at, image.at(at))).filter(|(_, value)| *value > 0.0);
         Ok((line, lit.collect()))
     };
@@ -139,7 +141,11 @@ fn hidden(rig: &Rig<'_>, view: &View) -> Result<Check> {
 
 fn gaussian(rig: &Rig<'_>, sigma_px: f64) -> Result<Check> {
     let source = noise(SIZE, 9);
-    let stage = Blur::new(rig, (&rig.grey(&source), lines::Lines::column()), sigma_px)?;
+    let stage = blur::new(
+        rig,
+        &Sums { texture: rig.grey(&source), column: Column::new("noise", "1", "noise") },
+        sigma_px,
+    )?;
     let blurred = rig.drawn(&[&stage], stage.texture(), 0)?;
     let error = |sigma_px: f64| {
         let exact = twin(&twin(&source, sigma_px, [1, 0]), sigma_px, [0, 1]);

@@ -6,7 +6,7 @@ use fathom_pipelines::underwater::{Intensity as Rule, Params, Splatting, Underwa
 use fathom_reference::splat::{
     Intensity, PointSize, Splat, SurfaceSplat, rasterize, rasterize_within_surfaces, splat_value,
 };
-use fathom_stages::caustics::splat::{self, Scatter, SplatCoverage, SplatUniforms};
+use fathom_stages::caustics::splat::{self, SplatCoverage, SplatUniforms};
 
 const STAGE: &str = "caustics/splat";
 const SIZE: [u32; 2] = [512, 512];
@@ -192,14 +192,12 @@ fn draw(
     };
     let how = (rules.intensity == Intensity::Conserving, rules.coverage);
     let inputs = (&rig.photons(photons), depth);
-    let stage: Box<dyn Accumulated> = match rules.splatting {
-        Splatting::Compute => {
-            Box::new(Scatter::new(rig, &shared, inputs, &settings, how, [10.0, max_px])?)
-        }
-        Splatting::Raster => Box::new(splat::raster(rig, &shared, inputs, &settings, how, 10.0)?),
+    let stage = match rules.splatting {
+        Splatting::Compute => splat::scatter(rig, &shared, inputs, &settings, how, [10.0, max_px])?,
+        Splatting::Raster => splat::raster(rig, &shared, inputs, &settings, how, 10.0)?,
     };
     // Twice: a frame must not add to the one before.
-    rig.drawn(&[&*stage, &*stage], stage.texture(), 0)
+    rig.drawn(&[&stage, &stage], &stage.texture, 0)
 }
 
 /// A photon on the ray through a point of a view.
@@ -528,6 +526,6 @@ pub fn pipeline(
 ) -> Result<(Built<Underwater>, Image)> {
     let pipeline = Built::<Underwater>::new(rig.gpu, scene, params)?;
     run_until(rig, &pipeline, STAGE)?;
-    let image = rig.channel(pipeline.caustics.drawn.texture(), 0)?;
+    let image = rig.channel(&pipeline.caustics.drawn.texture, 0)?;
     Ok((pipeline, image))
 }

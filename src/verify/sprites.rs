@@ -2,8 +2,8 @@
 
 use crate::prelude::*;
 use fathom_stages::screen_picture::Shafts;
-use fathom_stages::sprites::compose::{self, Compose, Composed};
-use fathom_stages::sprites::draw::{self, Sprite, Sprites};
+use fathom_stages::sprites::compose::{self, Composed};
+use fathom_stages::sprites::draw::{self, Sprite};
 
 const SIZE: [u32; 2] = [320, 240];
 
@@ -35,7 +35,7 @@ impl Lit {
         scene.camera.up = [0.3, 1.0, 0.1];
         let stand = rig.stand(scene, SIZE)?;
         let part = (&stand.geometry, Part::Solid);
-        let peel = LayeredDepth::new(rig, &stand.shared, part, SIZE, 2)?;
+        let peel = peel::new(rig, &stand.shared, part, SIZE, 2)?;
         rig.run(&[&peel])?;
         let mut random = Random::new(7);
         let hit = |_| {
@@ -47,15 +47,15 @@ impl Lit {
         let hits: Vec<DVec3> = (0..60).filter_map(hit).collect();
         let photon = |hit: &DVec3| rig::photon(*hit + DVec3::Y, *hit, 1.0);
         let photons = rig.photons(&hits.iter().map(photon).collect::<Vec<_>>());
-        Ok(Lit { stand, layers: peel.layers.clone(), hits, photons })
+        Ok(Lit { stand, layers: peel.left, hits, photons })
     }
 
     /// Irradiance that the sprites bring to what a stand's camera sees.
     fn irradiance(&self, rig: &Rig<'_>, stand: &Stand, sprite: &Sprite) -> Result<Image> {
         let seen = rig.gbuffer(stand)?.depth;
         let photons = (&self.photons, &rig.ones(self.photons.count));
-        let stage = Sprites::new(rig, &stand.shared, photons, &self.layers, &seen, sprite)?;
-        rig.drawn(&[&stage], &stage.irradiance, 0)
+        let stage = draw::new(rig, &stand.shared, photons, &self.layers, &seen, sprite)?;
+        rig.drawn(&[&stage], stage.texture(), 0)
     }
 }
 
@@ -131,7 +131,7 @@ fn composed(rig: &Rig<'_>) -> Checks {
     let radiance = |irradiance: f64, shafts| -> Result<Image> {
         let composed = Composed::Picture { shafts, exposure: EXPOSURE };
         let light = constant(irradiance);
-        let stage = Compose::new(rig, &stand.shared, &gbuffer, &light, &composed)?;
+        let stage = compose::new(rig, &stand.shared, &gbuffer, &light, &composed)?;
         let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
         Ok(shown.map(|value| radiance_of(value, EXPOSURE)))
     };

@@ -6,6 +6,7 @@ pub mod hostile;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 use fathom::experiments::parse_set;
 use fathom::npy;
@@ -137,6 +138,16 @@ pub fn holds(text: &str, parts: &[&str]) {
     }
 }
 
+/// Looks until something holds. The limit ends a wait for what never comes, and decides nothing: the longest takes half a minute.
+#[track_caller]
+pub fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < Duration::from_secs(600), "{what} did not come");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
 /// Sends a process a signal by its name.
 #[track_caller]
 pub fn signal(name: &str, process: u32) {
@@ -221,9 +232,10 @@ pub fn stage(name: &str, clock: Clock, samples_ns: Vec<f64>) -> StageRecord {
     }
 }
 
-/// The committed run on a software driver.
-pub fn reference() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe/records.jsonl")
+/// Records of the committed run on a software driver.
+pub fn reference() -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe");
+    std::fs::read_to_string(folder.join("records.jsonl")).unwrap()
 }
 
 /// Writes a folder's records.
@@ -262,11 +274,7 @@ pub fn follow_the_schema(path: &Path) {
 
 #[track_caller]
 pub fn cells(out: &Path) -> Vec<Cell> {
-    let cell = |record| match record {
-        Record::Cell(cell) => Some(*cell),
-        _ => None,
-    };
-    records(out).into_iter().filter_map(cell).collect()
+    records(out).into_iter().filter_map(|record| Some(*record.try_as_cell()?)).collect()
 }
 
 #[track_caller]

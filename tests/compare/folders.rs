@@ -2,10 +2,9 @@
 
 use std::fs;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
 
 use super::builds::{Builds, spawned};
-use super::common::{Ends, Place, Told, holds, names, repetitions, signal};
+use super::common::{Ends, Place, Told, holds, names, repetitions, signal, wait_until};
 use super::script::Script;
 
 /// Exactly one of two that began at the same time measures; the other names it, and ends before the first may go on.
@@ -19,9 +18,9 @@ fn one_of_two(builds: &Builds, mut command: impl FnMut() -> Command) {
     };
     let mut children = [spawn(), spawn()];
     let ids = children.each_ref().map(Child::id);
-    while children.iter_mut().all(|child| child.try_wait().unwrap().is_none()) {
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    wait_until("the end of one", || {
+        children.iter_mut().any(|child| child.try_wait().unwrap().is_some())
+    });
     builds.release();
     let outputs = children.map(|child| child.wait_with_output().unwrap());
     let measured = outputs.iter().position(|output| output.status.success());

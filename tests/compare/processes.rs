@@ -3,14 +3,10 @@
 use std::fs;
 use std::path::Path;
 use std::process::Command;
-use std::time::{Duration, Instant};
 
 use super::builds::Builds;
-use super::common::Ends;
+use super::common::{Ends, wait_until};
 use super::script::{Script, hello};
-
-/// Far more than a busy machine takes.
-const LONGEST_WAIT: Duration = Duration::from_secs(180);
 
 /// A greeting that first starts a process in a session of its own and writes its number down.
 fn forking(log: &Path) -> String {
@@ -45,17 +41,10 @@ fn processes_that_a_base_forked_do_not_outlive_fathom() {
     fs::remove_dir_all(builds.path("out")).unwrap();
     builds.hold();
     let mut running = builds.command("").spawn().unwrap();
-    let start = Instant::now();
-    while !log.exists() {
-        assert!(start.elapsed() < LONGEST_WAIT, "no process was forked");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    wait_until("a forked process", || log.exists());
     running.kill().unwrap();
     running.wait().unwrap();
-    while is_any_left(&log) {
-        assert!(start.elapsed() < LONGEST_WAIT, "a process is left");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    wait_until("the end of what was forked", || !is_any_left(&log));
 }
 
 /// It writes twice as much as fathom may have of memory.

@@ -5,13 +5,11 @@ use std::path::Path;
 
 use fathom::embedded::{Folder, Folders};
 use fathom::gpu::{
-    ClockPlan, ColorTarget, DeviceError, FrameTimer, Gpu, GpuError, Options, Stage, StageInfo,
-    StageScope, SubmitCost, Targets, count, read_buffer, read_texture, texture_bytes,
+    ClockPlan, ColorTarget, DeviceError, FrameTimer, Gpu, GpuError, Options, StageScope,
+    SubmitCost, Targets, TimedStage, count, read_buffer, read_texture, texture_bytes,
 };
 use fathom::record::{Clock, FaultKind, PassKind};
-use fathom::stages::kit::{
-    Bind, Buffer, Dispatch, Group, Kernel, RenderSpec, Resources, ScreenPass, opaque,
-};
+use fathom::stages::kit::{Buffer, Dispatch, Group, Pass, RenderSpec, Resources, opaque};
 
 use crate::common::holds;
 
@@ -26,9 +24,8 @@ fn open() -> Gpu {
 
 /// A compute and a render stage of some milliseconds on a software adapter.
 struct Work {
-    kernel: Kernel,
     dispatch: Dispatch,
-    render: ScreenPass,
+    render: Pass,
     uniform: Buffer,
     scratch: [wgpu::Buffer; 2],
 }
@@ -48,15 +45,15 @@ impl Work {
         let (resources, shader) = (Resources::new(gpu), "kernels");
         let uniform = resources.filled("test", &[0; 16], Usage::UNIFORM | Usage::COPY_DST);
         let results = resources.storage("test", u64::from(INVOCATIONS) * 4);
-        let computed = Group::new(gpu, "test", &[Bind::Uniform(&uniform), Bind::Write(&results)]);
-        let drawn = Group::new(gpu, "test", &[Bind::Uniform(&uniform)]);
+        let computed = Group::new(&[&uniform, &results]);
+        let drawn = Group::new(&[&uniform]);
         let format = [opaque(wgpu::TextureFormat::Rgba8Unorm)];
-        let spec =
-            RenderSpec { groups: &[&drawn], ..RenderSpec::new("test", shader, &[], &format) };
-        let render = ScreenPass::new(&resources, &spec, [EDGE; 2], wgpu::Color::BLACK);
+        let groups = [&drawn];
+        let spec = RenderSpec::new(shader, &groups, &format);
+        let render = Pass::new(&resources, &spec, [EDGE; 2], wgpu::Color::BLACK);
+        let dispatch = Dispatch::new(&resources, shader, &[&computed], [INVOCATIONS / 64, 1, 1]);
         Self {
-            kernel: Kernel::new(&resources, "test", shader, &[&computed]).expect("it links"),
-            dispatch: Dispatch::new(&resources, "test", &[&computed], [INVOCATIONS / 64, 1, 1]),
+            dispatch: dispatch.expect("it links"),
             render: render.expect("it links"),
             scratch: [Usage::COPY_SRC, Usage::COPY_DST].map(|usage| buffer(gpu, 1 << 22, usage)),
             uniform,
@@ -66,25 +63,17 @@ impl Work {
     fn stage(&self, kind: PassKind) -> Encoded<'_> {
         match kind {
             PassKind::Compute => {
-                const INFO: StageInfo = StageInfo::unlisted("test/compute");
-                Encoded::new(&INFO, |scope| {
-                    scope.compute(|pass| self.kernel.run(pass, &self.dispatch))
-                })
+                Encoded::new("test/compute", |scope| scope.compute(|pass| self.dispatch.run(pass)))
             }
-            PassKind::Render => {
-                const INFO: StageInfo = StageInfo::unlisted("test/render");
-                Encoded::new(&INFO, |scope| {
-                    self.render.encode_with(scope, |pass| pass.draw(0..6 * 32 * 32, 0..1));
-                })
-            }
+            PassKind::Render => Encoded::new("test/render", |scope| {
+                self.render.render(scope, |pass| pass.draw(0..6 * 32 * 32, 0..1));
+            }),
             PassKind::Copy => {
-                const INFO: StageInfo = StageInfo::unlisted("test/copy");
-                Encoded::new(&INFO, |scope| self.copy(scope, self.scratch[0].size()))
+                Encoded::new("test/copy", |scope| self.copy(scope, self.scratch[0].size()))
             }
             PassKind::Host => {
-                const INFO: StageInfo = StageInfo::unlisted("test/host");
                 let turns = 200u32.to_le_bytes();
-                Encoded::new(&INFO, move |scope| {
+                Encoded::new("test/host", move |scope| {
                     scope.host(|queue| queue.write_buffer(&self.uniform, 0, &turns));
                 })
             }
@@ -99,23 +88,23 @@ impl Work {
 
 /// A stage that is a function.
 struct Encoded<'a> {
-    info: &'static StageInfo,
+    name: &'static str,
     encode: Box<dyn Fn(&mut StageScope<'_>) + 'a>,
 }
 
 impl<'a> Encoded<'a> {
-    fn new(info: &'static StageInfo, encode: impl Fn(&mut StageScope<'_>) + 'a) -> Self {
-        Self { info, encode: Box::new(encode) }
+    fn new(name: &'static str, encode: impl Fn(&mut StageScope<'_>) + 'a) -> Self {
+        Self { name, encode: Box::new(encode) }
     }
 
     fn unnamed(encode: impl Fn(&mut StageScope<'_>) + 'a) -> Self {
-        Self::new(const { &StageInfo::unlisted("test/encoded") }, encode)
+        Self::new("test/encoded", encode)
     }
 }
 
-impl Stage for Encoded<'_> {
-    fn info(&self) -> &'static StageInfo {
-        self.info
+impl TimedStage for Encoded<'_> {
+    fn name(&self) -> &'static str {
+        self.name
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
@@ -147,7 +136,7 @@ fn stages_and_gaps_make_up_the_envelope() {
     let work = Work::new(&gpu);
     let kinds = [PassKind::Host, PassKind::Compute, PassKind::Render, PassKind::Copy];
     let stages: Vec<_> = kinds.into_iter().chain(kinds).map(|kind| work.stage(kind)).collect();
-    let frame: Vec<&dyn Stage> = stages.iter().map(|stage| stage as &dyn Stage).collect();
+    let frame: Vec<&dyn TimedStage> = stages.iter().map(|stage| stage as &dyn TimedStage).collect();
     let costs = SubmitCost { compute_ns: 5e4, render_ns: 5e4, copy_ns: 5e4 };
     for plan in [ClockPlan::fenced(costs), ClockPlan::process_cpu(costs)] {
         let mut timer = FrameTimer::new(&gpu, plan, 16).expect("it is made");
@@ -173,7 +162,7 @@ fn a_stage_without_passes_is_a_fault() {
     let gpu = open();
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
     let idle = Encoded::unnamed(|_| {});
-    let sample = timer.timed(&gpu, &[&idle as &dyn Stage]).expect("the frame runs");
+    let sample = timer.timed(&gpu, &[&idle as &dyn TimedStage]).expect("the frame runs");
     assert!(sample.stages[0].ns.is_nan());
     assert_eq!(sample.faults[0].kind, FaultKind::NoPass);
 }
@@ -185,10 +174,12 @@ fn more_passes_than_queries_is_an_error() {
     let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
     let timed = plan(&gpu).clock(PassKind::Render) == Clock::Timestamp;
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 1).expect("it is made");
-    timer.timed(&gpu, &[&host as &dyn Stage, &render]).expect("one pass fits");
-    let outcome = timer.timed(&gpu, &[&host as &dyn Stage, &render, &render]);
+    timer.timed(&gpu, &[&host as &dyn TimedStage, &render]).expect("one pass fits");
+    let outcome = timer.timed(&gpu, &[&host as &dyn TimedStage, &render, &render]);
     assert_eq!(matches!(outcome, Err(DeviceError::TooManyPasses(1))), timed);
-    timer.timed(&gpu, &[&host as &dyn Stage, &render]).expect("the timer is usable afterwards");
+    timer
+        .timed(&gpu, &[&host as &dyn TimedStage, &render])
+        .expect("the timer is usable afterwards");
 }
 
 #[test]
@@ -199,7 +190,7 @@ fn many_passes_span_several_query_sets() {
     let passes = 2100;
     let mut timer = FrameTimer::new(&gpu, plan_with_copies(&gpu), passes).expect("it is made");
     let many = Encoded::unnamed(|scope| (1..passes).for_each(|_| work.copy(scope, 65_536)));
-    let sample = timer.timed(&gpu, &[&many as &dyn Stage, &copy]).expect("the frame runs");
+    let sample = timer.timed(&gpu, &[&many as &dyn TimedStage, &copy]).expect("the frame runs");
     // Copies this small may read as nothing. The last pass, whose query is in another set than the first, copies 4 MiB.
     assert!(sample.faults.iter().all(|fault| fault.kind == FaultKind::Zero), "{:?}", sample.faults);
     assert!(sample.stages[1].ns > 0.0, "{:?}", sample.stages);
@@ -211,7 +202,7 @@ fn invocations_are_counted_exactly() {
     let work = Work::new(&gpu);
     let (host, compute, render) =
         (work.stage(PassKind::Host), work.stage(PassKind::Compute), work.stage(PassKind::Render));
-    let counted = count(&gpu, &[&host as &dyn Stage, &compute, &render, &compute], 8)
+    let counted = count(&gpu, &[&host as &dyn TimedStage, &compute, &render, &compute], 8)
         .expect("the frame runs");
     let Some(counted) = counted else {
         println!("skipped: {} does not count invocations", gpu.adapter.name);
@@ -231,7 +222,7 @@ fn what_was_rendered_is_read_back() {
     let work = Work::new(&gpu);
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
     let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
-    timer.untimed(&gpu, &[&host as &dyn Stage, &render]).expect("the frame runs");
+    timer.untimed(&gpu, &[&host as &dyn TimedStage, &render]).expect("the frame runs");
     let pixels = read_texture(&gpu, work.render.texture()).expect("it is read");
     assert_eq!((pixels.width, pixels.height, pixels.channels), (EDGE, EDGE, 4));
     assert!(pixels.data.chunks(4).all(|texel| texel[0] > 0.0 && texel[3] == 1.0));
@@ -264,7 +255,7 @@ fn every_format_is_read_back_whatever_its_row_length() {
             let color = [ColorTarget { view: &view, clear, slice: None }];
             scope.render(&Targets { color: &color, depth: None }, |_| {});
         });
-        timer.untimed(&gpu, &[&clear as &dyn Stage]).expect("the frame runs");
+        timer.untimed(&gpu, &[&clear as &dyn TimedStage]).expect("the frame runs");
         let pixels = read_texture(&gpu, &texture).expect("it is read");
         assert_eq!(pixels.data.len(), 37 * 5 * channels);
         for (value, cleared) in pixels.texel(36, 4).iter().zip([0.2, 0.4, 0.6, 1.0]) {
@@ -317,8 +308,11 @@ fn a_lost_device_is_an_error_and_not_a_panic() {
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
     gpu.device.destroy();
     let render = work.stage(PassKind::Render);
-    assert!(timer.timed(&gpu, &[&render as &dyn Stage]).is_err());
-    assert!(matches!(timer.untimed(&gpu, &[&render as &dyn Stage]), Err(DeviceError::Lost(_))));
+    assert!(timer.timed(&gpu, &[&render as &dyn TimedStage]).is_err());
+    assert!(matches!(
+        timer.untimed(&gpu, &[&render as &dyn TimedStage]),
+        Err(DeviceError::Lost(_))
+    ));
     assert!(matches!(gpu.shader("kernels", &[]), Err(GpuError::Device(DeviceError::Lost(_)))));
 }
 

@@ -63,11 +63,11 @@ fn what_is_built_runs_what_was_planned_and_declares_its_work() {
         let params: Vec<_> = cell.params.into_iter().chain(small).collect();
         let subject = subjects.subject(&cell.pipeline, &cell.scene, &params).unwrap();
         let built = subject.build(&gpu).unwrap();
-        let stages: Vec<_> = built.stages().iter().map(|stage| stage.info()).collect();
+        let stages: Vec<_> = built.stages().iter().map(|stage| stage.info).collect();
         assert_eq!(stages, subject.plan().unwrap().stages, "{}", cell.id);
         for stage in built.stages() {
-            assert!(stage.work() != Work::default(), "{} declares no work", stage.name());
-            let declared = stage.work().fields().into_iter().zip(stage.least_work().fields());
+            assert!(stage.work != Work::default(), "{} declares no work", stage.name());
+            let declared = stage.work.fields().into_iter().zip(stage.least_work.fields());
             for ((count, most), (_, least)) in declared {
                 assert!(least <= most, "{}: at least {least} of {most} {count}", stage.name());
             }

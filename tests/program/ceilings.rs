@@ -3,7 +3,7 @@
 
 use crate::common::{Place, SMALL, Told, cells, fathom, records};
 use fathom::record::ceilings::Bounded;
-use fathom::record::{Ceiling, CeilingShare, Outcome, Record, Run, StageRecord};
+use fathom::record::{Ceiling, CeilingShare, Outcome, Record, StageRecord};
 use serde_json::Value;
 
 /// Bounds of a sound doubling, and of the copies' agreement with the CPU's, as `docs/ceilings.md` has them.
@@ -81,8 +81,7 @@ fn stages_have_shares_and_a_resumed_run_keeps_the_ceilings() {
     run(&place, "");
     run(&place, "--resume --set water.amplitude_m=0");
     let out = place.path("run");
-    let header = |record| if let Record::Run(run) = record { Some(*run) } else { None };
-    let runs: Vec<Run> = records(&out).into_iter().filter_map(header).collect();
+    let runs: Vec<_> = records(&out).into_iter().filter_map(Record::try_as_run).collect();
     let [first, last] = &runs[..] else { panic!("{} runs", runs.len()) };
     assert!(runs.iter().all(|run| !run.ceilings.is_empty()));
     // The processes may have been put on different cores, whose limits are measured anew.

@@ -8,6 +8,7 @@ use fathom::harness::dump::dump;
 use fathom::harness::subject::Subjects;
 use fathom::npy::Array;
 use glam::{DMat4, DVec3};
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 /// Relative error of the sum against splats that cover pixels in f64: drivers place edges within 1/256 px.
@@ -29,20 +30,22 @@ impl Dump {
         }
     }
 
+    fn at<T: DeserializeOwned>(&self, pointer: &str) -> T {
+        let found = self.about.pointer(pointer).and_then(|value| T::deserialize(value).ok());
+        found
+            .unwrap_or_else(|| panic!("{pointer} is not found or another type in {:#}", self.about))
+    }
+
     fn number(&self, pointer: &str) -> f64 {
-        let found = self.about.pointer(pointer).and_then(Value::as_f64);
-        found.unwrap_or_else(|| panic!("{pointer} is no number in {:#}", self.about))
+        self.at(pointer)
     }
 
     fn matrix(&self, pointer: &str) -> DMat4 {
-        let rows: [[f64; 4]; 4] =
-            serde_json::from_value(self.about.pointer(pointer).unwrap().clone()).unwrap();
-        DMat4::from_cols_array_2d(&rows).transpose()
+        DMat4::from_cols_array_2d(&self.at(pointer)).transpose()
     }
 
     fn vector(&self, pointer: &str) -> DVec3 {
-        let found = self.about.pointer(pointer).unwrap().clone();
-        DVec3::from(serde_json::from_value::<[f64; 3]>(found).unwrap())
+        self.at(pointer)
     }
 
     fn column(&self, name: &str) -> usize {

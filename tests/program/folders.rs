@@ -5,19 +5,15 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
-use std::time::{Duration, Instant};
 
 use crate::common::{
     Ends, Place, SMALL, Told, cells, holds, measured, names, own_experiment, records, repetitions,
-    signal, skipped_cell, write_records,
+    signal, skipped_cell, wait_until, write_records,
 };
 use fathom::record::{self, Addition, Cell, FramePair, Record, Run, SCHEMA, SampleLine, StageTime};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde_json::Value;
-
-/// Ends a wait for what never comes, and decides nothing.
-const PATIENCE: Duration = Duration::from_secs(600);
 
 /// A run of two small cells that never reach their precision.
 const RUN: &str = "run uw-waves --no-ceilings --precision 1e-9 --axis water=circular --axis water.amplitude_m=0.0,0.1";
@@ -29,20 +25,10 @@ fn run(place: &Place, options: &str) -> Command {
     command
 }
 
-/// Looks until something holds.
-#[track_caller]
-fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !holds() {
-        assert!(start.elapsed() < PATIENCE, "{what}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
 /// Waits for samples of a run that goes on.
 #[track_caller]
 fn wait_for_lines(place: &Place, child: &mut Child, lines: usize) {
-    wait_until("there are samples", || {
+    wait_until("a sample", || {
         assert_eq!(child.try_wait().unwrap(), None, "it ended before there were samples");
         let text = fs::read(place.path("out/samples.jsonl")).unwrap_or_default();
         text.iter().filter(|byte| **byte == b'\n').count() >= lines
@@ -61,7 +47,7 @@ fn kept(place: &Place) -> Vec<SampleLine> {
 fn one_of_two(place: &Place, options: &str) -> String {
     let spawn = || run(place, &format!("--budget 600 {options}")).spawn().unwrap();
     let mut children = [spawn(), spawn()];
-    wait_until("one takes the folder", || {
+    wait_until("a holder of the folder", || {
         children.reverse();
         let lock = fs::read_to_string(place.path("out/.lock")).unwrap_or_default();
         lock.starts_with(&format!("process {} ", children[0].id()))
@@ -197,7 +183,7 @@ fn what_is_no_run_is_not_resumed_and_what_is_garbage_is_not_reported() {
 #[track_caller]
 fn ended(command: &mut Command) -> Output {
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    wait_until("it ends", || child.try_wait().unwrap().is_some());
+    wait_until("its end", || child.try_wait().unwrap().is_some());
     child.wait_with_output().unwrap()
 }
 

@@ -80,13 +80,14 @@ impl Split {
     }
 }
 
-fn run_of(path: &Path) -> Vec<Record> {
-    record::read(path).unwrap().records
+/// The committed run's records.
+fn committed() -> Vec<Record> {
+    reference().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
 /// The reference run's records of the experiments `uw-…`.
 fn underwater() -> Vec<Record> {
-    let mut records = run_of(&reference());
+    let mut records = committed();
     records.retain(|record| match record {
         Record::Cell(cell) => cell.experiment.starts_with("uw-"),
         Record::Experiment(definition) => definition.id.starts_with("uw-"),
@@ -109,10 +110,10 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
 #[test]
 fn merged_shards_give_the_reports_of_the_run() {
     let place = Place::new();
-    place.write("whole/records.jsonl", fs::read(reference()).unwrap());
+    place.write("whole/records.jsonl", reference());
     place.fathom("report whole").ends(0);
     let whole = files(&place.path("whole"));
-    let split = Split::of(run_of(&reference()));
+    let split = Split::of(committed());
     for of in [1, 7, 64] {
         let mut folders = split.shards(of, &place);
         // The order in which folders are named does not matter.
@@ -130,7 +131,7 @@ fn merged_shards_give_the_reports_of_the_run() {
 /// A run that went on elsewhere has cells of two machines. A claim that speaks of both is not judged.
 #[test]
 fn no_verdict_rests_on_two_machines() {
-    let mut split = Split::of(run_of(&reference()));
+    let mut split = Split::of(committed());
     split.experiments.retain(|experiment| experiment.id == "uw-photons");
     split.cells.retain(|cell| cell.experiment == "uw-photons");
     let summary = |hosts: [&str; 2]| {
@@ -265,7 +266,7 @@ fn hostile_names_stay_in_the_folder() {
         }
     }
     let other = place.path(&folders[1]);
-    let mut lines = run_of(&other.join("records.jsonl"));
+    let mut lines = record::read(&other.join("records.jsonl")).unwrap().records;
     for line in &mut lines {
         if let Record::Run(run) = line {
             run.adapter.name = "../../../evil'; DROP TABLE x; --\u{1b}[2J/\u{202e}".to_owned();
@@ -288,7 +289,7 @@ fn hostile_names_stay_in_the_folder() {
 fn bad_input_is_one_line() {
     let place = Place::new();
     std::fs::create_dir(place.path("empty")).unwrap();
-    place.write("whole/records.jsonl", fs::read(reference()).unwrap());
+    place.write("whole/records.jsonl", reference());
     for (folder, reason) in [("whole", "holds a whole run"), ("empty", "records.jsonl")] {
         merge(&place, &[folder.to_owned()], "merged").refused(reason);
         assert!(!place.path("merged").exists());

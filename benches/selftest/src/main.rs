@@ -29,6 +29,7 @@ const INTERRUPTED: u8 = 130;
 /// Bad input, or a trial that could not be made. Whether the gates did well, the findings tell and not the status.
 const COULD_NOT_RUN: u8 = 2;
 
+/// It ends with what is measured so far.
 static INTERRUPT: AtomicBool = AtomicBool::new(false);
 
 /// Try the gates of `fathom compare` on builds of HEAD whose differences are known; takes hours
@@ -90,7 +91,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         plan: Plan { no_ops: cli.no_ops, slow5: cli.slowdowns },
         filter: cli.trials,
     };
-    selftest::run(&test, &INTERRUPT, &|text| tell::note(text))?;
+    selftest::run(&test)?;
     for name in selftest::RESULTS {
         tell::done(test.out.join(name).display());
     }

@@ -1,15 +1,17 @@
 //! The trials: which are missing, how each is built and measured, and where its findings go.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use anyhow::{anyhow, bail};
 use fathom::compare::build::{self, BuildError};
 use fathom::compare::flow::{self, CompareOptions, Program};
+use fathom::compare::launch::WorkerStart;
 use fathom::compare::store::StoredComparison;
-use fathom::gpu;
 use fathom::harness::output::RECORDS;
+use fathom::{gpu, tell};
 
+use crate::INTERRUPT;
 use crate::findings::findings;
 use crate::injections::{Changes, Injection, every, unrelated};
 use crate::load::Load;
@@ -40,8 +42,8 @@ fn unfit(reason: String) -> anyhow::Error {
     anyhow!("injections do not fit these sources: {reason}")
 }
 
-/// Makes the missing trials, and writes what all of them show.
-pub fn run(test: &SelfTest, interrupted: &AtomicBool, tell: &dyn Fn(&str)) -> anyhow::Result<()> {
+/// Makes the missing trials until it is interrupted or one fails, and writes what all of them show.
+pub fn run(test: &SelfTest) -> anyhow::Result<()> {
     let out = test.out.display();
     std::fs::create_dir_all(&test.out)
         .map_err(|error| anyhow!("cannot write to {out}: {error}"))?;
@@ -52,26 +54,18 @@ pub fn run(test: &SelfTest, interrupted: &AtomicBool, tell: &dyn Fn(&str)) -> an
             missing.push(trial);
         }
     }
-    let ended = make(test, &missing, &injections, interrupted, tell);
+    let ended = make(test, &missing, &injections);
     write(test, &injections)?;
     ended
 }
 
-/// Makes trials until it is interrupted or one fails.
-fn make(
-    test: &SelfTest,
-    missing: &[Trial],
-    injections: &[Injection],
-    interrupted: &AtomicBool,
-    tell: &dyn Fn(&str),
-) -> anyhow::Result<()> {
-    let mut builds = TrialBuilds::new(test, interrupted, tell)?;
-    for (number, trial) in missing.iter().enumerate() {
-        if interrupted.load(Ordering::Relaxed) {
+fn make(test: &SelfTest, missing: &[Trial], injections: &[Injection]) -> anyhow::Result<()> {
+    let mut builds = TrialBuilds::new(test)?;
+    for (number, trial) in (1..).zip(missing) {
+        if INTERRUPT.load(Ordering::Relaxed) {
             break;
         }
-        let (number, all) = (number + 1, missing.len());
-        tell(&format!("trial {number} of {all}: {}", trial.id));
+        tell::note(format!("trial {number} of {}: {}", missing.len(), trial.id));
         match builds.make(trial, injections) {
             Err(error) if matches!(error.downcast_ref(), Some(BuildError::Interrupted { .. })) => {
                 break;
@@ -120,12 +114,6 @@ fn is_made(test: &SelfTest, trial: &Trial) -> anyhow::Result<bool> {
     Ok(stored.came_to_its_end())
 }
 
-/// A trial's folder holds lines.
-fn begun(folder: &Path) -> bool {
-    let lines = folder.join(RECORDS).metadata();
-    lines.is_ok_and(|lines| lines.len() > 0)
-}
-
 impl SelfTest {
     fn settings_of(&self, trial: &Trial) -> GateSettings {
         GateSettings {
@@ -142,18 +130,12 @@ struct TrialBuilds<'a> {
     test: &'a SelfTest,
     workshop: Workshop,
     programs: PathBuf,
-    interrupted: &'a AtomicBool,
-    tell: &'a dyn Fn(&str),
     /// The injected build that is at hand.
     at_hand: Option<(Variant, PathBuf)>,
 }
 
 impl<'a> TrialBuilds<'a> {
-    fn new(
-        test: &'a SelfTest,
-        interrupted: &'a AtomicBool,
-        tell: &'a dyn Fn(&str),
-    ) -> anyhow::Result<Self> {
+    fn new(test: &'a SelfTest) -> anyhow::Result<Self> {
         let repository = build::repository(&test.repository)?;
         let commit = build::commit(&repository, "HEAD")?;
         let short = commit.get(..12).unwrap_or(&commit);
@@ -161,8 +143,6 @@ impl<'a> TrialBuilds<'a> {
             test,
             workshop: Workshop::open(&repository, &commit)?,
             programs: repository.join(build::CACHE).join(format!("self-test-{short}")),
-            interrupted,
-            tell,
             at_hand: None,
         })
     }
@@ -175,26 +155,22 @@ impl<'a> TrialBuilds<'a> {
         let base = self.base(compilation)?;
         let head = self.head(&trial.variant, compilation, injections)?;
         let program = |path: &Path| Program {
-            environment: Default::default(),
-            shader_cache: None,
-            path: path.to_owned(),
             label: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            start: WorkerStart { gpu: self.test.gpu.clone(), ..WorkerStart::new(path) },
         };
         let folder = self.test.out.join(&trial.id);
         let options = CompareOptions {
             catalog: fathom::Catalog::builtin(),
-            gpu: self.test.gpu.clone(),
-            base: program(&base),
-            head: program(&head),
+            programs: [program(&base), program(&head)],
             cells_file: None,
             filter: trial.filter.clone(),
             env_values: false,
             settings: self.test.settings_of(trial),
-            resume: begun(&folder),
+            resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
             out: Some(folder),
         };
         let load = trial.loaded.then(|| Load::start(&base));
-        let measured = flow::measure(&options, self.interrupted, self.tell);
+        let measured = flow::measure(&options, &INTERRUPT, &|text| tell::note(text));
         drop(load);
         measured.map(drop).map_err(|error| anyhow!("trial {}: {error}", trial.id))
     }
@@ -253,9 +229,8 @@ impl<'a> TrialBuilds<'a> {
         if program.is_file() {
             return Ok(());
         }
-        (self.tell)(&format!("building {}", program.display()));
-        let Self { interrupted, tell, .. } = self;
-        Ok(self.workshop.build(changes, compilation, program, interrupted, tell)?)
+        tell::note(format!("building {}", program.display()));
+        Ok(self.workshop.build(changes, compilation, program)?)
     }
 }
 

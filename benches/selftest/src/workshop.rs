@@ -1,12 +1,13 @@
 //! A checkout in which sources are changed and built, one change at a time.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
 
 use fathom::compare::build::{self, BuildError, Worktree};
 use fathom::harness::catalog::CargoTarget;
+use fathom::tell;
 
+use crate::INTERRUPT;
 use crate::injections::Changes;
 
 /// How a program is built. Programs that are compared must be built in the same way.
@@ -45,8 +46,6 @@ impl Workshop {
         changes: &Changes,
         compilation: Compilation,
         program: &Path,
-        interrupted: &AtomicBool,
-        tell: &dyn Fn(&str),
     ) -> Result<(), BuildError> {
         let committed = changes.keys().map(|file| Ok((file.clone(), self.read(file)?)));
         let committed: Changes = committed.collect::<Result<_, _>>().map_err(failed)?;
@@ -63,10 +62,10 @@ impl Workshop {
             CargoTarget::FATHOM,
             "with a change",
             &[("CARGO_INCREMENTAL", incremental)],
-            interrupted,
+            &INTERRUPT,
             &mut |line| {
                 if !line.trim_start().starts_with("Compiling") {
-                    tell(line);
+                    tell::note(line);
                 }
             },
         );

@@ -24,7 +24,7 @@ pub fn cases() -> Vec<Case> {
 fn rings(rig: &Rig<'_>) -> Result<Check> {
     let mut params = Params::from(&SceneFile::load("plane")?);
     params.ripples.rings = 5;
-    let stage = draw::Draw::new(&Resources::new(rig.gpu), SIZE, &params)?;
+    let stage = draw::new(&Resources::new(rig.gpu), SIZE, &params)?;
     let drawn = rig.drawn(&[&stage], stage.texture(), 0)?;
     let wavelength = params.water.wavelength_m / params.water.half_size_m[0];
     let error = |wavelength: f64| {
@@ -46,7 +46,7 @@ fn height(pixel: [u32; 2], wavelength: f64, rings: u32) -> f64 {
 fn squares(rig: &Rig<'_>) -> Result<Check> {
     let source = noise(SIZE, 3);
     let resources = Resources::new(rig.gpu);
-    let stage = blur::Blur::new(&resources, &rig.grey(&source), RADIUS_PX)?;
+    let stage = blur::new(&resources, &rig.grey(&source), RADIUS_PX)?;
     let blurred = rig.drawn(&[&stage], stage.texture(), 0)?;
     let error = |radius: u32| {
         largest(

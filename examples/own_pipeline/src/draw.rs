@@ -1,9 +1,6 @@
 //! `ripple/draw`: the sum of rings at each pixel.
 
-use fathom::gpu::{GpuError, Output, Stage, StageInfo, StageScope};
-use fathom::record::Work;
-use fathom::shader_struct;
-use fathom::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use fathom::stages::prelude::*;
 use glam::Vec2;
 
 use crate::pipeline::Params;
@@ -23,50 +20,22 @@ shader_struct! {
     }
 }
 
-pub struct Draw {
-    pass: ScreenPass,
-}
-
-impl Draw {
-    pub fn new(
-        resources: &Resources<'_>,
-        size_px: [u32; 2],
-        params: &Params,
-    ) -> Result<Self, GpuError> {
-        let uniforms = RippleUniforms {
-            size_px: Vec2::from(size_px.map(|side| side as f32)),
-            // The water's wavelength over its half size.
-            wavelength: (params.water.wavelength_m / params.water.half_size_m[0]) as f32,
-            rings: params.ripples.rings,
-        };
-        let settings = resources.loop_settings(INFO.name, &uniforms);
-        let group = Group::new(resources.gpu, INFO.name, &[Bind::Read(&settings)]);
-        let (groups, targets) = ([&group], [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)]);
-        let spec = RenderSpec::new(INFO.name, INFO.name, &groups, &targets);
-        let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
-        Ok(Self { pass })
-    }
-
-    pub fn texture(&self) -> &wgpu::Texture {
-        self.pass.texture()
-    }
-}
-
-impl Stage for Draw {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.pass.encode(scope);
-    }
-
-    fn work(&self) -> Work {
-        let pixels = self.pass.pixels();
-        Work { fragments: pixels, bytes_written: pixels * 4, ..Work::default() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![Output::image(self.texture())]
-    }
+pub fn new(
+    resources: &Resources<'_>,
+    size_px: [u32; 2],
+    params: &Params,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let uniforms = RippleUniforms {
+        size_px: Vec2::from(size_px.map(|side| side as f32)),
+        // The water's wavelength over its half size.
+        wavelength: (params.water.wavelength_m / params.water.half_size_m[0]) as f32,
+        rings: params.ripples.rings,
+    };
+    let settings = resources.loop_settings(INFO.name, &uniforms);
+    let groups = [&Group::new(&[&settings])];
+    let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
+    let spec = RenderSpec::new(INFO.name, &groups, &targets);
+    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
+    let work = pass.work(0, 4);
+    Ok(pass.stage(&INFO, work).image())
 }

@@ -1,7 +1,6 @@
 //! The pipeline `ripples`: parameters and wiring.
 
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
 use fathom::gpu::{Gpu, GpuError, read_texture};
 use fathom::pipelines::settings::View;
@@ -35,7 +34,7 @@ impl Parameters for Params {}
 
 /// Rings of ripples, blurred.
 pub struct Ripples {
-    blur: Rc<blur::Blur>,
+    image: wgpu::Texture,
 }
 
 impl Pipeline for Ripples {
@@ -46,15 +45,15 @@ impl Pipeline for Ripples {
     fn new(resources: &Resources<'_>, _: &Scene, params: &Params) -> Result<Self, GpuError> {
         let resources = &resources.sized_by("view.width × view.height");
         let size_px = [params.view.width, params.view.height];
-        let draw = resources.push(draw::Draw::new(resources, size_px, params)?);
-        let blur = blur::Blur::new(resources, draw.texture(), params.ripples.blur_px)?;
-        Ok(Self { blur: resources.push(blur) })
+        let draw = resources.push(draw::new(resources, size_px, params)?);
+        let blur = blur::new(resources, &draw, params.ripples.blur_px)?;
+        Ok(Self { image: resources.push(blur) })
     }
 }
 
 impl Drawing for Ripples {
     fn image(&self) -> &wgpu::Texture {
-        self.blur.texture()
+        &self.image
     }
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {

@@ -60,15 +60,8 @@ impl Kernels {
             use wgpu::BufferUsages as Usage;
             let uniform = gpu.buffer("audit", 16, Usage::UNIFORM | Usage::COPY_DST);
             gpu.queue.write_buffer(&uniform, 0, &work.to_le_bytes());
-            let resources = [&uniform, &self.results].map(wgpu::Buffer::as_entire_binding);
-            let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
-            let entries = [0, 1].map(|i| entry((i as u32, resources[i].clone())));
             let used = if kind == PassKind::Compute { 2 } else { 1 };
-            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("audit"),
-                layout: &layout,
-                entries: &entries[..used],
-            })
+            gpu.bind("audit", &layout, &[&uniform, &self.results][..used])
         });
         Kernel { kernels: self, kind, bindings, work, calls }
     }

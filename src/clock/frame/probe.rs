@@ -1,6 +1,7 @@
 //! The smallest pass of each kind. The host time of a submission that holds nothing else is the cost of a submission.
 
 use super::host_clock::HostClock;
+use super::scope::{ColorTarget, Targets, open};
 use crate::audit::kernels::{GROUP_SIZE, compute_pipeline, module, target};
 use crate::{DeviceError, WatchedDevice};
 use fathom_record::PassKind;
@@ -27,7 +28,8 @@ impl Probe {
             let iterations = gpu.buffer("probe", UNIFORM_BYTES, Usage::UNIFORM | Usage::COPY_DST);
             gpu.queue.write_buffer(&iterations, 0, &ITERATIONS.to_le_bytes());
             let results = gpu.buffer("probe", RESULT_BYTES, Usage::STORAGE);
-            let bindings = bind(gpu, &compute, [&iterations, &results]);
+            let layout = compute.get_bind_group_layout(0);
+            let bindings = gpu.bind("least compute pass", &layout, &[&iterations, &results]);
             Ok(Self {
                 compute,
                 bindings,
@@ -61,10 +63,11 @@ impl Probe {
                 pass.set_bind_group(0, &self.bindings, &[]);
                 pass.dispatch_workgroups(1, 1, 1);
             }
-            PassKind::Render => drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                color_attachments: &[Some(cleared(&self.target))],
-                ..Default::default()
-            })),
+            PassKind::Render => {
+                let clear = Some(wgpu::Color::BLACK);
+                let color = [ColorTarget { view: &self.target, clear, slice: None }];
+                drop(open(&mut encoder, "probe", &Targets { color: &color, depth: None }, None));
+            }
             PassKind::Copy => {
                 let [from, to] = &self.copied;
                 encoder.copy_buffer_to_buffer(from, 0, to, 0, wgpu::COPY_BUFFER_ALIGNMENT);
@@ -72,33 +75,5 @@ impl Probe {
             PassKind::Host => {}
         }
         encoder.finish()
-    }
-}
-
-fn bind(
-    gpu: &WatchedDevice,
-    pipeline: &wgpu::ComputePipeline,
-    buffers: [&wgpu::Buffer; 2],
-) -> wgpu::BindGroup {
-    let entries = [0, 1].map(|binding: usize| wgpu::BindGroupEntry {
-        binding: binding as u32,
-        resource: buffers[binding].as_entire_binding(),
-    });
-    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some("least compute pass"),
-        layout: &pipeline.get_bind_group_layout(0),
-        entries: &entries,
-    })
-}
-
-fn cleared(view: &wgpu::TextureView) -> wgpu::RenderPassColorAttachment<'_> {
-    wgpu::RenderPassColorAttachment {
-        view,
-        depth_slice: None,
-        resolve_target: None,
-        ops: wgpu::Operations {
-            load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
-            store: wgpu::StoreOp::Store,
-        },
     }
 }

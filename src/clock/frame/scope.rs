@@ -458,7 +458,7 @@ fn timestamp_query(sets: &[wgpu::QuerySet], number: u32) -> Query<'_> {
     Query { set: &sets[(index / QUERIES_PER_SET) as usize], first: index % QUERIES_PER_SET }
 }
 
-fn open<'e>(
+pub(super) fn open<'e>(
     encoder: &'e mut wgpu::CommandEncoder,
     label: &str,
     targets: &Targets<'_>,

@@ -12,13 +12,10 @@ struct Simulated {
     samples: Vec<(u32, WorkerRole, CellId)>,
     opened: Vec<(u32, Vec<CellId>)>,
     launch: u32,
-    /// (launch, role, stage): the worker goes on after this, or dies.
-    refusing: Option<(u32, WorkerRole, &'static str)>,
-    dying: Option<(u32, WorkerRole, &'static str)>,
-    /// It hangs where it would die.
-    hangs: bool,
-    refused_configuration: Option<(&'static str, WorkerRole)>,
-    killing_configuration: Option<&'static str>,
+    /// Launch, role, stage, and what the worker fails with there.
+    failing: Option<(u32, WorkerRole, &'static str, WorkerFault)>,
+    /// A configuration, and what the head fails with at it.
+    unprepared: Option<(&'static str, WorkerFault)>,
     never_starts: bool,
     interrupt_after: Option<usize>,
     /// What interrupts kills the workers too.
@@ -46,33 +43,32 @@ impl LaunchWorkers for Simulated {
         launch: u32,
         cells: &[CellId],
         _: Option<&CellId>,
-    ) -> Result<OpenedLaunch, BrokenLaunch> {
+    ) -> Result<OpenedLaunch, RoleFault> {
         self.launch = launch;
         self.opened.push((launch, cells.to_vec()));
-        let broken = |configuration, fault| BrokenLaunch {
-            configuration,
-            cause: RoleFault { role: WorkerRole::Head, fault },
+        let failed = |configuration: Option<&str>, fault| {
+            let configuration = configuration.map(str::to_owned);
+            RoleFault { role: WorkerRole::Head, configuration, fault }
         };
         if self.never_starts {
-            return Err(broken(None, ended()));
+            return Err(failed(None, ended()));
         }
-        let there = |id: &str| cells.iter().any(|cell| cell.configuration() == id);
-        if let Some(id) = self.killing_configuration.filter(|id| there(id)) {
-            return Err(broken(Some(id.to_owned()), ended()));
+        let there = |(id, _): &(&str, _)| cells.iter().any(|cell| cell.configuration() == *id);
+        let unprepared = self.unprepared.clone().filter(there);
+        match unprepared.map(|(id, fault)| failed(Some(id), fault)) {
+            Some(cause) if !cause.fault.goes_on() => Err(cause),
+            refused => {
+                let refused = Vec::from_iter(refused);
+                Ok(OpenedLaunch { refused, ..OpenedLaunch::default() })
+            }
         }
-        let refused = self.refused_configuration.filter(|(id, _)| there(id));
-        let refused =
-            refused.map(|(id, role)| (id.to_owned(), RoleFault { role, fault: refusal() }));
-        Ok(OpenedLaunch { refused: Vec::from_iter(refused), ..OpenedLaunch::default() })
     }
 
     fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault> {
-        let now = Some((self.launch, role, cell.stage()));
-        if now == self.refusing {
-            return Err(refusal());
-        }
-        if now == self.dying {
-            return Err(if self.hangs { silent() } else { ended() });
+        if let Some((launch, at, stage, fault)) = &self.failing
+            && (self.launch, role, cell.stage()) == (*launch, *at, *stage)
+        {
+            return Err(fault.clone());
         }
         self.samples.push((self.launch, role, cell.clone()));
         if self.interrupt_after == Some(self.samples.len()) {
@@ -183,10 +179,7 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
         for pair in round.chunks(2) {
             assert_eq!(pair[0].2, pair[1].2);
             assert!(pair[0].1 != pair[1].1);
-            let controls = pair.iter().map(|sample| sample.1);
-            let controls = controls
-                .filter(|role| matches!(role, WorkerRole::ControlHead | WorkerRole::ControlBase));
-            assert!(matches!(controls.count(), 0 | 2));
+            assert_eq!(pair[0].1.is_control(), pair[1].1.is_control());
         }
         let order = round.chunks(2).map(|pair| pair[0].2.clone());
         orders.insert(order.collect::<Vec<_>>());
@@ -209,8 +202,8 @@ fn the_seed_decides_the_schedule_of_each_launch_for_itself() {
 
 #[test]
 fn a_refused_sample_costs_its_cell_and_nothing_else() {
-    let mut bench =
-        Simulated { refusing: Some((1, WorkerRole::Head, "b/y")), ..Simulated::default() };
+    let failing = Some((1, WorkerRole::Head, "b/y", refusal()));
+    let mut bench = Simulated { failing, ..Simulated::default() };
     let found = measure(&mut bench);
     assert_eq!(found.launches(), [0, 1, 2]);
     let fault = found.only_fault();
@@ -225,12 +218,12 @@ fn a_refused_sample_costs_its_cell_and_nothing_else() {
 
 #[test]
 fn a_dead_or_hung_worker_costs_the_launch_and_the_cell_that_it_was_at() {
-    for (hangs, reason) in [
-        (false, "base worker: it ended with signal 11"),
-        (true, "base worker: it gave no answer to `sample` within 30 s"),
+    for (fault, reason) in [
+        (ended(), "base worker: it ended with signal 11"),
+        (silent(), "base worker: it gave no answer to `sample` within 30 s"),
     ] {
-        let dying = Some((1, WorkerRole::Base, "a/x"));
-        let mut bench = Simulated { dying, hangs, ..Simulated::default() };
+        let failing = Some((1, WorkerRole::Base, "a/x", fault));
+        let mut bench = Simulated { failing, ..Simulated::default() };
         let found = measure(&mut bench);
         assert_eq!(found.launches(), [0, 2, 3], "launch 1 does not count and another is run");
         assert!(found.pairs.iter().all(|pair| pair.launch != 1));
@@ -247,13 +240,8 @@ fn a_dead_or_hung_worker_costs_the_launch_and_the_cell_that_it_was_at() {
 
 #[test]
 fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
-    for kills in [false, true] {
-        let mut bench = Simulated::default();
-        if kills {
-            bench.killing_configuration = Some("one")
-        } else {
-            bench.refused_configuration = Some(("one", WorkerRole::Head))
-        }
+    for fault in [refusal(), ended()] {
+        let mut bench = Simulated { unprepared: Some(("one", fault)), ..Simulated::default() };
         let found = measure(&mut bench);
         assert_eq!(found.launches().len(), 3);
         let faults = &found.faults;
@@ -266,8 +254,8 @@ fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
 
 #[test]
 fn a_lost_control_leaves_the_cells() {
-    let mut bench =
-        Simulated { refusing: Some((0, WorkerRole::ControlHead, "b/y")), ..Simulated::default() };
+    let failing = Some((0, WorkerRole::ControlHead, "b/y", refusal()));
+    let mut bench = Simulated { failing, ..Simulated::default() };
     let found = measure(&mut bench);
     let fault = found.only_fault();
     assert!(fault.control);

@@ -86,6 +86,8 @@ fn all_ruled<const N: usize>(test: &str, cases: [(&str, Vec<Cell>, Verdict, &str
 const GRID: [f64; 6] = [1e3, 3e3, 1e4, 3e4, 1e5, 3e5];
 const LINEAR: &str =
     r#"slope = { y = "stage:s", x = "axis:n", over = "n", expected = 1.0, tolerance = 0.1 }"#;
+const RISING: &str =
+    r#"monotone = { y = "stage:s", x = "axis:n", over = "n", direction = "rising" }"#;
 
 #[test]
 fn a_known_slope_is_recovered_from_noise_above_a_fixed_cost() {
@@ -185,11 +187,10 @@ fn no_worse_compares_two_cells() {
 
 #[test]
 fn monotony_flips_with_one_cell_out_of_order() {
-    let test = r#"monotone = { y = "stage:s", x = "axis:n", over = "n", direction = "rising" }"#;
     let rising = || swept(&[1.0, 2.0, 3.0, 4.0], |n| n);
-    all_ruled(&test.replace("rising", "falling"), [("rising", rising(), Contradicted, "")]);
+    all_ruled(&RISING.replace("rising", "falling"), [("rising", rising(), Contradicted, "")]);
     let bent = but(2, 3.0, 1.0, rising());
-    all_ruled(test, [("rising", rising(), Supported, ""), ("bent", bent, Contradicted, "")]);
+    all_ruled(RISING, [("rising", rising(), Supported, ""), ("bent", bent, Contradicted, "")]);
 }
 
 #[test]
@@ -422,9 +423,6 @@ fn a_repeated_quantity_has_an_interval_and_an_exact_one_none() {
     assert!(!reason.contains("n ="), "{reason}");
 }
 
-const RISING: &str =
-    r#"monotone = { y = "stage:s", x = "axis:n", over = "n", direction = "rising" }"#;
-
 /// How often each verdict comes out of so many experiments.
 fn verdicts(test: &str, trials: u64, cells: impl Fn(u64) -> Vec<Cell>) -> BTreeMap<Verdict, u32> {
     let mut counts = BTreeMap::new();
@@ -487,18 +485,14 @@ fn noise_supports_a_claim_no_more_often_than_the_stated_rate() {
 
 #[test]
 fn more_samples_than_there_are_settle_what_is_open() {
-    let (least, rounds) = (
-        r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 0.99, high = inf }"#,
-        24,
-    );
-    let all_rise =
-        r#"monotone = { y = "stage:s", x = "axis:n", over = "n", direction = "rising" }"#;
+    let least = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 0.99, high = inf }"#;
+    let rounds = 24;
     let mut told = 0;
     for seed in 0..60 {
         // Just below the bound, and falling slightly where rising is claimed: one of three steps.
         let below = drifting(&[1.0, 2.0], rounds, |n| 5.0 - 0.07 * (n - 1.0), 0.02, seed);
         let falling = drifting(&[1.0, 2.0, 3.0, 4.0], rounds, |n| 5.0 - 0.04 * n, 0.02, seed);
-        for (test, cells) in [(least, below), (all_rise, falling)] {
+        for (test, cells) in [(least, below), (RISING, falling)] {
             let (verdict, reason) = ruled(test, &cells, true);
             let number = reason.split_once("; about ").and_then(|(_, rest)| rest.split(' ').next());
             if let Some(number) = number.filter(|_| verdict == Inconclusive) {

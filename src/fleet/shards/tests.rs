@@ -5,12 +5,16 @@ use super::*;
 fn folder() -> (tempfile::TempDir, Folder) {
     let out = tempfile::tempdir().unwrap();
     let folder = Folder::of(out.path(), 3);
-    fs::create_dir_all(&folder.path).unwrap();
+    fs::create_dir_all(folder.path()).unwrap();
     (out, folder)
 }
 
+fn beside(folder: &Folder, ending: &str) -> PathBuf {
+    folder.out.join(folder.beside(ending))
+}
+
 fn ended(folder: &Folder, status: &str, job: u64) {
-    fs::write(folder.beside(STATUS), format!("{status} {job}\n")).unwrap();
+    fs::write(beside(folder, STATUS), format!("{status} {job}\n")).unwrap();
 }
 
 #[test]
@@ -24,7 +28,7 @@ fn a_shard_that_is_done_is_not_submitted() {
     // What is no status is none.
     ended(&folder, "zero", 7);
     assert!(Shard::new(Folder::of(out.path(), 3), 3).is_due(0));
-    fs::write(folder.beside(STATUS), "0\n").unwrap();
+    fs::write(beside(&folder, STATUS), "0\n").unwrap();
     assert!(Shard::new(folder, 3).is_due(0));
 }
 
@@ -32,7 +36,7 @@ fn a_shard_that_is_done_is_not_submitted() {
 fn a_failed_shard_is_submitted_a_few_times_again() {
     let (_out, folder) = folder();
     ended(&folder, "2", 1);
-    fs::write(folder.beside(LOG), "begin\nerror: no adapter\n\n").unwrap();
+    fs::write(beside(&folder, LOG), "begin\nerror: no adapter\n\n").unwrap();
     let mut shard = Shard::new(folder, 3);
     let mut times = 0;
     while shard.is_due(2) {
@@ -89,7 +93,7 @@ fn an_earlier_jobs_status_and_a_late_queue_end_no_shard() {
 #[test]
 fn cells_are_counted_as_they_come() {
     let (_out, folder) = folder();
-    let path = folder.path.join(RECORDS);
+    let path = folder.path().join(RECORDS);
     let mut shard = Shard::new(folder, 3);
     assert_eq!(shard.count(), (0, None));
     let cell = r#"{"record":"cell","experiment":"a"}"#;
@@ -115,7 +119,7 @@ fn no_link_and_no_pipe_of_the_folder_is_opened() {
     for (name, text) in [(RECORDS, header), ("3.status", "0 12"), ("3.log", "a log")] {
         fs::write(elsewhere.path().join(name), text).unwrap();
     }
-    let names = [folder.path.join(RECORDS), folder.beside(STATUS), folder.beside(LOG)];
+    let names = [folder.path().join(RECORDS), beside(&folder, STATUS), beside(&folder, LOG)];
     let link = |path: &Path| {
         symlink(elsewhere.path().join(path.file_name().unwrap()), path).unwrap();
     };
@@ -124,9 +128,9 @@ fn no_link_and_no_pipe_of_the_folder_is_opened() {
     };
     for make in [&link as &dyn Fn(&Path), &pipe] {
         names.iter().for_each(|path| make(path));
-        let ((done, read), path) = (mpsc::channel(), folder.path.clone());
+        let ((done, read), out) = (mpsc::channel(), folder.out.clone());
         std::thread::spawn(move || {
-            let folder = Folder { path };
+            let folder = Folder::of(&out, 3);
             let told = (folder.header(), folder.status(None), folder.last_line());
             done.send((told, Shard::new(folder, 3).count())).is_ok()
         });
@@ -136,12 +140,12 @@ fn no_link_and_no_pipe_of_the_folder_is_opened() {
         names.iter().for_each(|path| fs::remove_file(path).unwrap());
     }
     Folder::prepare(out.path(), 3).unwrap();
-    fs::remove_dir(&folder.path).unwrap();
-    symlink(elsewhere.path(), &folder.path).unwrap();
+    fs::remove_dir(folder.path()).unwrap();
+    symlink(elsewhere.path(), folder.path()).unwrap();
     let told = Folder::prepare(out.path(), 3).unwrap_err().to_string();
     assert!(told.contains("`3` is a symbolic link"), "{told}");
     Folder::prepare(out.path(), 2).unwrap();
-    fs::remove_file(&folder.path).unwrap();
+    fs::remove_file(folder.path()).unwrap();
     fs::remove_dir(out.path().join(SHARDS)).unwrap();
     symlink(elsewhere.path(), out.path().join(SHARDS)).unwrap();
     let told = Folder::prepare(out.path(), 3).unwrap_err().to_string();

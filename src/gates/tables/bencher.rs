@@ -1,21 +1,11 @@
 //! Bencher Metric Format: the head's figures by cell, and its time over the base's with the interval.
 
-use super::ComparisonExporter;
 use crate::verdict::{JudgedCell, Verdicts};
 use fathom_record::Interval;
 use fathom_record::comparison::Side;
 use fathom_report::bencher::{ALLOCATED_BYTES, Benchmarks, LATENCY};
-use fathom_report::{Exporter, Written};
 
-pub const EXPORTER: ComparisonExporter = Exporter {
-    name: "bencher",
-    about: "Bencher Metric Format",
-    file: "bencher.json",
-    written: Written::WithEveryReport,
-    export,
-};
-
-fn export(verdicts: &Verdicts<'_>) -> String {
+pub fn export(verdicts: &Verdicts<'_>) -> String {
     let mut all = Benchmarks::default();
     for cell in &verdicts.cells {
         add(cell, &mut all);

@@ -1,20 +1,10 @@
 //! `customSmallerIsBetter` of github-action-benchmark: the head's figures by cell, to be kept from commit to commit.
 
-use super::ComparisonExporter;
 use crate::verdict::{JudgedCell, Verdicts};
 use fathom_report::format::NS_PER_MS;
 use fathom_report::github_benchmark::{Entry, text};
-use fathom_report::{Exporter, Written};
 
-pub const EXPORTER: ComparisonExporter = Exporter {
-    name: "github-action-benchmark",
-    about: "customSmallerIsBetter of github-action-benchmark",
-    file: "benchmark.json",
-    written: Written::WithEveryReport,
-    export,
-};
-
-fn export(verdicts: &Verdicts<'_>) -> String {
+pub fn export(verdicts: &Verdicts<'_>) -> String {
     let entries: Vec<Entry> = verdicts.cells.iter().flat_map(entries).collect();
     text(&entries)
 }

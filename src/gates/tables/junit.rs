@@ -3,22 +3,13 @@
 
 use itertools::Itertools;
 
-use super::{ComparisonExporter, rows};
+use super::rows;
 use crate::exact::{DifferenceScope, FigureKind};
 use crate::verdict::{CellVerdict, GateState, JudgedCell, Verdicts};
 use fathom_base::text;
 use fathom_report::junit::{CaseStatus, NotPassed, TestSuite, failed, skipped, xml};
-use fathom_report::{Exporter, Written};
 
-pub const EXPORTER: ComparisonExporter = Exporter {
-    name: "junit",
-    about: "JUnit XML: regressions as failures",
-    file: "junit.xml",
-    written: Written::WithEveryReport,
-    export,
-};
-
-fn export(verdicts: &Verdicts<'_>) -> String {
+pub fn export(verdicts: &Verdicts<'_>) -> String {
     let mut gates = TestSuite::new("fathom compare: gates");
     let [sides, adapters] = rows::sides(verdicts).map(|side| text::line(&side));
     gates.add_property("builds", sides);

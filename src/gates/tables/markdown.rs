@@ -1,20 +1,11 @@
 //! Markdown for a pull request and for a job's summary: the regressions, and everything else folded away.
 
-use super::{ComparisonExporter, rows};
+use super::rows;
 use crate::verdict::{JudgedCell, Verdicts};
 use fathom_base::text;
 use fathom_report::format::Table;
-use fathom_report::{Exporter, Written};
 
-pub const EXPORTER: ComparisonExporter = Exporter {
-    name: "markdown",
-    about: "Markdown for a pull request",
-    file: "summary.md",
-    written: Written::WithEveryReport,
-    export,
-};
-
-fn export(verdicts: &Verdicts<'_>) -> String {
+pub fn export(verdicts: &Verdicts<'_>) -> String {
     let [sides, adapter] = rows::sides(verdicts);
     let mut text = format!(
         "### {} fathom compare: {}\n\n{}  \n{}\n\n",

@@ -8,15 +8,39 @@ mod page;
 mod rows;
 mod terminal;
 
-pub use bencher::EXPORTER as BENCHER;
-pub use benchmark::EXPORTER as BENCHMARK;
-pub use junit::EXPORTER as JUNIT;
-pub use markdown::EXPORTER as MARKDOWN;
-pub use page::{EXPORTER as PAGE, on_page};
-pub use terminal::EXPORTER as TERMINAL;
+pub use markdown::export as markdown;
+pub use page::on_page;
 
 use super::verdict::Verdicts;
-use fathom_report::Exporter;
+use fathom_report::{Exporter, Written, page as html};
 
 /// A format of verdicts: it makes the text of its file.
 pub type ComparisonExporter = Exporter<fn(&Verdicts<'_>) -> String>;
+
+/// Exporters of comparisons, in the order in which their files are written.
+pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
+    Exporter {
+        written: Written::OnRequest,
+        ..format("text", "a table for the terminal", "comparison.txt", terminal::export)
+    },
+    format("markdown", "Markdown for a pull request", "summary.md", markdown::export),
+    format("page", "one HTML page with every cell's change", html::FILE, page::export),
+    format("junit", "JUnit XML: regressions as failures", "junit.xml", junit::export),
+    format("bencher", "Bencher Metric Format", "bencher.json", bencher::export),
+    format(
+        "github-action-benchmark",
+        "customSmallerIsBetter of github-action-benchmark",
+        "benchmark.json",
+        benchmark::export,
+    ),
+];
+
+/// One that is written with every report.
+const fn format(
+    name: &'static str,
+    about: &'static str,
+    file: &'static str,
+    export: fn(&Verdicts<'_>) -> String,
+) -> ComparisonExporter {
+    Exporter { name, about, file, written: Written::WithEveryReport, export }
+}

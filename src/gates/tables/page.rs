@@ -1,22 +1,13 @@
 //! A comparison on the HTML page, alone or beside runs.
 
-use super::{ComparisonExporter, rows};
+use super::rows;
 use crate::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
-use fathom_report::page::{self, ChangeOnPage, ComparisonOnPage, ComparisonRow, Page, Tone};
-use fathom_report::{Exporter, Written};
-
-pub const EXPORTER: ComparisonExporter = Exporter {
-    name: "page",
-    about: "one HTML page with every cell's change",
-    file: page::FILE,
-    written: Written::WithEveryReport,
-    export,
-};
+use fathom_report::page::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Page, Tone};
 
 /// Columns of [`rows::cell`] that the page shows as text: all but cell and verdict.
 const FIGURES: usize = 2;
 
-fn export(verdicts: &Verdicts<'_>) -> String {
+pub fn export(verdicts: &Verdicts<'_>) -> String {
     let mut page = Page::new(Vec::new());
     page.comparisons.push(on_page(verdicts));
     page.html()

@@ -1,19 +1,10 @@
 //! A table for people at a terminal: columns in step, regressions once more at the end, where the eye is.
 
-use super::{ComparisonExporter, rows};
+use super::rows;
 use crate::verdict::Verdicts;
 use fathom_base::text;
-use fathom_report::{Exporter, Written};
 
-pub const EXPORTER: ComparisonExporter = Exporter {
-    name: "text",
-    about: "a table for the terminal",
-    file: "comparison.txt",
-    written: Written::OnRequest,
-    export,
-};
-
-fn export(verdicts: &Verdicts<'_>) -> String {
+pub fn export(verdicts: &Verdicts<'_>) -> String {
     let [sides, adapter] = rows::sides(verdicts).map(|side| text::line(&side));
     let mut told = format!("{sides}\n{adapter}\n\n");
     let header = rows::HEADER.map(str::to_owned);

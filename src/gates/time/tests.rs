@@ -4,8 +4,8 @@ use rand_pcg::Pcg64;
 use super::super::rank::{POWER, normal};
 use super::*;
 use crate::schedule::Schedule;
-use fathom_record::Adapter;
 use fathom_record::comparison::{Gate, LAUNCHES, Launch, PAIRS, PairStates, Side};
+use fathom_record::{Adapter, MachineState};
 
 /// How the samples of a simulated gate scatter, as shares of the time.
 #[derive(Clone, Copy)]
@@ -130,15 +130,12 @@ fn settings() -> GateSettings {
     GateSettings { gates: vec![Gate::Time], ..GateSettings::default() }
 }
 
-fn alarms(gate: &TimeGate) -> usize {
-    let alarm =
-        |cell: &&CellTime| matches!(cell.verdict, TimeVerdict::Slower | TimeVerdict::Faster);
-    gate.cells.iter().filter(alarm).count()
+fn count(gate: &TimeGate, verdict: TimeVerdict) -> usize {
+    gate.cells.iter().filter(|cell| cell.verdict == verdict).count()
 }
 
-fn count(gate: &TimeGate, verdict: TimeVerdict) -> usize {
-    let is = |cell: &&CellTime| cell.verdict == verdict;
-    gate.cells.iter().filter(is).count()
+fn alarms(gate: &TimeGate) -> usize {
+    count(gate, TimeVerdict::Slower) + count(gate, TimeVerdict::Faster)
 }
 
 #[test]
@@ -212,10 +209,8 @@ fn five_per_cent_in_one_cell_is_found_and_no_other_is_blamed() {
         let injected = trial % CELLS;
         let gate = simulation.gate(|n| if n == injected { 0.05 } else { 0.0 });
         let hit = gate.cells[injected].verdict == TimeVerdict::Slower;
-        let largest = (0..CELLS).max_by(|a, b| {
-            let change = |n: &usize| gate.cells[*n].change;
-            change(a).total_cmp(&change(b))
-        });
+        let change = |n: &usize| gate.cells[*n].change;
+        let largest = (0..CELLS).max_by(|a, b| change(a).total_cmp(&change(b)));
         assert_eq!(largest, Some(injected));
         found += usize::from(hit);
         blamed += alarms(&gate) - usize::from(hit);
@@ -261,16 +256,23 @@ fn too_few_launches_decide_nothing() {
 }
 
 #[test]
-fn a_control_that_moves_voids_the_gate() {
+fn a_control_that_moves_in_either_measurement_voids_the_gate() {
     let cells = cells();
-    let mut simulation = Simulation::new(8, CALM);
-    let mut pairs = simulation.pairs(&cells[0], true, 0.05);
-    pairs.extend(simulation.pairs(&cells[0], false, 0.0));
-    let gate = judge(&cells, &pairs, &settings());
-    let void = gate.void(0.05).unwrap();
-    assert!(void.contains("tank stage/0"), "{void}");
-    assert_eq!(gate.cells.len(), 1, "the control is no cell");
-    assert_eq!(gate.cells[0].verdict, TimeVerdict::Same);
+    for (seed, first, second) in [(8, 0.05, None), (12, 0.0, Some(0.05))] {
+        let mut simulation = Simulation::new(seed, CALM);
+        let mut pairs = simulation.pairs(&cells[0], true, first);
+        pairs.extend(simulation.pairs(&cells[0], false, 0.0));
+        if let Some(change) = second {
+            assert_eq!(judge(&cells, &pairs, &settings()).void(0.05), None);
+            pairs.extend(simulation.rounds(&cells[0], true, change, Some(PAIRS)));
+        }
+        let gate = judge(&cells, &pairs, &settings());
+        let void = gate.void(0.05).unwrap();
+        assert!(void.contains("tank stage/0"), "{void}");
+        assert_eq!(gate.controls.len(), 1 + usize::from(second.is_some()));
+        assert_eq!(gate.cells.len(), 1, "the control is no cell");
+        assert_eq!(gate.cells[0].verdict, TimeVerdict::Same);
+    }
 }
 
 /// Whoever is sampled second takes 6 % less, and is the head in two of three pairs: the median of all pairs would follow it.
@@ -345,19 +347,6 @@ fn nothing_is_open_before_the_first_measurement_is_whole_or_where_launches_are_t
     let mut few = comparison(5);
     few.pairs = simulation.pairs(&cells()[0], false, 0.0);
     assert!(open(&few).is_empty());
-}
-
-#[test]
-fn a_control_that_moves_in_the_second_measurement_voids_the_gate() {
-    let cells = cells();
-    let mut simulation = Simulation::new(12, CALM);
-    let mut pairs = simulation.pairs(&cells[0], true, 0.0);
-    pairs.extend(simulation.pairs(&cells[0], false, 0.0));
-    assert_eq!(judge(&cells, &pairs, &settings()).void(0.05), None);
-    pairs.extend(simulation.rounds(&cells[0], true, 0.05, Some(PAIRS)));
-    let gate = judge(&cells, &pairs, &settings());
-    assert_eq!(gate.controls.len(), 2);
-    assert!(gate.void(0.05).is_some());
 }
 
 /// The pairs of a cell, of which some launches were throttled on each side.

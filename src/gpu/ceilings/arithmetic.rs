@@ -64,11 +64,7 @@ impl Fragments {
             cache: None,
         });
         let uniform = uniform(gpu);
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("ceiling"),
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &[wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() }],
-        });
+        let bindings = gpu.bind("ceiling", &pipeline.get_bind_group_layout(0), &[&uniform]);
         // As many fragments as the compute kernel has invocations.
         let edge = invocations(gpu).isqrt();
         let target = raster::target(gpu, wgpu::TextureFormat::R32Float, [edge; 2]);

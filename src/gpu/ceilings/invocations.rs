@@ -1,6 +1,6 @@
 //! Kernels of a compute pass: each invocation does its turns and leaves a result.
 
-use super::kernel::{Kernel, buffer, clear};
+use super::kernel::{Kernel, clear};
 use crate::StageScope;
 use crate::readback::read_buffer;
 use crate::shader::compilation_options;
@@ -59,7 +59,7 @@ impl Invocations {
         let uniform = uniform(gpu);
         let invocations = invocations(gpu);
         let usage = Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST;
-        let results = buffer(gpu, u64::from(invocations) * 4, usage);
+        let results = gpu.buffer("ceiling", u64::from(invocations) * 4, usage);
         let own = [(0, uniform.as_entire_binding()), (1, results.as_entire_binding())];
         let entries = own.into_iter().chain(code.reads);
         let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
@@ -79,7 +79,7 @@ pub(super) fn invocations(gpu: &Gpu) -> u32 {
 
 /// Holds the number of turns, and the ones that the compiler must not know.
 pub(super) fn uniform(gpu: &Gpu) -> wgpu::Buffer {
-    buffer(gpu, 16, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)
+    gpu.buffer("ceiling", 16, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)
 }
 
 pub(super) fn write_turns(gpu: &Gpu, uniform: &wgpu::Buffer, turns: u32) {

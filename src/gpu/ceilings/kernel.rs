@@ -1,7 +1,6 @@
 //! What kernels share: the trait, resources, and which one belongs to a limit.
 
-use crate::StageScope;
-use crate::{Gpu, GpuError, Stage, StageInfo};
+use crate::{Gpu, GpuError, StageScope, TimedStage};
 use fathom_record::PassKind;
 use fathom_record::ceilings::{Limit, TexelFormat};
 
@@ -45,9 +44,9 @@ pub(super) struct Turns<'a> {
     pub turns: u32,
 }
 
-impl Stage for Turns<'_> {
-    fn info(&self) -> &'static StageInfo {
-        const { &StageInfo::unlisted("ceiling") }
+impl TimedStage for Turns<'_> {
+    fn name(&self) -> &'static str {
+        "ceiling"
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
@@ -126,16 +125,6 @@ pub(super) fn filters(gpu: &Gpu, of: TexelFormat) -> bool {
 /// Unsigned normalised: its values are multiples of 1/255.
 pub(super) fn is_unorm(of: TexelFormat) -> bool {
     matches!(of, TexelFormat::R8Unorm | TexelFormat::Rgba8Unorm)
-}
-
-pub(super) fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
-    let label = Some("ceiling");
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label,
-        size,
-        usage,
-        mapped_at_creation: false,
-    })
 }
 
 /// Fails unless all values are the expected one, but for rounding.

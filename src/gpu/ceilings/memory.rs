@@ -1,7 +1,7 @@
 //! Kernels that move memory: copying, clearing, reading.
 
 use super::invocations::{Answer, Code, GROUP_SIZE, Invocations, invocations, words};
-use super::kernel::{Kernel, buffer, clear};
+use super::kernel::{Kernel, clear};
 use crate::StageScope;
 use crate::readback::read_buffer;
 use crate::{Gpu, GpuError};
@@ -53,7 +53,7 @@ impl Copy {
         let bytes = working_set_bytes / 2;
         Self {
             from: filled(gpu, bytes, Usage::COPY_SRC),
-            to: buffer(gpu, bytes, Usage::COPY_DST | Usage::COPY_SRC),
+            to: gpu.buffer("ceiling", bytes, Usage::COPY_DST | Usage::COPY_SRC),
         }
     }
 }

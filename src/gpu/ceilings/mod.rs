@@ -19,8 +19,7 @@ mod texels;
 pub use cpu_copy::{CopyCheck, compare_copies};
 
 use self::kernel::{Kernel, Timing};
-use super::{ClockPlan, FrameTimer, Stage};
-use super::{Gpu, GpuError};
+use super::{ClockPlan, FrameTimer, Gpu, GpuError};
 use fathom_base::statistics::{estimate, median};
 use fathom_record::PassKind;
 use fathom_record::ceilings::{Addresses, Blending, Ceiling, Limit, SmallPrimitive, TexelFormat};
@@ -181,7 +180,7 @@ impl<'a> Stand<'a> {
             // What was queued must not be part of the pass.
             gpu.queue.submit([]);
             gpu.wait()?;
-            let stage: &dyn Stage = &kernel::Turns { kernel: *kernel, turns };
+            let stage = &kernel::Turns { kernel: *kernel, turns };
             let ns = match kernel.timing() {
                 Timing::Pass => timer.timed(gpu, &[stage])?.stages[0].ns,
                 Timing::Frame(kind) => {

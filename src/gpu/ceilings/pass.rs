@@ -1,6 +1,6 @@
 //! Passes that do next to nothing.
 
-use super::kernel::{Kernel, Timing, buffer, clear};
+use super::kernel::{Kernel, Timing, clear};
 use crate::readback::read_buffer;
 use crate::shader::compilation_options;
 use crate::{ColorTarget, StageScope, Targets};
@@ -31,14 +31,11 @@ impl EmptyPasses {
             compilation_options: compilation_options(),
             cache: None,
         });
-        let counted = buffer(gpu, WORD, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST);
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("ceiling"),
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &[wgpu::BindGroupEntry { binding: 0, resource: counted.as_entire_binding() }],
-        });
+        let counted =
+            gpu.buffer("ceiling", WORD, Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST);
+        let bindings = gpu.bind("ceiling", &pipeline.get_bind_group_layout(0), &[&counted]);
         let usages = [Usage::COPY_SRC | Usage::COPY_DST, Usage::COPY_SRC | Usage::COPY_DST];
-        let copied = usages.map(|usage| buffer(gpu, WORD, usage));
+        let copied = usages.map(|usage| gpu.buffer("ceiling", WORD, usage));
         let target = super::raster::target(gpu, wgpu::TextureFormat::R32Float, [1, 1]);
         let target = target.create_view(&Default::default());
         Ok(Self { kind, pipeline, bindings, counted, target, copied })

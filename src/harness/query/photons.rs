@@ -11,7 +11,7 @@ use super::table::{self, PointFault, SHORT};
 use super::{QueryError, check, numbers, read_with, written};
 use crate::subject::Subject;
 use fathom_gpu::Gpu;
-use fathom_pipelines::underwater::{self, Intensity, Params, PhotonQuery, Underwater, photons_at};
+use fathom_pipelines::underwater::{self, Intensity, Params, Underwater, photon_query, photons_at};
 use fathom_reference::photons::{Landing, entering, land_ray};
 use fathom_reference::rays::Tracer;
 use fathom_scene::{LightFrame, LightKind};
@@ -122,7 +122,7 @@ impl Query {
     pub fn answers(&self, gpu: &Gpu, subject: &Subject) -> Result<Vec<Answer>, QueryError> {
         let starts: Vec<query::Start> = self.starts.iter().map(stored).collect();
         let plan = |resources: &Resources<'_>| {
-            PhotonQuery::new(resources, &subject.scene, &self.params, &starts).map(drop)
+            photon_query(resources, &subject.scene, &self.params, &starts).map(drop)
         };
         check(gpu, plan)?;
         Ok(gpu.scoped(|| photons_at(gpu, &subject.scene, &self.params, &starts))?)

@@ -49,7 +49,7 @@ impl Ends {
 
 impl Drawing for Planar {
     fn image(&self) -> &wgpu::Texture {
-        self.compose.texture()
+        &self.image
     }
 
     /// Shares of the photons that never enter the water, and that meet no face; the share of the floor's texels that none has reached in the
@@ -83,7 +83,7 @@ impl Planar {
 
     /// The map face by face, W/m².
     fn map(&self, gpu: &Gpu) -> Result<Vec<f64>, GpuError> {
-        let atlas = read_texture(gpu, &self.points.map)?;
+        let atlas = read_texture(gpu, &self.map)?;
         let texels: Vec<f64> = atlas.data.into_iter().map(f64::from).collect();
         Ok(face_by_face(&texels, self.params.planar.texels))
     }

@@ -30,7 +30,7 @@ impl Underwater {
                 self.per_area(&texels, &tracer)
             }
         };
-        Ok(FoundCaustics { irradiance, stage: self.caustics.last().name })
+        Ok(FoundCaustics { irradiance, stage: self.caustics.last })
     }
 
     /// The flux in each pixel over the area of the surface behind it.

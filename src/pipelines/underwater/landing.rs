@@ -51,8 +51,8 @@ impl Underwater {
 
     /// Both photon grids: name, stage that traces it, settings, photons.
     pub(super) fn grids(&self) -> [(&'static str, &'static str, PhotonGrid, &wgpu::Buffer); 2] {
-        let caustics = (self.params.caustics.grid_settings(), &self.caustics.trace.photons.buffer);
-        let godrays = (self.params.godrays.grid_settings(), &self.godrays.trace.photons.buffer);
+        let caustics = (self.params.caustics.grid_settings(), &self.caustics.photons.buffer);
+        let godrays = (self.params.godrays.grid_settings(), &self.godrays.photons.buffer);
         [
             ("caustics", caustics::trace::INFO.name, caustics.0, caustics.1),
             ("godrays", godrays::trace::INFO.name, godrays.0, godrays.1),

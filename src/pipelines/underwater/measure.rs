@@ -1,7 +1,6 @@
 //! Figures read back from a frame: what became of the photons.
 
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
 use glam::{DVec2, DVec4};
 
@@ -13,9 +12,9 @@ use fathom_reference::godray::covered_px;
 use fathom_scene::Scene;
 use fathom_stages::frame::Shared;
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::Resources;
+use fathom_stages::kit::{Buffer, Resources, When};
 use fathom_stages::photon::{MISSED, OUTSIDE, Photon, PhotonEstimator, Photons};
-use fathom_stages::photons::query::{Answer, Query, Start};
+use fathom_stages::photons::query::{self, Answer, Start};
 use fathom_stages::shadow;
 
 impl Underwater {
@@ -72,43 +71,34 @@ pub fn read_photons(gpu: &Gpu, photons: &Photons) -> Result<Vec<Photon>, GpuErro
     Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &photons.buffer)?))
 }
 
-/// What asking where photons land makes: the scene as the light sees it, and the query over it.
-pub struct PhotonQuery(Rc<Query>);
-
-impl PhotonQuery {
-    /// By the settings of `caustics`. One start at least.
-    ///
-    /// # Errors
-    /// What the GPU reports.
-    pub fn new(
-        resources: &Resources<'_>,
-        scene: &Scene,
-        params: &Params,
-        starts: &[Start],
-    ) -> Result<Self, GpuError> {
-        scene.needs_objects(Underwater::NAME).map_err(GpuError::Unusable)?;
-        let view = view(params, scene);
-        let shared = Shared::new(resources, &view);
-        let geometry = Geometry::new(resources, scene);
-        let of_light = resources.sized_by("shadow.size");
-        let depth = shadow::depth::Depth::new(&of_light, &shared, &geometry, params.shadow.size)?;
-        let depth = of_light.push_once(depth);
-        let cells = params.surface.cells;
-        let mask = shadow::mask::Mask::new(&of_light, &shared, depth.texture(), cells)?;
-        let mask = of_light.push_once(mask);
-        let query = Query::new(
-            resources,
-            &shared,
-            (depth.texture(), mask.texture()),
-            starts,
-            &params.caustics.grid_settings().uniforms(&view, params.shadow.size),
-            params.caustics.photon_intensity() == Intensity::Conserving,
-        )?;
-        Ok(Self(resources.push_once(query)))
-    }
+/// Pushes what asking where photons land makes: the scene as the light sees it, and the query over it. By the settings of `caustics`. One
+/// start at least. It leaves an [`Answer`] for each.
+///
+/// # Errors
+/// What the GPU reports.
+pub fn photon_query(
+    resources: &Resources<'_>,
+    scene: &Scene,
+    params: &Params,
+    starts: &[Start],
+) -> Result<Buffer, GpuError> {
+    scene.needs_objects(Underwater::NAME).map_err(GpuError::Unusable)?;
+    let view = view(params, scene);
+    let shared = Shared::new(resources, &view);
+    let geometry = Geometry::new(resources, scene);
+    let of_light = resources.sized_by("shadow.size");
+    let depth = shadow::depth::new(&of_light, &shared, &geometry, params.shadow.size)?;
+    let depth = of_light.push_as(depth, When::Once);
+    let mask = shadow::mask::new(&of_light, &shared, &depth, params.surface.cells)?;
+    let mask = of_light.push_as(mask, When::Once);
+    let settings = params.caustics.grid_settings().uniforms(&view, params.shadow.size);
+    let conserving = params.caustics.photon_intensity() == Intensity::Conserving;
+    let light = (&depth, &mask);
+    let query = query::new(resources, &shared, light, starts, &settings, conserving)?;
+    Ok(resources.push_as(query, When::Once))
 }
 
-/// Photons from given starts: see [`PhotonQuery::new`].
+/// Photons from given starts: see [`photon_query`].
 ///
 /// # Errors
 /// As there.
@@ -119,9 +109,9 @@ pub fn photons_at(
     starts: &[Start],
 ) -> Result<Vec<Answer>, GpuError> {
     let resources = Resources::new(gpu);
-    let PhotonQuery(query) = PhotonQuery::new(&resources, scene, params, starts)?;
+    let answers = photon_query(&resources, scene, params, starts)?;
     resources.into_parts().run_once(gpu)?;
-    Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &query.answers)?))
+    Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &answers)?))
 }
 
 /// Fragments that `caustics/splat` and `godrays/lines` blend in a frame, by stage.
@@ -147,12 +137,12 @@ pub fn blended_fragments(
     let targets = [
         (
             "caustics/splat",
-            pipeline.caustics.drawn.texture(),
+            &pipeline.caustics.drawn.texture,
             f64::from(pipeline.plan.splat.photon_w),
         ),
         (
             "godrays/lines",
-            pipeline.godrays.drawn.texture(),
+            &pipeline.godrays.drawn.texture,
             f64::from(pipeline.plan.lines.photon_w) * isotropic,
         ),
     ];

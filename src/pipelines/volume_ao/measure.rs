@@ -1,8 +1,5 @@
 //! Figures read back from a frame, and occlusion at given points.
 
-use std::collections::BTreeMap;
-use std::rc::Rc;
-
 use super::{Params, VolumeAo, voxelize};
 use crate::occlusion::OcclusionBuffers;
 use crate::settings::Update;
@@ -10,17 +7,18 @@ use crate::{Drawing, Pipeline};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_scene::Scene;
 use fathom_stages::ao::march;
-use fathom_stages::ao::query::{Query, SurfacePoint};
+use fathom_stages::ao::query::{self, SurfacePoint};
 use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::Resources;
+use fathom_stages::kit::{Buffer, Resources, When};
+use std::collections::BTreeMap;
 
 impl Drawing for VolumeAo {
     fn image(&self) -> &wgpu::Texture {
-        self.composed.compose.texture()
+        &self.composed.image
     }
 
     fn shows_visibility(&self) -> bool {
-        self.composed.compose.shows_occlusion()
+        self.composed.shows_occlusion
     }
 
     /// Samples are counted by a shader that does nothing else, over the last frame's G-buffer and volumes.
@@ -62,29 +60,25 @@ impl Drawing for VolumeAo {
     }
 }
 
-/// What asking for the occlusion at points makes: volumes, and the query over them.
-pub struct PointQuery(Rc<Query>);
-
-impl PointQuery {
-    /// By the pipeline's settings for volumes and rays; what concerns the picture plays no part. One point at least.
-    ///
-    /// # Errors
-    /// What the GPU reports, and a scene or settings that give no grid.
-    pub fn new(
-        resources: &Resources<'_>,
-        scene: &Scene,
-        params: &Params,
-        points: &[SurfacePoint],
-    ) -> Result<Self, GpuError> {
-        scene.needs_objects(VolumeAo::NAME).map_err(GpuError::Unusable)?;
-        let geometry = Geometry::new(resources, scene);
-        let volumes = voxelize(resources, &geometry, scene, params, Update::Once)?;
-        let query = Query::new(resources, &volumes, points, &params.marching(scene))?;
-        Ok(Self(resources.push_once(query)))
-    }
+/// Pushes what asking for the occlusion at points makes: volumes, and the query over them. By the pipeline's settings for volumes and
+/// rays; what concerns the picture plays no part. One point at least. It leaves the visibility of each.
+///
+/// # Errors
+/// What the GPU reports, and a scene or settings that give no grid.
+pub fn point_query(
+    resources: &Resources<'_>,
+    scene: &Scene,
+    params: &Params,
+    points: &[SurfacePoint],
+) -> Result<Buffer, GpuError> {
+    scene.needs_objects(VolumeAo::NAME).map_err(GpuError::Unusable)?;
+    let geometry = Geometry::new(resources, scene);
+    let volumes = voxelize(resources, &geometry, scene, params, Update::Once)?;
+    let query = query::new(resources, &volumes, points, &params.marching(scene))?;
+    Ok(resources.push_as(query, When::Once))
 }
 
-/// A at points of a scene: see [`PointQuery::new`].
+/// A at points of a scene: see [`point_query`].
 ///
 /// # Errors
 /// As there.
@@ -95,8 +89,8 @@ pub fn occlusion_at(
     points: &[SurfacePoint],
 ) -> Result<Vec<f32>, GpuError> {
     let resources = Resources::new(gpu);
-    let PointQuery(query) = PointQuery::new(&resources, scene, params, points)?;
+    let visibility = point_query(&resources, scene, params, points)?;
     resources.into_parts().run_once(gpu)?;
-    let visibility: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &query.visibility)?);
+    let visibility: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &visibility)?);
     Ok(visibility.iter().map(|v| 1.0 - v).collect())
 }

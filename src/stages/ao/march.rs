@@ -2,17 +2,14 @@
 
 use glam::{DMat4, Vec2};
 
-use crate::bilateral::{VISIBILITY_FORMAT, visibility_output};
+use crate::bilateral::{VISIBILITY_FORMAT, visible};
 use crate::counters::Counters;
-use crate::frame::Shared;
 use crate::gbuffer::GbufferTextures;
-use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use crate::kit::{Canvas, Raster};
 use crate::marching::Marching;
-use crate::shader_struct;
+use crate::prelude::*;
 use crate::voxels::Voxels;
-use crate::{Output, Stage, StageInfo};
-use fathom_gpu::{Gpu, GpuError, StageScope};
-use fathom_record::Work;
+use fathom_gpu::Gpu;
 use fathom_scene::Bounds;
 
 pub const INFO: StageInfo = StageInfo {
@@ -28,80 +25,90 @@ shader_struct! {
     }
 }
 
-/// A volume's bind group and the pixels that it can reach.
+/// A volume's passes and the pixels that it can reach.
 struct Drawn {
     /// One for each slice of the rays.
-    groups: Vec<wgpu::BindGroup>,
+    rasters: Vec<Raster>,
     /// x, y, width, height.
     scissor: [u32; 4],
     samples: u64,
 }
 
-pub struct March {
-    pass: ScreenPass,
-    volumes: Vec<Drawn>,
-    rays: u32,
+impl Drawn {
+    fn pixels(&self) -> u64 {
+        u64::from(self.scissor[2]) * u64::from(self.scissor[3])
+    }
 }
 
-impl March {
-    /// The occlusion buffer has `size_px` pixels; it may be smaller than the viewport. Rectangles of the pixels that volumes
-    /// can reach follow from `view_projection`, world to clip space.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        volumes: &[Voxels],
-        seen: (&GbufferTextures, DMat4),
-        marching: &Marching,
-        size_px: [u32; 2],
-    ) -> Result<Self, GpuError> {
-        Self::build(resources, shared, volumes, seen, marching, size_px, None)
-    }
+/// The occlusion buffer, 1 − A, 1 where nothing was drawn, has `size_px` pixels; it may be smaller than the viewport. Rectangles of the
+/// pixels that volumes can reach follow from `view_projection`, world to clip space.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    volumes: &[Voxels],
+    seen: (&GbufferTextures, DMat4),
+    marching: &Marching,
+    size_px: [u32; 2],
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    build(resources, shared, volumes, seen, marching, size_px, None)
+}
 
-    fn build(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        volumes: &[Voxels],
-        (gbuffer, view_projection): (&GbufferTextures, DMat4),
-        marching: &Marching,
-        size_px: [u32; 2],
-        counters: Option<&Counters>,
-    ) -> Result<Self, GpuError> {
-        let mut defs = marching.defs();
-        defs.push(("COUNT", i32::from(counters.is_some())));
-        let size = Vec2::new(size_px[0] as f32, size_px[1] as f32);
-        let uniforms = resources.uniform(INFO.name, &TargetUniforms { size_px: size });
-        let mut binds = vec![
-            Bind::Uniform(&uniforms),
-            Bind::Depth(&gbuffer.depth),
-            Bind::Texels(&gbuffer.normal),
-        ];
-        binds.extend(counters.map(Counters::bind));
-        let inputs = Group::new(resources.gpu, INFO.name, &binds);
-        let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
-        let passes = marching.passes(resources, volumes, pixels)?;
-        defs.push(passes.def());
-        let all = [&shared.group, passes.first(), &inputs];
-        let targets = [kit::multiplicative(VISIBILITY_FORMAT)];
-        let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &all, &targets);
-        let drawn = |(groups, voxels): (&Vec<Group>, &Voxels)| {
-            let reach = grown(&voxels.grid.bounds(), marching.r_max_m);
-            Some(Drawn {
-                groups: kit::bare(&groups.iter().collect::<Vec<_>>()),
-                scissor: rectangle(&view_projection, &reach, size_px)?,
-                samples: marching.samples_in(&voxels.grid) as u64,
-            })
-        };
-        Ok(Self {
-            pass: ScreenPass::new(resources, &spec, size_px, wgpu::Color::WHITE)?,
-            volumes: passes.volumes().iter().zip(volumes).filter_map(drawn).collect(),
-            rays: marching.rays,
-        })
+fn build(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    volumes: &[Voxels],
+    (gbuffer, view_projection): (&GbufferTextures, DMat4),
+    marching: &Marching,
+    size_px: [u32; 2],
+    counters: Option<&Counters>,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let mut defs = marching.defs();
+    defs.push(("COUNT", i32::from(counters.is_some())));
+    let size = Vec2::new(size_px[0] as f32, size_px[1] as f32);
+    let uniforms = resources.uniform(INFO.name, &TargetUniforms { size_px: size });
+    let inputs = Group::new(&[&uniforms, &gbuffer.depth, &gbuffer.normal]).and(counters);
+    let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
+    let passes = marching.passes(resources, volumes, pixels)?;
+    defs.push(passes.def());
+    let targets = [kit::multiplicative(VISIBILITY_FORMAT)];
+    let spec = RenderSpec::new((INFO.name, &defs), &[], &targets);
+    let raster = |group: &Group| {
+        let groups = [&shared.group, group, &inputs];
+        Raster::new(resources, &RenderSpec { groups: &groups, ..spec.clone() })
+    };
+    let mut drawn = Vec::new();
+    for (groups, voxels) in passes.volumes.iter().zip(volumes) {
+        let rasters = groups.iter().map(raster).collect::<Result<_, _>>()?;
+        let reach = grown(&voxels.grid.bounds(), marching.r_max_m);
+        let Some(scissor) = rectangle(&view_projection, &reach, size_px) else { continue };
+        drawn.push(Drawn { rasters, scissor, samples: marching.samples_in(&voxels.grid) as u64 });
     }
-
-    /// Visibility 1 − A, 1 where nothing was drawn.
-    pub fn texture(&self) -> &wgpu::Texture {
-        self.pass.texture()
-    }
+    // Fragments of the volumes' rectangles, and trilinear samples at most: rays end early at hits and at the volume's border.
+    let fragments = drawn.iter().map(Drawn::pixels).sum();
+    let rays = u64::from(marching.rays);
+    let work = Work {
+        fragments,
+        texel_fetches: drawn.iter().map(|volume| volume.pixels() * rays * volume.samples).sum(),
+        bytes_written: fragments * 2,
+        ..Work::default()
+    };
+    // The background has no samples, and closed rays end.
+    let least = Work { texel_fetches: 0, ..work };
+    let canvas = Canvas::new(resources, &spec, size_px, wgpu::Color::WHITE);
+    let texture = canvas.textures[0].clone();
+    let slices = drawn.iter().map(|volume| volume.rasters.len()).max().unwrap_or(1);
+    let stage = Stage::new(&INFO, work, move |scope| {
+        // A pass adds to the sums of the one before it.
+        canvas.series(scope, slices, |number, pass| {
+            for Drawn { rasters, scissor: [x, y, width, height], .. } in &drawn {
+                let Some(raster) = rasters.get(number) else { continue };
+                raster.bind(pass);
+                pass.set_scissor_rect(*x, *y, *width, *height);
+                kit::cover(pass);
+            }
+        });
+    });
+    Ok(visible(stage.at_least(least).leaving(texture), "visibility"))
 }
 
 /// What a frame's marching takes, counted.
@@ -115,7 +122,7 @@ pub struct MarchCounts {
     pub fragments: u64,
 }
 
-/// Marches once more, with a shader that counts. The arguments are those of [`March::new`].
+/// Marches once more, with a shader that counts. The arguments are those of [`new`].
 pub fn count(
     gpu: &Gpu,
     shared: &Shared,
@@ -126,7 +133,7 @@ pub fn count(
 ) -> Result<MarchCounts, GpuError> {
     let resources = &Resources::new(gpu);
     let counters = Counters::new(resources, "ao/march counters", 3);
-    let march = March::build(resources, shared, volumes, seen, marching, size_px, Some(&counters))?;
+    let march = build(resources, shared, volumes, seen, marching, size_px, Some(&counters))?;
     gpu.run(&[&march])?;
     let sums = counters.sums(gpu)?;
     Ok(MarchCounts { samples: sums[0], lookups: sums[1], fragments: sums[2] })
@@ -153,44 +160,6 @@ fn rectangle(view_projection: &DMat4, bounds: &Bounds, size_px: [u32; 2]) -> Opt
     let (left, right) = span(&|i| 0.5 + 0.5 * corners[i].x / corners[i].w, size_px[0]);
     let (top, bottom) = span(&|i| 0.5 - 0.5 * corners[i].y / corners[i].w, size_px[1]);
     (right > left && bottom > top).then_some([left, top, right - left, bottom - top])
-}
-
-impl Stage for March {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        let slices = self.volumes.iter().map(|volume| volume.groups.len()).max().unwrap_or(0);
-        // A pass adds to the sums of the one before it.
-        self.pass.encode_series(scope, slices.max(1), |number, pass| {
-            for volume in &self.volumes {
-                let Some(group) = volume.groups.get(number) else { continue };
-                let [x, y, width, height] = volume.scissor;
-                pass.set_scissor_rect(x, y, width, height);
-                pass.set_bind_group(1, group, &[]);
-                pass.draw(0..3, 0..1);
-            }
-        });
-    }
-
-    /// Fragments of the volumes' rectangles, and trilinear samples at most: rays end early at hits and at the volume's border.
-    fn work(&self) -> Work {
-        let pixels = |volume: &Drawn| u64::from(volume.scissor[2]) * u64::from(volume.scissor[3]);
-        let fragments = self.volumes.iter().map(pixels).sum();
-        let samples =
-            self.volumes.iter().map(|v| pixels(v) * u64::from(self.rays) * v.samples).sum();
-        Work { fragments, texel_fetches: samples, bytes_written: fragments * 2, ..Work::default() }
-    }
-
-    /// The background has no samples, and closed rays end.
-    fn least_work(&self) -> Work {
-        Work { texel_fetches: 0, ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![visibility_output("visibility", self.texture())]
-    }
 }
 
 #[cfg(test)]

@@ -3,13 +3,9 @@
 use encase::ShaderType;
 use glam::Vec3;
 
-use crate::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use crate::marching::Marching;
-use crate::shader_struct;
+use crate::prelude::*;
 use crate::voxels::Voxels;
-use crate::{Column, Output, OutputData, Stage, StageInfo};
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ao/query",
@@ -26,95 +22,45 @@ shader_struct! {
     }
 }
 
-pub struct Query {
-    kernel: Kernel,
-    /// One for each slice of the rays through each volume.
-    dispatches: Vec<Dispatch>,
-    count: u64,
-    samples: u64,
-    /// 1 − A of each point.
-    pub visibility: Buffer,
-}
-
-impl Query {
-    /// `points` holds one point at least. A query answers once: its buffer starts at 1 and is multiplied.
-    pub fn new(
-        resources: &Resources<'_>,
-        volumes: &[Voxels],
-        points: &[SurfacePoint],
-        marching: &Marching,
-    ) -> Result<Self, GpuError> {
-        let resources = &resources.sized_by("points × ao.rays × samples");
-        let count = points.len() as u64;
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-        let input = resources.structs("points", points, usage);
-        resources.host_copies("points", input.size());
-        let visibility = resources.filled_by(INFO.name, count * 4, usage, || {
-            bytemuck::cast_slice(&vec![1f32; points.len()]).to_vec()
-        });
-        let binds = [Bind::Read(&input), Bind::Write(&visibility)];
-        let point_group = Group::new(resources.gpu, INFO.name, &binds);
-        let passes = marching.passes(resources, volumes, count)?;
-        let (workgroups, mut defs) = (kit::linear_workgroups(count), marching.defs());
-        defs.push(passes.def());
-        let dispatch =
-            |group: &Group| Dispatch::new(resources, INFO.name, &[&point_group, group], workgroups);
-        let samples = volumes.iter().map(|v| marching.samples_in(&v.grid) as u64);
-        let both = [&point_group, passes.first()];
-        Ok(Self {
-            kernel: Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &both)?,
-            dispatches: passes.volumes().iter().flatten().map(dispatch).collect(),
-            count,
-            samples: samples.sum::<u64>() * u64::from(marching.rays),
-            visibility,
-        })
-    }
-}
-
-impl Stage for Query {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        scope.compute(|pass| {
-            self.kernel.bind(pass);
-            for dispatch in &self.dispatches {
-                dispatch.run(pass);
-            }
-        });
-    }
-
-    /// Trilinear samples at most.
-    fn work(&self) -> Work {
-        Work {
-            texel_fetches: self.count * self.samples,
-            bytes_read: self.count * SurfacePoint::min_size().get(),
-            bytes_written: self.count * 4,
-            ..Work::default()
-        }
-    }
-
-    /// Closed rays end.
-    fn least_work(&self) -> Work {
-        Work { texel_fetches: 0, ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![Output {
-            name: "visibility".into(),
-            meaning: "1 − A at each point, in the order of the points".into(),
-            columns: vec![Column {
-                name: "visibility",
-                unit: "1",
-                meaning: "share of the cosine-weighted hemisphere that is open",
-            }],
-            data: OutputData::Buffer {
-                buffer: self.visibility.raw(),
-                stride_floats: 1,
-                count: self.count as u32,
-                row: Box::new(<[f32]>::to_vec),
-            },
-        }]
-    }
+/// `points` holds one point at least. A query answers once: its buffer, 1 − A of each point, starts at 1 and is multiplied.
+pub fn new(
+    resources: &Resources<'_>,
+    volumes: &[Voxels],
+    points: &[SurfacePoint],
+    marching: &Marching,
+) -> Result<Stage<Buffer>, GpuError> {
+    let resources = &resources.sized_by("points × ao.rays × samples");
+    let count = points.len() as u64;
+    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+    let input = resources.structs("points", points, usage);
+    resources.host_copies("points", input.size());
+    let visibility = resources.filled_by(INFO.name, count * 4, usage, || {
+        bytemuck::cast_slice(&vec![1f32; points.len()]).to_vec()
+    });
+    let own = Group::new(&[&input, &visibility]);
+    let passes = marching.passes(resources, volumes, count)?;
+    let mut defs = marching.defs();
+    defs.push(passes.def());
+    let workgroups = kit::linear_workgroups(count);
+    let dispatch = |group| Dispatch::new(resources, (INFO.name, &defs), &[&own, group], workgroups);
+    // One for each slice of the rays through each volume.
+    let dispatches =
+        passes.volumes.iter().flatten().map(dispatch).collect::<Result<Vec<_>, _>>()?;
+    let samples = volumes.iter().map(|v| marching.samples_in(&v.grid) as u64).sum::<u64>();
+    // Trilinear samples at most.
+    let work = Work {
+        texel_fetches: count * samples * u64::from(marching.rays),
+        bytes_read: count * SurfacePoint::min_size().get(),
+        bytes_written: count * 4,
+        ..Work::default()
+    };
+    // Closed rays end.
+    let least = Work { texel_fetches: 0, ..work };
+    let open = "share of the cosine-weighted hemisphere that is open";
+    let columns = vec![Column::new("visibility", "1", open)];
+    let meaning = "1 − A at each point, in the order of the points";
+    let rows = (&*visibility, 1, count as u32);
+    let output = Output::rows("visibility", meaning, columns, rows, <[f32]>::to_vec);
+    let stage = Dispatch::stage(dispatches, &INFO, work).at_least(least);
+    Ok(stage.output(output).leaving(visibility))
 }

@@ -13,14 +13,9 @@
 
 use glam::Vec2;
 
-use crate::frame::Shared;
-use crate::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
 use crate::photon::Photons;
-use crate::shader_struct;
-use crate::splatting::{self, Accumulated};
-use crate::{Column, Output, Stage, StageInfo};
-use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
-use fathom_record::Work;
+use crate::prelude::*;
+use crate::splatting::{Sums, summing};
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/mesh",
@@ -43,104 +38,47 @@ shader_struct! {
 /// Vertices of four neighbours.
 const VERTICES: u32 = 6;
 
-pub struct Mesh {
-    raster: Raster,
-    groups: Vec<wgpu::BindGroup>,
-    /// Squares of four neighbours in a row, and rows of them.
-    squares: u32,
-    target: wgpu::Texture,
-    view: wgpu::TextureView,
-}
-
-impl Mesh {
-    /// Of cells with `side`² photons each. `scene_depth` is the camera's.
-    ///
-    /// # Errors
-    /// What the GPU reports.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        (photons, scene_depth): (&Photons, &wgpu::Texture),
-        settings: &MeshUniforms,
-        side: u32,
-    ) -> Result<Self, GpuError> {
-        let uniforms = resources.uniform(INFO.name, settings);
-        let binds =
-            [Bind::Uniform(&uniforms), Bind::Read(&photons.buffer), Bind::Depth(scene_depth)];
-        let groups = [&shared.group, &Group::new(resources.gpu, INFO.name, &binds)];
-        let format = kit::accumulation_format(resources.gpu);
-        let target = resources.target(INFO.name, settings.size_px.as_uvec2().to_array(), format);
-        let defs = [("SIDE", side as i32), shared.fresnel_def()];
-        let targets = [kit::additive(format)];
-        let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &groups, &targets);
-        Ok(Self {
-            raster: Raster::new(resources, &spec)?,
-            groups: kit::bare(&groups),
-            squares: (settings.grid * side).saturating_sub(1),
-            view: kit::view(&target),
-            target,
-        })
-    }
-}
-
-impl Accumulated for Mesh {
-    fn texture(&self) -> &wgpu::Texture {
-        &self.target
-    }
-
-    fn column(&self) -> Column {
-        Column {
-            name: "irradiance",
-            unit: "W/m²",
-            meaning: "what the photons bring to the surface seen, attenuated, by the ratio of areas",
-        }
-    }
-}
-
-impl Stage for Mesh {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        let clear = Some(wgpu::Color::BLACK);
-        let color = [ColorTarget { view: &self.view, clear, slice: None }];
-        scope.render(&Targets { color: &color, depth: None }, |pass| {
-            self.raster.bind(pass);
-            kit::bind_groups(pass, &self.groups);
-            pass.draw(0..self.squares * VERTICES, 0..self.squares);
-        });
-    }
-
-    fn work(&self) -> Work {
-        let squares = u64::from(self.squares).pow(2);
-        // A mesh without folds that fills the view draws each pixel once.
-        let fragments = kit::pixels(&self.target);
-        Work {
-            photons: squares,
-            primitives: 2 * squares,
-            fragments,
-            texel_fetches: fragments,
-            // Each vertex reads the three photons of its triangle.
-            bytes_read: Photons::bytes(squares * u64::from(VERTICES) * 3),
-            bytes_written: fragments * 4,
-            ..Work::default()
-        }
-    }
-
-    /// The mesh may lie outside the view; a photon that several vertices read counts once.
-    fn least_work(&self) -> Work {
-        let squares = u64::from(self.squares).pow(2);
-        let pixels = kit::pixels(&self.target);
-        Work {
-            primitives: 2 * squares,
-            bytes_read: Photons::bytes(squares),
-            bytes_written: pixels * 4,
-            ..Work::default()
-        }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![splatting::output(self)]
-    }
+/// Of cells with `side`² photons each. `scene_depth` is the camera's.
+///
+/// # Errors
+/// What the GPU reports.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    (photons, scene_depth): (&Photons, &wgpu::Texture),
+    settings: &MeshUniforms,
+    side: u32,
+) -> Result<Stage<Sums>, GpuError> {
+    let uniforms = resources.uniform(INFO.name, settings);
+    let groups = [&shared.group, &Group::new(&[&uniforms, photons, scene_depth])];
+    let defs = [("SIDE", side as i32), shared.fresnel_def()];
+    let targets = [kit::additive(kit::accumulation_format(resources.gpu))];
+    let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
+    let size_px = settings.size_px.as_uvec2().to_array();
+    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
+    // Squares of four neighbours in a row, and rows of them.
+    let squares = (settings.grid * side).saturating_sub(1);
+    let count = u64::from(squares).pow(2);
+    // A mesh without folds that fills the view draws each pixel once.
+    let work = Work {
+        photons: count,
+        primitives: 2 * count,
+        // Each vertex reads the three photons of its triangle.
+        bytes_read: Photons::bytes(count * u64::from(VERTICES) * 3),
+        ..pass.work(1, 4)
+    };
+    // The mesh may lie outside the view; a photon that several vertices read counts once.
+    let least = Work {
+        primitives: 2 * count,
+        bytes_read: Photons::bytes(count),
+        bytes_written: pass.pixels() * 4,
+        ..Work::default()
+    };
+    let column = Column::new(
+        "irradiance",
+        "W/m²",
+        "what the photons bring to the surface seen, attenuated, by the ratio of areas",
+    );
+    let stage = pass.drawing(&INFO, work, move |pass| pass.draw(0..squares * VERTICES, 0..squares));
+    Ok(summing(stage.at_least(least), column))
 }

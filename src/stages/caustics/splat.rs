@@ -1,6 +1,6 @@
 //! `caustics/splat`: a square of regulated size for each photon, added up. UW §3.3.
 //!
-//! The rasterizer does it as in the paper ([`raster`]), or a compute shader ([`Scatter`]). What binds each was measured as CPU time on one
+//! The rasterizer does it as in the paper ([`raster`]), or a compute shader ([`scatter`]). What binds each was measured as CPU time on one
 //! core, with lavapipe of Mesa 22.3, 160,000 photons of scene `tank` (half of them in view), 512 × 512 pixels and the coverage `surface`;
 //! ms:
 //!
@@ -20,14 +20,9 @@
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
-use crate::frame::Shared;
-use crate::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
 use crate::photon::Photons;
-use crate::shader_struct;
-use crate::splatting::{self, Accumulated, Additive, Drawing};
-use crate::{Column, Output, Stage, StageInfo};
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
+use crate::prelude::*;
+use crate::splatting::{self, Drawing, Sums, summing};
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/splat",
@@ -120,7 +115,7 @@ pub fn raster(
     settings: &SplatUniforms,
     (conserving, coverage): (bool, SplatCoverage),
     typical_px: f64,
-) -> Result<Additive, GpuError> {
+) -> Result<Stage<Sums>, GpuError> {
     let drawing = Drawing {
         uniforms: &resources.uniform(INFO.name, settings),
         size_px: settings.size_px.as_uvec2().to_array(),
@@ -129,7 +124,7 @@ pub fn raster(
         fragments: fragments(inputs.0, typical_px),
         column: column(conserving),
     };
-    Additive::new(resources, &INFO, shared, inputs, drawing)
+    splatting::new(resources, &INFO, shared, inputs, drawing)
 }
 
 fn fragments(photons: &Photons, typical_px: f64) -> u64 {
@@ -145,106 +140,51 @@ const SPLAT_ROWS: u64 = 32;
 const PIXEL_BYTES: u64 = 8 + 4 + 4;
 
 /// An invocation for each photon adds it to fixed-point sums of 64 bits. Sums do not depend on the order of photons, so they are the
-/// same in every frame, and need no target that the adapter can blend.
-pub struct Scatter {
-    /// Sums cleared, photons added, sums turned into the picture.
-    steps: [(Kernel, Dispatch); 3],
-    photons: u32,
-    fragments: u64,
-    column: Column,
-    image: wgpu::Texture,
-}
-
-impl Scatter {
-    /// As [`raster`]. No splat has a longer side than `most_px`.
-    ///
-    /// # Errors
-    /// What the GPU reports.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        (photons, scene_depth): (&Photons, &wgpu::Texture),
-        settings: &SplatUniforms,
-        (conserving, coverage): (bool, SplatCoverage),
-        [typical_px, most_px]: [f64; 2],
-    ) -> Result<Self, GpuError> {
-        let [width, height] = settings.size_px.as_uvec2().to_array();
-        let pixels = u64::from(width) * u64::from(height);
-        let image = resources.image(INFO.name, [width, height], wgpu::TextureFormat::R32Float);
-        let binds = [
-            Bind::Uniform(&resources.uniform(INFO.name, settings)),
-            Bind::Read(&photons.buffer),
-            Bind::Depth(scene_depth),
-            Bind::Write(&resources.storage("caustics/splat sums", pixels * 8)),
-            Bind::Write(&resources.storage("caustics/splat depths", pixels * 4)),
-            Bind::Store(&image),
-        ];
-        let groups = [&shared.group, &Group::new(resources.gpu, INFO.name, &binds)];
-        let step = |number: i32, workgroups| -> Result<(Kernel, Dispatch), GpuError> {
-            let conserving = ("CONSERVING", i32::from(conserving));
-            let defs = [("STEP", number), conserving, coverage.def(), shared.fresnel_def()];
-            let kernel = Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &groups)?;
-            Ok((kernel, Dispatch::new(resources, INFO.name, &groups, workgroups)))
-        };
-        let of_pixels = [width.div_ceil(COLUMNS), height.div_ceil(ROWS), 1];
-        let side = most_px.floor() as u64 + 1;
-        let parts = side.min(height.into()).div_ceil(SPLAT_ROWS);
-        let turns = 1 + SPLAT_ROWS * (side.min(width.into()) + 2);
-        resources.turns("view.width of caustics.buffer", turns);
-        let [x, y, _] = kit::linear_workgroups(photons.count.into());
-        let of_photons = [x, y, parts as u32];
-        Ok(Self {
-            steps: [step(0, of_pixels)?, step(1, of_photons)?, step(2, of_pixels)?],
-            photons: photons.count,
-            fragments: fragments(photons, typical_px),
-            column: column(conserving),
-            image,
-        })
-    }
-}
-
-impl Accumulated for Scatter {
-    fn texture(&self) -> &wgpu::Texture {
-        &self.image
-    }
-
-    fn column(&self) -> Column {
-        self.column.clone()
-    }
-}
-
-impl Stage for Scatter {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        scope.compute(|pass| {
-            for (kernel, dispatch) in &self.steps {
-                kernel.run(pass, dispatch);
-            }
-        });
-    }
-
-    fn work(&self) -> Work {
-        let photons = u64::from(self.photons);
-        let pixels = kit::pixels(&self.image);
-        Work {
-            photons,
-            fragments: self.fragments,
-            texel_fetches: pixels,
-            bytes_read: Photons::bytes(photons),
-            bytes_written: self.fragments * 4 + pixels * PIXEL_BYTES,
-            ..Work::default()
-        }
-    }
-
-    /// Splats may lie outside the picture, and no rasterizer draws them.
-    fn least_work(&self) -> Work {
-        Work { fragments: 0, bytes_written: kit::pixels(&self.image) * PIXEL_BYTES, ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![splatting::output(self)]
-    }
+/// same in every frame, and need no target that the adapter can blend. As [`raster`]. No splat has a longer side than `most_px`.
+///
+/// # Errors
+/// What the GPU reports.
+pub fn scatter(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    (photons, scene_depth): (&Photons, &wgpu::Texture),
+    settings: &SplatUniforms,
+    (conserving, coverage): (bool, SplatCoverage),
+    [typical_px, most_px]: [f64; 2],
+) -> Result<Stage<Sums>, GpuError> {
+    let [width, height] = settings.size_px.as_uvec2().to_array();
+    let pixels = u64::from(width) * u64::from(height);
+    let image = resources.image(INFO.name, [width, height], wgpu::TextureFormat::R32Float);
+    let uniforms = resources.uniform(INFO.name, settings);
+    let sums = resources.storage("caustics/splat sums", pixels * 8);
+    let depths = resources.storage("caustics/splat depths", pixels * 4);
+    let own = Group::new(&[&uniforms, photons, scene_depth, &sums, &depths, &image]);
+    let groups = [&shared.group, &own];
+    let step = |number: i32, workgroups| {
+        let conserving = ("CONSERVING", i32::from(conserving));
+        let defs = [("STEP", number), conserving, coverage.def(), shared.fresnel_def()];
+        Dispatch::new(resources, (INFO.name, &defs), &groups, workgroups)
+    };
+    let of_pixels = [width.div_ceil(COLUMNS), height.div_ceil(ROWS), 1];
+    let side = most_px.floor() as u64 + 1;
+    let parts = side.min(height.into()).div_ceil(SPLAT_ROWS);
+    let turns = 1 + SPLAT_ROWS * (side.min(width.into()) + 2);
+    resources.turns("view.width of caustics.buffer", turns);
+    let [x, y, _] = kit::linear_workgroups(photons.count.into());
+    let of_photons = [x, y, parts as u32];
+    // Sums cleared, photons added, sums turned into the picture.
+    let steps = [step(0, of_pixels)?, step(1, of_photons)?, step(2, of_pixels)?];
+    let (count, fragments) = (u64::from(photons.count), fragments(photons, typical_px));
+    let work = Work {
+        photons: count,
+        fragments,
+        texel_fetches: pixels,
+        bytes_read: Photons::bytes(count),
+        bytes_written: fragments * 4 + pixels * PIXEL_BYTES,
+        ..Work::default()
+    };
+    // Splats may lie outside the picture, and no rasterizer draws them.
+    let least = Work { fragments: 0, bytes_written: pixels * PIXEL_BYTES, ..work };
+    let stage = Dispatch::stage(steps, &INFO, work).at_least(least).leaving(image);
+    Ok(summing(stage, column(conserving)))
 }

@@ -2,13 +2,9 @@
 
 use glam::Vec2;
 
-use crate::frame::Shared;
-use crate::kit::Resources;
 use crate::photon::Photons;
-use crate::shader_struct;
-use crate::splatting::{Additive, Drawing};
-use crate::{Column, StageInfo};
-use fathom_gpu::GpuError;
+use crate::prelude::*;
+use crate::splatting::{self, Drawing, Sums};
 
 pub const INFO: StageInfo = StageInfo {
     name: "godrays/lines",
@@ -52,7 +48,7 @@ pub fn new(
     settings: &LinesUniforms,
     conserving: bool,
     typical_px: f64,
-) -> Result<Additive, GpuError> {
+) -> Result<Stage<Sums>, GpuError> {
     let drawing = Drawing {
         uniforms: &resources.uniform(INFO.name, settings),
         size_px: settings.size_px.as_uvec2().to_array(),
@@ -61,5 +57,5 @@ pub fn new(
         fragments: (f64::from(inputs.0.count) * typical_px * f64::from(settings.width_px)) as u64,
         column: column(conserving),
     };
-    Additive::new(resources, &INFO, shared, inputs, drawing)
+    splatting::new(resources, &INFO, shared, inputs, drawing)
 }

@@ -3,15 +3,11 @@
 
 use glam::Vec2;
 
-use crate::bilateral::{VISIBILITY_FORMAT, visibility_output};
+use crate::bilateral::{VISIBILITY_FORMAT, visible};
 use crate::counters::Counters;
-use crate::frame::Shared;
 use crate::gbuffer::GbufferTextures;
-use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::shader_struct;
-use crate::{Output, Stage, StageInfo};
-use fathom_gpu::{Gpu, GpuError, StageScope};
-use fathom_record::Work;
+use crate::prelude::*;
+use fathom_gpu::Gpu;
 
 pub const INFO: StageInfo = StageInfo {
     name: "hsao/march",
@@ -46,54 +42,39 @@ impl HorizonUniforms {
     }
 }
 
-pub struct March {
-    pass: ScreenPass,
-    samples_per_pixel: u64,
+/// The occlusion buffer, 1 − A, 1 where nothing was drawn, has `settings.size_px` pixels; it may be smaller than the viewport. `hard`:
+/// occluders weigh the same at any distance up to r_max.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    gbuffer: &GbufferTextures,
+    settings: &HorizonUniforms,
+    hard: bool,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    build(resources, shared, gbuffer, settings, hard, None)
 }
 
-impl March {
-    /// The occlusion buffer has `settings.size_px` pixels; it may be smaller than the viewport. `hard`: occluders weigh the
-    /// same at any distance up to r_max.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        gbuffer: &GbufferTextures,
-        settings: &HorizonUniforms,
-        hard: bool,
-    ) -> Result<Self, GpuError> {
-        Self::build(resources, shared, gbuffer, settings, hard, None)
-    }
-
-    fn build(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        gbuffer: &GbufferTextures,
-        settings: &HorizonUniforms,
-        hard: bool,
-        counters: Option<&Counters>,
-    ) -> Result<Self, GpuError> {
-        let defs = [("HARD", i32::from(hard)), ("COUNT", i32::from(counters.is_some()))];
-        resources
-            .turns("hsao.directions × hsao.steps + hsao.rays × hsao.ray_steps", settings.turns());
-        let settings_buffer = resources.loop_settings(INFO.name, settings);
-        let mut binds = vec![
-            Bind::Read(&settings_buffer),
-            Bind::Depth(&gbuffer.depth),
-            Bind::Texels(&gbuffer.normal),
-        ];
-        binds.extend(counters.map(Counters::bind));
-        let group = Group::new(resources.gpu, INFO.name, &binds);
-        let (groups, targets) = ([&shared.group, &group], [kit::opaque(VISIBILITY_FORMAT)]);
-        let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &groups, &targets);
-        let size_px = settings.size_px.as_uvec2().to_array();
-        let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::WHITE)?;
-        Ok(Self { pass, samples_per_pixel: settings.samples_per_pixel() })
-    }
-
-    /// Visibility 1 − A, 1 where nothing was drawn.
-    pub fn texture(&self) -> &wgpu::Texture {
-        self.pass.texture()
-    }
+fn build(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    gbuffer: &GbufferTextures,
+    settings: &HorizonUniforms,
+    hard: bool,
+    counters: Option<&Counters>,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let defs = [("HARD", i32::from(hard)), ("COUNT", i32::from(counters.is_some()))];
+    resources.turns("hsao.directions × hsao.steps + hsao.rays × hsao.ray_steps", settings.turns());
+    let march = resources.loop_settings(INFO.name, settings);
+    let own = Group::new(&[&march, &gbuffer.depth, &gbuffer.normal]).and(counters);
+    let (groups, targets) = ([&shared.group, &own], [kit::opaque(VISIBILITY_FORMAT)]);
+    let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
+    let size_px = settings.size_px.as_uvec2().to_array();
+    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::WHITE)?;
+    // Samples at most: the depth and normal of each pixel, and those of its directions and rays.
+    let work = pass.work(2 + settings.samples_per_pixel(), 2);
+    // The background has no samples.
+    let least = pass.work(1, 2);
+    Ok(visible(pass.stage(&INFO, work).at_least(least), "visibility"))
 }
 
 /// What a frame's marching takes, counted.
@@ -105,7 +86,7 @@ pub struct HorizonCounts {
     pub fragments: u64,
 }
 
-/// Marches once more, with a shader that counts. The arguments are those of [`March::new`].
+/// Marches once more, with a shader that counts. The arguments are those of [`new`].
 pub fn count(
     gpu: &Gpu,
     shared: &Shared,
@@ -115,38 +96,8 @@ pub fn count(
 ) -> Result<HorizonCounts, GpuError> {
     let resources = Resources::new(gpu);
     let counters = Counters::new(&resources, "hsao/march counters", 2);
-    let march = March::build(&resources, shared, gbuffer, settings, hard, Some(&counters))?;
+    let march = build(&resources, shared, gbuffer, settings, hard, Some(&counters))?;
     gpu.run(&[&march])?;
     let sums = counters.sums(gpu)?;
     Ok(HorizonCounts { samples: sums[0], fragments: sums[1] })
-}
-
-impl Stage for March {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.pass.encode(scope);
-    }
-
-    /// Samples at most: the depth and normal of each pixel, and those of its directions and rays.
-    fn work(&self) -> Work {
-        let pixels = self.pass.pixels();
-        Work {
-            fragments: pixels,
-            texel_fetches: pixels * (2 + self.samples_per_pixel),
-            bytes_written: pixels * 2,
-            ..Work::default()
-        }
-    }
-
-    /// The background has no samples.
-    fn least_work(&self) -> Work {
-        Work { texel_fetches: self.pass.pixels(), ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![visibility_output("visibility", self.texture())]
-    }
 }

@@ -1,173 +1,167 @@
-//! Bind groups, and the layouts that follow from what they hold.
+//! Bind groups. What kind each binding is follows from the shader.
 
-use std::rc::Rc;
+use super::{Buffer, layout};
+use fathom_gpu::{Binding, BindingKind, GpuError, GroupKey, Shader};
 
-use super::{Buffer, layer_view, view};
-use fathom_gpu::{Gpu, GroupKey, StructLayout};
-
-/// One entry of a bind group; its binding number is its place in the list.
-pub enum Bind<'a> {
-    Uniform(&'a Buffer),
-    /// Read-only storage.
-    Read(&'a Buffer),
-    /// Storage that a compute or fragment shader writes.
-    Write(&'a Buffer),
-    /// Float texture read texel by texel.
-    Texels(&'a wgpu::Texture),
-    /// Float texture read through a filtering sampler.
-    Filtered(&'a wgpu::Texture),
-    Depth(&'a wgpu::Texture),
-    /// All layers of a texture of floats or unsigned integers, read texel by texel.
-    Layers(&'a wgpu::Texture),
-    /// All layers of a texture that a compute shader writes.
-    StoreLayers(&'a wgpu::Texture),
-    /// One layer of such a texture.
-    Layer(&'a wgpu::Texture, u32),
-    /// Texture that a compute shader writes.
-    Store(&'a wgpu::Texture),
-    /// Volume of floats, all its levels, read through a filtering sampler.
-    Volume(&'a wgpu::Texture),
-    Sampler(&'a wgpu::Sampler),
-    /// A sampler that does not filter, for gathers.
-    NearestSampler(&'a wgpu::Sampler),
+/// What a shader can bind.
+pub trait Bind {
+    fn resource(&self) -> Resource;
 }
 
-/// A bind group and its layout.
-pub struct Group {
-    pub layout: wgpu::BindGroupLayout,
-    pub group: wgpu::BindGroup,
-    /// What the layout was made from.
-    pub(super) key: GroupKey,
-    /// Structs of the host in it, by binding.
-    pub(super) structs: Vec<(u32, Rc<StructLayout>)>,
+#[derive(Clone)]
+pub enum Resource {
+    Buffer(Buffer),
+    /// All layers and levels of it, or one layer.
+    Texture(wgpu::Texture, Option<u32>),
+    Sampler(wgpu::Sampler),
 }
+
+impl Bind for Buffer {
+    fn resource(&self) -> Resource {
+        Resource::Buffer(self.clone())
+    }
+}
+
+impl Bind for wgpu::Texture {
+    fn resource(&self) -> Resource {
+        Resource::Texture(self.clone(), None)
+    }
+}
+
+impl Bind for wgpu::Sampler {
+    fn resource(&self) -> Resource {
+        Resource::Sampler(self.clone())
+    }
+}
+
+/// One layer of a texture.
+pub struct Layer<'a>(pub &'a wgpu::Texture, pub u32);
+
+impl Bind for Layer<'_> {
+    fn resource(&self) -> Resource {
+        Resource::Texture(self.0.clone(), Some(self.1))
+    }
+}
+
+/// What a bind group holds; the binding number is the place in the list. A shader may leave out some of it.
+#[derive(Clone)]
+pub struct Group(Vec<Resource>);
 
 impl Group {
-    pub fn new(gpu: &Gpu, label: &str, binds: &[Bind<'_>]) -> Self {
-        let layout_entries: GroupKey = (0..).zip(binds).map(|(i, b)| b.layout_entry(i)).collect();
-        let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some(label),
-            entries: &layout_entries,
-        });
-        let views: Vec<_> = binds.iter().map(Bind::texture_view).collect();
-        let entries: Vec<_> = binds
-            .iter()
-            .zip(&views)
-            .enumerate()
-            .map(|(i, (bind, view))| wgpu::BindGroupEntry {
-                binding: i as u32,
-                resource: bind.resource(view.as_ref()),
-            })
-            .collect();
-        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(label),
-            layout: &layout,
+    pub fn new(binds: &[&dyn Bind]) -> Self {
+        Self(binds.iter().map(|bind| bind.resource()).collect())
+    }
+
+    /// With more, if there are any.
+    #[must_use]
+    pub fn and<'a, B: Bind + ?Sized + 'a>(mut self, more: impl IntoIterator<Item = &'a B>) -> Self {
+        self.0.extend(more.into_iter().map(Bind::resource));
+        self
+    }
+
+    /// The group as a shader binds it under this number, with its layout and what that was made from.
+    ///
+    /// # Errors
+    /// A resource of another kind than the shader's, and a struct that host and shader lay out differently.
+    pub(super) fn bound(
+        &self,
+        device: &wgpu::Device,
+        shader: &Shader,
+        number: u32,
+    ) -> Result<Bound, GpuError> {
+        let label = Some(shader.path.as_str());
+        let of_group = shader.bindings.iter().filter(|binding| binding.group == number);
+        let given =
+            |binding: &Binding| Some((binding.clone(), self.0.get(binding.binding as usize)?));
+        let bound: Vec<(Binding, &Resource)> = of_group.filter_map(given).collect();
+        let mut entries = Vec::new();
+        for (binding, resource) in &bound {
+            layout::check(shader, binding, resource)?;
+            entries.push(resource.layout_entry(shader, binding, device.features())?);
+        }
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label,
             entries: &entries,
         });
-        let structs = (0..).zip(binds).filter_map(|(i, bind)| Some((i, bind.layout()?))).collect();
-        Self { layout, group, key: layout_entries, structs }
+        let views: Vec<_> = bound.iter().map(|(of, resource)| resource.view(of.kind)).collect();
+        let mut held = Vec::new();
+        for ((of, resource), view) in bound.iter().zip(&views) {
+            let resource = resource.bound(view.as_ref());
+            held.push(wgpu::BindGroupEntry { binding: of.binding, resource });
+        }
+        let descriptor = wgpu::BindGroupDescriptor { label, layout: &layout, entries: &held };
+        Ok(Bound { group: device.create_bind_group(&descriptor), layout, key: entries })
     }
 }
 
-impl Bind<'_> {
-    fn layout(&self) -> Option<Rc<StructLayout>> {
+pub(super) struct Bound {
+    pub group: wgpu::BindGroup,
+    pub layout: wgpu::BindGroupLayout,
+    pub key: GroupKey,
+}
+
+impl Resource {
+    fn layout_entry(
+        &self,
+        shader: &Shader,
+        binding: &Binding,
+        features: wgpu::Features,
+    ) -> Result<wgpu::BindGroupLayoutEntry, GpuError> {
+        use wgpu::BufferBindingType::Storage;
+        let all = wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE;
+        let (ty, visibility) = match (binding.kind, self) {
+            (BindingKind::Buffer(ty), Self::Buffer(_)) => {
+                let written = ty == Storage { read_only: false };
+                let visibility = if written { all - wgpu::ShaderStages::VERTEX } else { all };
+                let (has_dynamic_offset, min_binding_size) = (false, None);
+                (wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size }, visibility)
+            }
+            (BindingKind::Texture(view_dimension, sampled), Self::Texture(texture, _)) => {
+                let of_format = texture.format().sample_type(None, Some(features));
+                let float = matches!(sampled, wgpu::TextureSampleType::Float { .. });
+                let filterable =
+                    of_format == Some(wgpu::TextureSampleType::Float { filterable: true });
+                let sample_type =
+                    if float { wgpu::TextureSampleType::Float { filterable } } else { sampled };
+                let multisampled = false;
+                (wgpu::BindingType::Texture { sample_type, view_dimension, multisampled }, all)
+            }
+            (BindingKind::Stored(view_dimension), Self::Texture(texture, _)) => {
+                let (access, format) = (wgpu::StorageTextureAccess::WriteOnly, texture.format());
+                let ty = wgpu::BindingType::StorageTexture { access, format, view_dimension };
+                (ty, wgpu::ShaderStages::COMPUTE)
+            }
+            (BindingKind::Sampler(of), Self::Sampler(_)) => (wgpu::BindingType::Sampler(of), all),
+            _ => {
+                let Binding { group, binding, kind, .. } = binding;
+                let message =
+                    format!("what is bound at group {group}, binding {binding} is no {kind:?}");
+                return Err(GpuError::Shader { path: shader.path.clone(), message });
+            }
+        };
+        Ok(wgpu::BindGroupLayoutEntry { binding: binding.binding, visibility, ty, count: None })
+    }
+
+    fn view(&self, kind: BindingKind) -> Option<wgpu::TextureView> {
+        let (Self::Texture(texture, layer), BindingKind::Texture(of, _) | BindingKind::Stored(of)) =
+            (self, kind)
+        else {
+            return None;
+        };
+        Some(texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(of),
+            base_array_layer: layer.unwrap_or(0),
+            array_layer_count: layer.map(|_| 1),
+            ..Default::default()
+        }))
+    }
+
+    fn bound<'r>(&'r self, view: Option<&'r wgpu::TextureView>) -> wgpu::BindingResource<'r> {
         match self {
-            Bind::Uniform(buffer) | Bind::Read(buffer) | Bind::Write(buffer) => {
-                buffer.layout.clone()
-            }
-            _ => None,
-        }
-    }
-
-    fn layout_entry(&self, binding: u32) -> wgpu::BindGroupLayoutEntry {
-        let buffer = |ty| wgpu::BindingType::Buffer {
-            ty,
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        };
-        let texture_of = |view_dimension, sample_type| wgpu::BindingType::Texture {
-            sample_type,
-            view_dimension,
-            multisampled: false,
-        };
-        let texture = |sample_type| texture_of(wgpu::TextureViewDimension::D2, sample_type);
-        let ty = match self {
-            Bind::Uniform(_) => buffer(wgpu::BufferBindingType::Uniform),
-            Bind::Read(_) => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
-            Bind::Write(_) => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
-            Bind::Texels(_) | Bind::Layer(..) => {
-                texture(wgpu::TextureSampleType::Float { filterable: false })
-            }
-            Bind::Filtered(_) => texture(wgpu::TextureSampleType::Float { filterable: true }),
-            Bind::Depth(_) => texture(wgpu::TextureSampleType::Depth),
-            Bind::Layers(layers) => {
-                let float = wgpu::TextureSampleType::Float { filterable: false };
-                let of_format = layers.format().sample_type(None, None);
-                let unsigned = of_format.filter(|of| *of == wgpu::TextureSampleType::Uint);
-                texture_of(wgpu::TextureViewDimension::D2Array, unsigned.unwrap_or(float))
-            }
-            Bind::Volume(_) => texture_of(
-                wgpu::TextureViewDimension::D3,
-                wgpu::TextureSampleType::Float { filterable: true },
-            ),
-            Bind::Store(texture) => wgpu::BindingType::StorageTexture {
-                access: wgpu::StorageTextureAccess::WriteOnly,
-                format: texture.format(),
-                view_dimension: wgpu::TextureViewDimension::D2,
-            },
-            Bind::StoreLayers(texture) => wgpu::BindingType::StorageTexture {
-                access: wgpu::StorageTextureAccess::WriteOnly,
-                format: texture.format(),
-                view_dimension: wgpu::TextureViewDimension::D2Array,
-            },
-            Bind::Sampler(_) => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
-            Bind::NearestSampler(_) => {
-                wgpu::BindingType::Sampler(wgpu::SamplerBindingType::NonFiltering)
-            }
-        };
-        let visibility = match self {
-            Bind::Write(_) => wgpu::ShaderStages::FRAGMENT | wgpu::ShaderStages::COMPUTE,
-            Bind::Store(_) | Bind::StoreLayers(_) => wgpu::ShaderStages::COMPUTE,
-            _ => wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE,
-        };
-        wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
-    }
-
-    fn texture_view(&self) -> Option<wgpu::TextureView> {
-        match self {
-            Bind::Texels(t)
-            | Bind::Filtered(t)
-            | Bind::Depth(t)
-            | Bind::Store(t)
-            | Bind::Volume(t) => Some(view(t)),
-            Bind::Layers(t) | Bind::StoreLayers(t) => {
-                Some(t.create_view(&wgpu::TextureViewDescriptor {
-                    dimension: Some(wgpu::TextureViewDimension::D2Array),
-                    ..Default::default()
-                }))
-            }
-            Bind::Layer(t, layer) => Some(layer_view(t, *layer)),
-            _ => None,
-        }
-    }
-
-    fn resource<'r>(&'r self, view: Option<&'r wgpu::TextureView>) -> wgpu::BindingResource<'r> {
-        match (self, view) {
-            (_, Some(view)) => wgpu::BindingResource::TextureView(view),
-            (Bind::Uniform(b) | Bind::Read(b) | Bind::Write(b), None) => b.as_entire_binding(),
-            (Bind::Sampler(s) | Bind::NearestSampler(s), None) => wgpu::BindingResource::Sampler(s),
-            (
-                Bind::Texels(_)
-                | Bind::Filtered(_)
-                | Bind::Depth(_)
-                | Bind::Store(_)
-                | Bind::Layers(_)
-                | Bind::StoreLayers(_)
-                | Bind::Layer(..)
-                | Bind::Volume(_),
-                None,
-            ) => {
-                unreachable!("textures have views")
+            Self::Buffer(buffer) => buffer.as_entire_binding(),
+            Self::Sampler(sampler) => wgpu::BindingResource::Sampler(sampler),
+            Self::Texture(..) => {
+                wgpu::BindingResource::TextureView(view.expect("textures have views"))
             }
         }
     }

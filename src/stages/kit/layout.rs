@@ -3,7 +3,8 @@
 use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 
-use fathom_gpu::{GpuError, Shader, StructLayout};
+use super::{Buffer, Resource};
+use fathom_gpu::{Binding, GpuError, Shader, StructLayout};
 
 /// A host struct that shaders read or write; [`shader_struct!`](crate::shader_struct) makes it.
 pub trait ShaderStruct: ShaderType + WriteInto {
@@ -74,21 +75,15 @@ pub fn host_bytes<T: ShaderType + WriteInto>(value: &T) -> Vec<u8> {
 }
 
 /// Fails where the layout of a bound struct differs between shader and host.
-pub(super) fn check(shader: &Shader, hosts: &[(u32, u32, &StructLayout)]) -> Result<(), GpuError> {
-    for (group, binding, host) in hosts {
-        let bound = shader.structs.iter().find(|s| (s.group, s.binding) == (*group, *binding));
-        let Some(bound) = bound else { continue };
-        if let Some(difference) = host.difference(&bound.layout) {
-            return Err(GpuError::Shader {
-                path: shader.path.clone(),
-                message: format!(
-                    "struct `{}` at group {group}, binding {binding} is not that of the host: {difference}",
-                    bound.name
-                ),
-            });
-        }
-    }
-    Ok(())
+pub(super) fn check(shader: &Shader, binding: &Binding, host: &Resource) -> Result<(), GpuError> {
+    let Resource::Buffer(Buffer { layout: Some(host), .. }) = host else { return Ok(()) };
+    let Some((name, layout)) = &binding.structure else { return Ok(()) };
+    let Some(difference) = host.difference(layout) else { return Ok(()) };
+    let Binding { group, binding, .. } = binding;
+    let message = format!(
+        "struct `{name}` at group {group}, binding {binding} is not that of the host: {difference}"
+    );
+    Err(GpuError::Shader { path: shader.path.clone(), message })
 }
 
 #[cfg(test)]

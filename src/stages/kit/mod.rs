@@ -7,14 +7,14 @@ mod resources;
 
 use fathom_gpu::Gpu;
 
-pub use bind::{Bind, Group};
+pub use bind::{Bind, Group, Layer, Resource};
 pub use fathom_gpu::StructLayout;
 pub use layout::{FieldType, ShaderStruct, host_bytes};
 pub use pass::{
-    Code, Dispatch, Kernel, Raster, RenderSpec, ScenePass, ScreenPass, bare, bind_groups,
-    linear_workgroups, pixels,
+    Canvas, Code, Depth, Dispatch, Pass, Raster, RenderSpec, cover, linear_workgroups, pixels,
+    scene_stage, size_px, square_workgroups,
 };
-pub use resources::{Buffer, Parts, Resources};
+pub use resources::{Buffer, Parts, Resources, When};
 
 pub fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor::default())
@@ -32,7 +32,7 @@ pub fn layer_view(texture: &wgpu::Texture, layer: u32) -> wgpu::TextureView {
 
 pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
-pub fn depth_state(compare: wgpu::CompareFunction, write: bool) -> wgpu::DepthStencilState {
+fn depth_state(compare: wgpu::CompareFunction, write: bool) -> wgpu::DepthStencilState {
     wgpu::DepthStencilState {
         format: DEPTH_FORMAT,
         depth_write_enabled: Some(write),
@@ -45,6 +45,11 @@ pub fn depth_state(compare: wgpu::CompareFunction, write: bool) -> wgpu::DepthSt
 /// A colour target written as it is.
 pub fn opaque(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
     wgpu::ColorTargetState { format, blend: None, write_mask: wgpu::ColorWrites::ALL }
+}
+
+/// A colour target that a render pass must have, and to which nothing is written.
+pub fn unwritten(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
+    wgpu::ColorTargetState { write_mask: wgpu::ColorWrites::empty(), ..opaque(format) }
 }
 
 /// A colour target that adds up what is drawn.

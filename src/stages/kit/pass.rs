@@ -1,12 +1,12 @@
-//! Compute and render pipelines, and the two passes that most stages consist of.
+//! Compute and render pipelines with what they bind, and the passes that stages consist of.
 
-use super::layout::check;
-use super::{Group, Resources, view};
+use super::{Group, Resources, depth_state, opaque, view};
 use crate::geometry::{Geometry, Part};
 use fathom_gpu::{
-    CodeKey, ColorTarget, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader,
-    StageScope, StructLayout, Targets, compilation_options,
+    CodeKey, ColorTarget, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader, Stage,
+    StageInfo, StageScope, Targets, compilation_options,
 };
+use fathom_record::Work;
 
 /// A shader by its path and the values that it is compiled with.
 #[derive(Clone, Copy)]
@@ -28,114 +28,105 @@ impl<'a> From<&'a str> for Code<'a> {
     }
 }
 
-impl<'a> From<(&'a str, &'a [(&'a str, i32)])> for Code<'a> {
-    fn from((path, defs): (&'a str, &'a [(&'a str, i32)])) -> Self {
+impl<'a, const N: usize> From<(&'a str, &'a [(&'a str, i32); N])> for Code<'a> {
+    fn from((path, defs): (&'a str, &'a [(&'a str, i32); N])) -> Self {
         Self { path, defs }
     }
 }
 
-/// The linked shader, its structs compared with those of the groups.
-fn shader(
-    resources: &Resources<'_>,
-    code: Code<'_>,
-    groups: &[&Group],
-) -> Result<Shader, GpuError> {
-    let shader = resources.gpu.shader(code.path, code.defs)?;
-    let hosts: Vec<(u32, u32, &StructLayout)> = (0..)
-        .zip(groups)
-        .flat_map(|(number, group)| group.structs.iter().map(move |(i, s)| (number, *i, &**s)))
-        .collect();
-    check(&shader, &hosts)?;
-    Ok(shader)
+impl<'a> From<(&'a str, &'a Vec<(&'a str, i32)>)> for Code<'a> {
+    fn from((path, defs): (&'a str, &'a Vec<(&'a str, i32)>)) -> Self {
+        Self { path, defs }
+    }
 }
 
-fn group_keys(groups: &[&Group]) -> Vec<GroupKey> {
-    groups.iter().map(|group| group.key.clone()).collect()
+/// A linked shader with the groups that it binds.
+struct Linked {
+    shader: Shader,
+    groups: Vec<wgpu::BindGroup>,
+    layouts: Vec<wgpu::BindGroupLayout>,
+    keys: Vec<GroupKey>,
 }
 
-fn pipeline_layout(
-    resources: &Resources<'_>,
-    label: &str,
-    groups: &[&Group],
-) -> wgpu::PipelineLayout {
-    let layouts: Vec<_> = groups.iter().map(|g| Some(&g.layout)).collect();
-    resources.gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(label),
-        bind_group_layouts: &layouts,
-        immediate_size: 0,
-    })
+impl Linked {
+    fn new(resources: &Resources<'_>, code: Code<'_>, groups: &[&Group]) -> Result<Self, GpuError> {
+        let shader = resources.gpu.shader(code.path, code.defs)?;
+        let (mut bound, mut layouts, mut keys) = (Vec::new(), Vec::new(), Vec::new());
+        for (number, group) in (0..).zip(groups) {
+            let group = group.bound(&resources.gpu.device, &shader, number)?;
+            bound.push(group.group);
+            layouts.push(group.layout);
+            keys.push(group.key);
+        }
+        Ok(Self { shader, groups: bound, layouts, keys })
+    }
+
+    fn layout(&self, resources: &Resources<'_>) -> wgpu::PipelineLayout {
+        let layouts: Vec<_> = self.layouts.iter().map(Some).collect();
+        resources.gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(&self.shader.path),
+            bind_group_layouts: &layouts,
+            immediate_size: 0,
+        })
+    }
 }
 
 const PLANNED: &str = "a planned pipeline is never run";
 
-/// A compute pipeline with entry point `main`.
-pub struct Kernel {
-    pipeline: Option<wgpu::ComputePipeline>,
+/// A compute pipeline with entry point `main`, its groups and a number of workgroups.
+pub struct Dispatch {
+    /// None on a planner.
+    pipeline: Option<(wgpu::ComputePipeline, Vec<wgpu::BindGroup>)>,
+    workgroups: [u32; 3],
 }
 
-impl Kernel {
-    /// It also runs with other groups of the same layouts.
+impl Dispatch {
     pub fn new<'a>(
         resources: &Resources<'_>,
-        label: &str,
         code: impl Into<Code<'a>>,
         groups: &[&Group],
+        workgroups: [u32; 3],
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
+        let (gpu, code) = (resources.gpu, code.into());
+        resources.dispatch(code.path, workgroups);
         if gpu.is_planner() {
-            return Ok(Self { pipeline: None });
+            return Ok(Self { pipeline: None, workgroups });
         }
-        let code = code.into();
-        let make = |shader: Shader| {
+        let linked = Linked::new(resources, code, groups)?;
+        let key = KernelKey { code: code.key(), groups: linked.keys.clone() };
+        let make = || {
             let descriptor = wgpu::ComputePipelineDescriptor {
-                label: Some(label),
-                layout: Some(&pipeline_layout(resources, label, groups)),
-                module: &shader.module,
+                label: Some(code.path),
+                layout: Some(&linked.layout(resources)),
+                module: &linked.shader.module,
                 entry_point: Some("main"),
                 compilation_options: compilation_options(),
                 cache: None,
             };
             gpu.device.create_compute_pipeline(&descriptor)
         };
-        let shader = shader(resources, code, groups)?;
-        let key = KernelKey { code: code.key(), groups: group_keys(groups) };
-        Ok(Self { pipeline: Some(gpu.kernel(key, || make(shader))) })
-    }
-
-    pub fn bind(&self, pass: &mut wgpu::ComputePass<'_>) {
-        pass.set_pipeline(self.pipeline.as_ref().expect(PLANNED));
-    }
-
-    /// Binds the kernel and dispatches it.
-    pub fn run(&self, pass: &mut wgpu::ComputePass<'_>, dispatch: &Dispatch) {
-        self.bind(pass);
-        dispatch.run(pass);
-    }
-}
-
-/// Bind groups and a number of workgroups.
-pub struct Dispatch {
-    groups: Vec<wgpu::BindGroup>,
-    workgroups: [u32; 3],
-}
-
-impl Dispatch {
-    pub fn new(
-        resources: &Resources<'_>,
-        label: &str,
-        groups: &[&Group],
-        workgroups: [u32; 3],
-    ) -> Self {
-        resources.dispatch(label, workgroups);
-        Self { groups: groups.iter().map(|g| g.group.clone()).collect(), workgroups }
+        Ok(Self { pipeline: Some((gpu.kernel(key, make), linked.groups)), workgroups })
     }
 
     pub fn run(&self, pass: &mut wgpu::ComputePass<'_>) {
-        for (number, group) in (0..).zip(&self.groups) {
+        let (pipeline, groups) = self.pipeline.as_ref().expect(PLANNED);
+        pass.set_pipeline(pipeline);
+        for (number, group) in (0..).zip(groups) {
             pass.set_bind_group(number, group, &[]);
         }
         let [x, y, z] = self.workgroups;
         pass.dispatch_workgroups(x, y, z);
+    }
+
+    /// A stage of one pass with these dispatches.
+    pub fn stage(dispatches: impl Into<Vec<Self>>, info: &'static StageInfo, work: Work) -> Stage {
+        let dispatches = dispatches.into();
+        Stage::new(info, work, move |scope| Self::pass(&dispatches, scope))
+    }
+
+    /// A pass with these dispatches.
+    pub fn pass(dispatches: &[Self], scope: &mut StageScope<'_>) {
+        scope.compute(|pass| dispatches.iter().for_each(|dispatch| dispatch.run(pass)));
     }
 }
 
@@ -151,9 +142,16 @@ pub fn linear_workgroups(invocations: u64) -> [u32; 3] {
     [groups.min(LINEAR_GROUPS_X) as u32, u32::try_from(rows).unwrap_or(u32::MAX), 1]
 }
 
-/// What distinguishes one render pipeline from another. No culling.
+/// Workgroups of `side`² invocations for so many pixels.
+pub fn square_workgroups(size_px: [u32; 2], side: u32) -> [u32; 3] {
+    let [x, y] = size_px.map(|pixels| pixels.div_ceil(side));
+    [x, y, 1]
+}
+
+/// What distinguishes one render pipeline from another, and what it binds. No culling.
 #[derive(Clone)]
 pub struct RenderSpec<'a> {
+    /// The stage's name.
     pub label: &'a str,
     pub code: Code<'a>,
     pub vertex: &'a str,
@@ -161,21 +159,43 @@ pub struct RenderSpec<'a> {
     pub groups: &'a [&'a Group],
     pub buffers: &'a [wgpu::VertexBufferLayout<'a>],
     pub targets: &'a [wgpu::ColorTargetState],
-    pub depth: Option<wgpu::DepthStencilState>,
+    pub depth: Option<Depth<'a>>,
     pub topology: wgpu::PrimitiveTopology,
+}
+
+/// How depth is tested, and against which.
+#[derive(Clone, Copy)]
+pub struct Depth<'a> {
+    pub texture: &'a wgpu::Texture,
+    pub compare: wgpu::CompareFunction,
+    pub write: bool,
+    /// What the pass begins with; else what is there.
+    pub clear: Option<f32>,
+}
+
+impl<'a> Depth<'a> {
+    /// The nearest is kept, from the far plane on.
+    pub fn nearest(texture: &'a wgpu::Texture) -> Self {
+        Self { texture, compare: wgpu::CompareFunction::Less, write: true, clear: Some(1.0) }
+    }
+
+    /// What the texture holds hides what lies behind it.
+    pub fn behind(texture: &'a wgpu::Texture) -> Self {
+        Self { write: false, clear: None, ..Self::nearest(texture) }
+    }
 }
 
 impl<'a> RenderSpec<'a> {
     /// Triangles, entry points `vertex` and `fragment`, no vertex buffers, no depth.
     pub fn new(
-        label: &'a str,
         code: impl Into<Code<'a>>,
         groups: &'a [&'a Group],
         targets: &'a [wgpu::ColorTargetState],
     ) -> Self {
+        let code = code.into();
         Self {
-            label,
-            code: code.into(),
+            label: code.path,
+            code,
             vertex: "vertex",
             fragment: Some("fragment"),
             groups,
@@ -185,53 +205,50 @@ impl<'a> RenderSpec<'a> {
             topology: wgpu::PrimitiveTopology::TriangleList,
         }
     }
-}
 
-impl RenderSpec<'_> {
-    fn key(&self) -> RasterKey {
+    fn key(&self, groups: &[GroupKey]) -> RasterKey {
         let buffers = self.buffers.iter();
         RasterKey {
             code: self.code.key(),
-            groups: group_keys(self.groups),
+            groups: groups.to_vec(),
             vertex: self.vertex.to_owned(),
             fragment: self.fragment.map(str::to_owned),
             buffers: buffers
                 .map(|b| (b.array_stride, b.step_mode, b.attributes.to_vec()))
                 .collect(),
             targets: self.targets.to_vec(),
-            depth: self.depth.clone(),
+            depth: self.depth.map(|depth| depth_state(depth.compare, depth.write)),
             topology: self.topology,
         }
     }
 }
 
-/// A render pipeline.
-pub struct Raster {
-    pipeline: Option<wgpu::RenderPipeline>,
-}
+/// A render pipeline and its groups.
+pub struct Raster(Option<(wgpu::RenderPipeline, Vec<wgpu::BindGroup>)>);
 
 impl Raster {
     pub fn new(resources: &Resources<'_>, spec: &RenderSpec<'_>) -> Result<Self, GpuError> {
         let formats: Vec<_> = spec.targets.iter().map(|target| target.format).collect();
         resources.color_targets(spec.label, &formats);
         if resources.gpu.is_planner() {
-            return Ok(Self { pipeline: None });
+            return Ok(Self(None));
         }
-        let shader = shader(resources, spec.code, spec.groups)?;
-        let make = || Self::make(resources, spec, &shader.module);
-        Ok(Self { pipeline: Some(resources.gpu.raster(spec.key(), make)) })
+        let linked = Linked::new(resources, spec.code, spec.groups)?;
+        let make = || Self::make(resources, spec, &linked);
+        Ok(Self(Some((resources.gpu.raster(spec.key(&linked.keys), make), linked.groups))))
     }
 
     fn make(
         resources: &Resources<'_>,
         spec: &RenderSpec<'_>,
-        module: &wgpu::ShaderModule,
+        linked: &Linked,
     ) -> wgpu::RenderPipeline {
+        let module = &linked.shader.module;
         let targets: Vec<_> = spec.targets.iter().cloned().map(Some).collect();
         let buffers: Vec<_> = spec.buffers.iter().cloned().map(Some).collect();
         resources.gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(spec.label),
-            layout: Some(&pipeline_layout(resources, spec.label, spec.groups)),
+            layout: Some(&linked.layout(resources)),
             vertex: wgpu::VertexState {
                 module,
                 entry_point: Some(spec.vertex),
@@ -239,7 +256,7 @@ impl Raster {
                 buffers: &buffers,
             },
             primitive: wgpu::PrimitiveState { topology: spec.topology, ..Default::default() },
-            depth_stencil: spec.depth.clone(),
+            depth_stencil: spec.depth.map(|depth| depth_state(depth.compare, depth.write)),
             multisample: wgpu::MultisampleState::default(),
             fragment: spec.fragment.map(|entry| wgpu::FragmentState {
                 module,
@@ -253,20 +270,12 @@ impl Raster {
     }
 
     pub fn bind(&self, pass: &mut wgpu::RenderPass<'_>) {
-        pass.set_pipeline(self.pipeline.as_ref().expect(PLANNED));
+        let (pipeline, groups) = self.0.as_ref().expect(PLANNED);
+        pass.set_pipeline(pipeline);
+        for (number, group) in (0..).zip(groups) {
+            pass.set_bind_group(number, group, &[]);
+        }
     }
-}
-
-/// Binds groups in their order.
-pub fn bind_groups(pass: &mut wgpu::RenderPass<'_>, groups: &[wgpu::BindGroup]) {
-    for (number, group) in (0..).zip(groups) {
-        pass.set_bind_group(number, group, &[]);
-    }
-}
-
-/// The bind groups alone.
-pub fn bare(groups: &[&Group]) -> Vec<wgpu::BindGroup> {
-    groups.iter().map(|g| g.group.clone()).collect()
 }
 
 /// Pixels of a texture's first level.
@@ -274,156 +283,210 @@ pub fn pixels(texture: &wgpu::Texture) -> u64 {
     u64::from(texture.width()) * u64::from(texture.height())
 }
 
-/// A pass that computes every pixel of its targets: one triangle covers them.
-pub struct ScreenPass {
-    raster: Raster,
-    groups: Vec<wgpu::BindGroup>,
-    pub targets: Vec<wgpu::Texture>,
-    views: Vec<wgpu::TextureView>,
-    clear: wgpu::Color,
+/// Width and height of a texture's first level.
+pub fn size_px(texture: &wgpu::Texture) -> [u32; 2] {
+    [texture.width(), texture.height()]
 }
 
-impl ScreenPass {
-    /// A target of `size_px` for each state; all are cleared to `clear` first.
+/// The targets that passes draw into.
+pub struct Canvas {
+    pub textures: Vec<wgpu::Texture>,
+    colors: Vec<(wgpu::TextureView, Option<wgpu::Color>)>,
+    depth: Option<(wgpu::TextureView, DepthUse)>,
+}
+
+/// What a pass begins with, and whether it writes depth.
+type DepthUse = (Option<f32>, bool);
+
+impl Canvas {
+    /// A target of `size_px` for each of a pipeline's, cleared to `clear` first.
     pub fn new(
         resources: &Resources<'_>,
         spec: &RenderSpec<'_>,
         size_px: [u32; 2],
-        clear: wgpu::Color,
+        clear: impl Into<Option<wgpu::Color>>,
+    ) -> Self {
+        let clear = clear.into();
+        let target = |state: &wgpu::ColorTargetState| {
+            let texture = resources.target(spec.label, size_px, state.format);
+            (view(&texture), clear, texture)
+        };
+        Self::over(spec, spec.targets.iter().map(target).collect())
+    }
+
+    /// Over textures that are there: the view that is drawn into, and what the pass clears it to, if it does.
+    pub fn over(
+        spec: &RenderSpec<'_>,
+        targets: Vec<(wgpu::TextureView, Option<wgpu::Color>, wgpu::Texture)>,
+    ) -> Self {
+        let (colors, textures) =
+            targets.into_iter().map(|(view, clear, texture)| ((view, clear), texture)).unzip();
+        let depth = spec.depth.map(|depth| (view(depth.texture), (depth.clear, depth.write)));
+        Self { textures, colors, depth }
+    }
+
+    /// One pass.
+    pub fn render(&self, scope: &mut StageScope<'_>, draw: impl FnOnce(&mut wgpu::RenderPass<'_>)) {
+        scope.render(&self.targets(&self.colors(true)), draw);
+    }
+
+    /// So many passes, at least one, each onto what the one before it has left. `draw` is given the pass's place.
+    pub fn series(
+        &self,
+        scope: &mut StageScope<'_>,
+        passes: usize,
+        draw: impl FnMut(usize, &mut wgpu::RenderPass<'_>),
+    ) {
+        let (cleared, kept) = (self.colors(true), self.colors(false));
+        let targets = |number| self.targets(if number == 0 { &cleared } else { &kept });
+        let targets: Vec<_> = (0..passes).map(targets).collect();
+        scope.render_series(&targets, draw);
+    }
+
+    fn colors(&self, first: bool) -> Vec<ColorTarget<'_>> {
+        let colors = self.colors.iter().map(|(view, clear)| ColorTarget {
+            view,
+            clear: clear.filter(|_| first),
+            slice: None,
+        });
+        colors.collect()
+    }
+
+    fn targets<'a>(&'a self, color: &'a [ColorTarget<'a>]) -> Targets<'a> {
+        let depth = self.depth.as_ref();
+        let depth = depth.map(|(view, (clear, write))| DepthTarget {
+            view,
+            clear: *clear,
+            read_only: clear.is_none() && !write,
+        });
+        Targets { color, depth }
+    }
+}
+
+/// A pass of one pipeline.
+pub struct Pass {
+    raster: Raster,
+    canvas: Canvas,
+}
+
+impl Pass {
+    /// Into new targets: see [`Canvas::new`].
+    pub fn new(
+        resources: &Resources<'_>,
+        spec: &RenderSpec<'_>,
+        size_px: [u32; 2],
+        clear: impl Into<Option<wgpu::Color>>,
     ) -> Result<Self, GpuError> {
-        let target =
-            |state: &wgpu::ColorTargetState| resources.target(spec.label, size_px, state.format);
-        let targets: Vec<_> = spec.targets.iter().map(target).collect();
-        Ok(Self {
-            raster: Raster::new(resources, spec)?,
-            groups: bare(spec.groups),
-            views: targets.iter().map(view).collect(),
-            targets,
-            clear,
-        })
+        let canvas = Canvas::new(resources, spec, size_px, clear);
+        Ok(Self { raster: Raster::new(resources, spec)?, canvas })
+    }
+
+    /// Into textures that are there: see [`Canvas::over`].
+    pub fn over(
+        resources: &Resources<'_>,
+        spec: &RenderSpec<'_>,
+        targets: Vec<(wgpu::TextureView, Option<wgpu::Color>, wgpu::Texture)>,
+    ) -> Result<Self, GpuError> {
+        Ok(Self { raster: Raster::new(resources, spec)?, canvas: Canvas::over(spec, targets) })
+    }
+
+    /// Onto what a texture holds.
+    pub fn onto(
+        resources: &Resources<'_>,
+        spec: &RenderSpec<'_>,
+        texture: &wgpu::Texture,
+    ) -> Result<Self, GpuError> {
+        Self::over(resources, spec, vec![(view(texture), None, texture.clone())])
     }
 
     /// The first target.
     pub fn texture(&self) -> &wgpu::Texture {
-        &self.targets[0]
+        &self.canvas.textures[0]
+    }
+
+    pub fn textures(&self) -> &[wgpu::Texture] {
+        &self.canvas.textures
     }
 
     pub fn pixels(&self) -> u64 {
         pixels(self.texture())
     }
 
-    pub fn encode(&self, scope: &mut StageScope<'_>) {
-        self.encode_with(scope, |pass| pass.draw(0..3, 0..1));
-    }
-
-    /// With other draws in place of the triangle.
-    pub fn encode_with(
-        &self,
-        scope: &mut StageScope<'_>,
-        draw: impl FnOnce(&mut wgpu::RenderPass<'_>),
-    ) {
-        let color = self.colors(Some(self.clear));
-        scope.render(&Targets { color: &color, depth: None }, |pass| self.draw(pass, draw));
-    }
-
-    /// So many passes, at least one, each onto what the one before it has left. `draw` is given the pass's place.
-    pub fn encode_series(
-        &self,
-        scope: &mut StageScope<'_>,
-        passes: usize,
-        mut draw: impl FnMut(usize, &mut wgpu::RenderPass<'_>),
-    ) {
-        let (cleared, kept) = (self.colors(Some(self.clear)), self.colors(None));
-        let targets =
-            |number| Targets { color: if number == 0 { &cleared } else { &kept }, depth: None };
-        let targets: Vec<_> = (0..passes).map(targets).collect();
-        scope.render_series(&targets, |number, pass| self.draw(pass, |pass| draw(number, pass)));
-    }
-
-    fn colors(&self, clear: Option<wgpu::Color>) -> Vec<ColorTarget<'_>> {
-        self.views.iter().map(|view| ColorTarget { view, clear, slice: None }).collect()
-    }
-
-    fn draw(&self, pass: &mut wgpu::RenderPass<'_>, draw: impl FnOnce(&mut wgpu::RenderPass<'_>)) {
-        self.raster.bind(pass);
-        bind_groups(pass, &self.groups);
-        draw(pass);
-    }
-}
-
-/// A pass that draws all opaque geometry with a depth test.
-pub struct ScenePass {
-    raster: Raster,
-    groups: Vec<wgpu::BindGroup>,
-    geometry: Geometry,
-    pub colors: Vec<wgpu::Texture>,
-    pub depth: wgpu::Texture,
-    views: Vec<wgpu::TextureView>,
-    depth_view: wgpu::TextureView,
-}
-
-impl ScenePass {
-    /// A colour target of `size_px` for each format, cleared to transparent black, and a depth target. Without colours only positions
-    /// are read.
-    pub fn new<'a>(
-        resources: &Resources<'_>,
-        label: &'a str,
-        groups: &'a [&'a Group],
-        geometry: &Geometry,
-        formats: &[wgpu::TextureFormat],
-        size_px: [u32; 2],
-    ) -> Result<Self, GpuError> {
-        let states: Vec<_> = formats.iter().map(|format| super::opaque(*format)).collect();
-        let depth_only = formats.is_empty();
-        let spec = RenderSpec {
-            fragment: (!depth_only).then_some("fragment"),
-            buffers: &[Geometry::layout(depth_only)],
-            depth: Some(super::depth_state(wgpu::CompareFunction::Less, true)),
-            ..RenderSpec::new(label, label, groups, &states)
-        };
-        let raster = Raster::new(resources, &spec)?;
-        let target = |format: &wgpu::TextureFormat| resources.target(label, size_px, *format);
-        let colors: Vec<_> = formats.iter().map(target).collect();
-        let depth = resources.target(label, size_px, super::DEPTH_FORMAT);
-        Ok(Self {
-            raster,
-            groups: bare(groups),
-            geometry: geometry.clone(),
-            views: colors.iter().map(view).collect(),
-            depth_view: view(&depth),
-            colors,
-            depth,
-        })
-    }
-
-    pub fn encode(&self, scope: &mut StageScope<'_>) {
-        let clear = Some(wgpu::Color::TRANSPARENT);
-        let color: Vec<_> =
-            self.views.iter().map(|view| ColorTarget { view, clear, slice: None }).collect();
-        let depth = DepthTarget { view: &self.depth_view, clear: Some(1.0), read_only: false };
-        scope.render(&Targets { color: &color, depth: Some(depth) }, |pass| {
-            self.raster.bind(pass);
-            bind_groups(pass, &self.groups);
-            self.geometry.draw(pass, Part::Opaque);
-        });
-    }
-
-    /// Every opaque triangle, and `texel_bytes` for each pixel of the targets.
-    pub fn work(&self, texel_bytes: u64) -> fathom_record::Work {
-        let triangles = self.geometry.triangles_of(Part::Opaque);
-        fathom_record::Work {
-            triangles,
-            // Where nothing is drawn, nothing is read.
-            bytes_read: if triangles > 0 { self.geometry.bytes() } else { 0 },
-            bytes_written: pixels(&self.depth) * texel_bytes,
-            ..Default::default()
+    /// Work of computing every pixel from so many texels, and of writing so many bytes for it.
+    pub fn work(&self, texels: u64, bytes: u64) -> Work {
+        let fragments = self.pixels();
+        Work {
+            fragments,
+            texel_fetches: fragments * texels,
+            bytes_written: fragments * bytes,
+            ..Work::default()
         }
     }
 
-    /// The same without the geometry's bytes, as other parts than the opaque one have some of them.
-    pub fn least_work(&self, texel_bytes: u64) -> fathom_record::Work {
-        fathom_record::Work { bytes_read: 0, ..self.work(texel_bytes) }
+    pub fn render(&self, scope: &mut StageScope<'_>, draw: impl FnOnce(&mut wgpu::RenderPass<'_>)) {
+        self.canvas.render(scope, |pass| {
+            self.raster.bind(pass);
+            draw(pass);
+        });
     }
+
+    /// A stage that computes every pixel of the targets: one triangle covers them. It leaves the first target.
+    pub fn stage(self, info: &'static StageInfo, work: Work) -> Stage<wgpu::Texture> {
+        self.drawing(info, work, cover)
+    }
+
+    /// The same with other draws in place of the triangle.
+    pub fn drawing(
+        self,
+        info: &'static StageInfo,
+        work: Work,
+        draw: impl Fn(&mut wgpu::RenderPass<'_>) + 'static,
+    ) -> Stage<wgpu::Texture> {
+        let texture = self.texture().clone();
+        Stage::new(info, work, move |scope| self.render(scope, &draw)).leaving(texture)
+    }
+}
+
+/// Covers the targets with one triangle.
+pub fn cover(pass: &mut wgpu::RenderPass<'_>) {
+    pass.draw(0..3, 0..1);
+}
+
+/// A stage that draws all opaque geometry with a depth test: a colour target of `size_px` for each format, cleared to transparent black,
+/// and a depth target. Without colours only positions are read. It leaves the colours and the depth. `texel_bytes` are those of a
+/// pixel of all targets.
+pub fn scene_stage(
+    resources: &Resources<'_>,
+    info: &'static StageInfo,
+    groups: &[&Group],
+    geometry: &Geometry,
+    (formats, texel_bytes): (&[wgpu::TextureFormat], u64),
+    size_px: [u32; 2],
+) -> Result<Stage<(Vec<wgpu::Texture>, wgpu::Texture)>, GpuError> {
+    let depth = resources.target(info.name, size_px, super::DEPTH_FORMAT);
+    let states: Vec<_> = formats.iter().map(|format| opaque(*format)).collect();
+    let spec = RenderSpec {
+        fragment: (!formats.is_empty()).then_some("fragment"),
+        buffers: &[Geometry::layout(formats.is_empty())],
+        depth: Some(Depth::nearest(&depth)),
+        ..RenderSpec::new(info.name, groups, &states)
+    };
+    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)?;
+    let triangles = geometry.triangles_of(Part::Opaque);
+    let work = Work {
+        triangles,
+        // Where nothing is drawn, nothing is read.
+        bytes_read: if triangles > 0 { geometry.bytes() } else { 0 },
+        bytes_written: pixels(&depth) * texel_bytes,
+        ..Work::default()
+    };
+    // Other parts than the opaque one have some of the geometry's bytes.
+    let least = Work { bytes_read: 0, ..work };
+    let (colors, geometry) = (pass.canvas.textures.clone(), geometry.clone());
+    let encode = move |scope: &mut StageScope<'_>| {
+        pass.render(scope, |pass| geometry.draw(pass, Part::Opaque));
+    };
+    Ok(Stage::new(info, work, encode).at_least(least).leaving((colors, depth)))
 }
 
 #[cfg(test)]

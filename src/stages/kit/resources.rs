@@ -30,16 +30,26 @@ pub struct Resources<'g> {
 #[derive(Default)]
 struct Account {
     demand: Demand,
-    stages: Vec<Rc<dyn Stage>>,
-    once: Vec<Rc<dyn Stage>>,
+    stages: Vec<Rc<Stage>>,
+    once: Vec<Rc<Stage>>,
+}
+
+/// When a stage runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum When {
+    EveryFrame,
+    /// When the pipeline is made, and in no frame.
+    Once,
+    /// When the pipeline is made, and in every frame.
+    Both,
 }
 
 /// What a pipeline runs, and what it needs.
 pub struct Parts {
     /// In frame order.
-    pub stages: Vec<Rc<dyn Stage>>,
+    pub stages: Vec<Rc<Stage>>,
     /// Run once, when the pipeline is made.
-    pub once: Vec<Rc<dyn Stage>>,
+    pub once: Vec<Rc<Stage>>,
     pub demand: Demand,
 }
 
@@ -100,25 +110,23 @@ impl<'g> Resources<'g> {
         Parts { stages, once, demand }
     }
 
-    /// The next stage of the frame.
-    pub fn push<S: Stage + 'static>(&self, stage: S) -> Rc<S> {
-        let stage = Rc::new(stage);
-        self.note(stage.name(), |demand, name| demand.takes(name, stage.work()));
-        self.account.borrow_mut().stages.push(stage.clone());
-        stage
+    /// The next stage of the frame; what it leaves.
+    pub fn push<L>(&self, stage: Stage<L>) -> L {
+        self.push_as(stage, When::EveryFrame)
     }
 
-    /// A stage that runs once, when the pipeline is made, and in no frame.
-    pub fn push_once<S: Stage + 'static>(&self, stage: S) -> Rc<S> {
-        let stage = Rc::new(stage);
-        self.note(stage.name(), |demand, name| demand.takes(name, stage.work()));
-        self.once(stage.clone());
-        stage
-    }
-
-    /// A stage of the frame that also runs once when the pipeline is made.
-    pub fn once<S: Stage + 'static>(&self, stage: Rc<S>) {
-        self.account.borrow_mut().once.push(stage);
+    /// A stage with the time at which it runs; what it leaves.
+    pub fn push_as<L>(&self, stage: Stage<L>, when: When) -> L {
+        let (stage, left) = stage.split();
+        self.note(stage.name(), |demand, name| demand.takes(name, stage.work));
+        let (stage, mut account) = (Rc::new(stage), self.account.borrow_mut());
+        if when != When::Once {
+            account.stages.push(stage.clone());
+        }
+        if when != When::EveryFrame {
+            account.once.push(stage);
+        }
+        left
     }
 
     /// Work of a frame in addition to what its stages declare, for the estimate of its time.
@@ -450,7 +458,7 @@ impl Parts {
     /// # Errors
     /// What the GPU reports.
     pub fn run_once(&self, gpu: &Gpu) -> Result<(), GpuError> {
-        let stages: Vec<&dyn Stage> = self.once.iter().map(AsRef::as_ref).collect();
+        let stages: Vec<&Stage> = self.once.iter().map(AsRef::as_ref).collect();
         if stages.is_empty() || gpu.is_planner() { Ok(()) } else { gpu.run(&stages) }
     }
 }

@@ -2,14 +2,9 @@
 
 use glam::UVec2;
 
-use crate::frame::Shared;
 use crate::geometry::{Geometry, Part};
-use crate::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
+use crate::prelude::*;
 use crate::screen_ray::FragmentLists;
-use crate::shader_struct;
-use crate::{Stage, StageInfo};
-use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
-use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ldi/lists",
@@ -37,85 +32,41 @@ shader_struct! {
     }
 }
 
-pub struct Lists {
-    raster: Raster,
-    groups: Vec<wgpu::BindGroup>,
-    geometry: Geometry,
-    part: Part,
-    dummy: wgpu::TextureView,
-    pub lists: FragmentLists,
-}
-
-impl Lists {
-    /// With room for so many fragments a pixel, on average.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        (geometry, part): (&Geometry, Part),
-        size_px: [u32; 2],
-        per_pixel: u32,
-    ) -> Result<Self, GpuError> {
-        let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
-        let capacity = pixels * u64::from(per_pixel);
-        resources.indexed(INFO.name, capacity);
-        let heads: Buffer = resources.storage(INFO.name, (pixels + 1) * 4);
-        let nodes = resources.room_for::<Node>(INFO.name, capacity);
-        let settings = ListUniforms {
-            width: size_px[0],
-            capacity: u32::try_from(capacity).unwrap_or(u32::MAX),
-        };
-        let uniforms = resources.uniform(INFO.name, &settings);
-        let binds = [
-            Bind::Uniform(&uniforms),
-            Bind::Write(&heads),
-            Bind::Write(&nodes),
-            Bind::Read(&geometry.materials),
-        ];
-        let group = Group::new(resources.gpu, INFO.name, &binds);
-        let groups = [&shared.group, &group];
-        let write_mask = wgpu::ColorWrites::empty();
-        let targets = [wgpu::ColorTargetState { write_mask, ..kit::opaque(DUMMY) }];
-        let spec = RenderSpec {
-            buffers: &[Geometry::layout(false)],
-            ..RenderSpec::new(INFO.name, INFO.name, &groups, &targets)
-        };
-        Ok(Self {
-            raster: Raster::new(resources, &spec)?,
-            groups: kit::bare(&groups),
-            geometry: geometry.clone(),
-            part,
-            dummy: kit::view(&resources.target(INFO.name, size_px, DUMMY)),
-            lists: FragmentLists { heads, nodes, size_px, capacity: settings.capacity },
-        })
-    }
-}
-
-impl Stage for Lists {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        scope.copy(|encoder| encoder.clear_buffer(&self.lists.heads, 0, None));
-        let color = [ColorTarget { view: &self.dummy, clear: None, slice: None }];
-        scope.render(&Targets { color: &color, depth: None }, |pass| {
-            self.raster.bind(pass);
-            kit::bind_groups(pass, &self.groups);
-            self.geometry.draw(pass, self.part);
-        });
-    }
-
-    fn work(&self) -> Work {
-        Work {
-            triangles: self.geometry.triangles_of(self.part),
-            bytes_read: self.geometry.bytes(),
-            bytes_written: self.lists.heads.size() + self.lists.nodes.size(),
-            ..Work::default()
-        }
-    }
-
-    /// Heads are cleared; nodes are as many as fragments.
-    fn least_work(&self) -> Work {
-        Work { bytes_read: 0, bytes_written: self.lists.heads.size(), ..self.work() }
-    }
+/// With room for so many fragments a pixel, on average.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    (geometry, part): (&Geometry, Part),
+    size_px: [u32; 2],
+    per_pixel: u32,
+) -> Result<Stage<FragmentLists>, GpuError> {
+    let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
+    let room = pixels * u64::from(per_pixel);
+    resources.indexed(INFO.name, room);
+    let heads = resources.storage(INFO.name, (pixels + 1) * 4);
+    let nodes = resources.room_for::<Node>(INFO.name, room);
+    let capacity = u32::try_from(room).unwrap_or(u32::MAX);
+    let uniforms = resources.uniform(INFO.name, &ListUniforms { width: size_px[0], capacity });
+    let own = Group::new(&[&uniforms, &heads, &nodes, &geometry.materials]);
+    let (groups, targets) = ([&shared.group, &own], [kit::unwritten(DUMMY)]);
+    let spec = RenderSpec {
+        buffers: &[Geometry::layout(false)],
+        ..RenderSpec::new(INFO.name, &groups, &targets)
+    };
+    let pass = Pass::new(resources, &spec, size_px, None)?;
+    let work = Work {
+        triangles: geometry.triangles_of(part),
+        bytes_read: geometry.bytes(),
+        bytes_written: heads.size() + nodes.size(),
+        ..Work::default()
+    };
+    // Heads are cleared; nodes are as many as fragments.
+    let least = Work { bytes_read: 0, bytes_written: heads.size(), ..work };
+    let (geometry, lists) = (geometry.clone(), FragmentLists { heads, nodes, size_px, capacity });
+    let heads = lists.heads.clone();
+    let stage = Stage::new(&INFO, work, move |scope| {
+        scope.copy(|encoder| encoder.clear_buffer(&heads, 0, None));
+        pass.render(scope, |pass| geometry.draw(pass, part));
+    });
+    Ok(stage.at_least(least).leaving(lists))
 }

@@ -1,13 +1,8 @@
 //! `planar/points`: each photon is a point of one texel in the illumination map of the pool's face that it meets. SPT §1.1, Fig. 2.
 
-use crate::frame::Shared;
-use crate::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
-use crate::pool::{Pool, map_output};
+use crate::pool::Pool;
+use crate::prelude::*;
 use crate::screen_ray::{Transfer, Transfers};
-use crate::shader_struct;
-use crate::{Output, Stage, StageInfo};
-use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
-use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "planar/points",
@@ -22,82 +17,38 @@ shader_struct! {
     }
 }
 
-pub struct Points {
-    raster: Raster,
-    groups: Vec<wgpu::BindGroup>,
-    view: wgpu::TextureView,
-    /// W/m². 16-bit targets, where the adapter blends no others, stop to grow at about 2,000 photons of a texel.
-    pub map: wgpu::Texture,
-    photons: u32,
-}
-
-impl Points {
-    /// `photon_w` is the flux of a photon in the middle of the light's frustum.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        transfers: &Transfers,
-        pool: &Pool,
-        photon_w: f64,
-    ) -> Result<Self, GpuError> {
-        let settings = PointUniforms { photon_w: photon_w as f32 };
-        let settings = resources.uniform(INFO.name, &settings);
-        let pool_uniform = pool.uniform(resources);
-        let binds =
-            [Bind::Uniform(&settings), Bind::Uniform(&pool_uniform), Bind::Read(&transfers.buffer)];
-        let group = Group::new(resources.gpu, INFO.name, &binds);
-        let groups = [&shared.group, &group];
-        let format = kit::accumulation_format(resources.gpu);
-        let targets = [kit::additive(format)];
-        let defs = [shared.water_def(), shared.fresnel_def()];
-        let spec = RenderSpec {
-            topology: wgpu::PrimitiveTopology::PointList,
-            ..RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &groups, &targets)
-        };
-        let map = resources.target(INFO.name, pool.map_px(), format);
-        Ok(Self {
-            raster: Raster::new(resources, &spec)?,
-            groups: kit::bare(&groups),
-            view: kit::view(&map),
-            map,
-            photons: transfers.count,
-        })
-    }
-}
-
-impl Stage for Points {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        let clear = Some(wgpu::Color::BLACK);
-        let color = [ColorTarget { view: &self.view, clear, slice: None }];
-        scope.render(&Targets { color: &color, depth: None }, |pass| {
-            self.raster.bind(pass);
-            kit::bind_groups(pass, &self.groups);
-            pass.draw(0..self.photons, 0..1);
-        });
-    }
-
-    fn work(&self) -> Work {
-        let photons = u64::from(self.photons);
-        Work {
-            photons,
-            primitives: photons,
-            fragments: photons,
-            bytes_read: photons * size_of::<Transfer>() as u64,
-            bytes_written: photons * 4,
-            ..Work::default()
-        }
-    }
-
-    /// Photons may lie outside the map.
-    fn least_work(&self) -> Work {
-        Work { fragments: 0, bytes_written: 0, ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![map_output(&self.map)]
-    }
+/// The map holds W/m². 16-bit targets, where the adapter blends no others, stop to grow at about 2,000 photons of a texel. `photon_w` is
+/// the flux of a photon in the middle of the light's frustum.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    transfers: &Transfers,
+    pool: &Pool,
+    photon_w: f64,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let settings = resources.uniform(INFO.name, &PointUniforms { photon_w: photon_w as f32 });
+    let own = Group::new(&[&settings, &pool.uniform(resources), transfers]);
+    let groups = [&shared.group, &own];
+    let targets = [kit::additive(kit::accumulation_format(resources.gpu))];
+    let defs = [shared.water_def(), shared.fresnel_def()];
+    let spec = RenderSpec {
+        topology: wgpu::PrimitiveTopology::PointList,
+        ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
+    };
+    let pass = Pass::new(resources, &spec, pool.map_px(), wgpu::Color::BLACK)?;
+    let (points, photons) = (transfers.count, u64::from(transfers.count));
+    let work = Work {
+        photons,
+        primitives: photons,
+        fragments: photons,
+        bytes_read: photons * size_of::<Transfer>() as u64,
+        bytes_written: photons * 4,
+        ..Work::default()
+    };
+    // Photons may lie outside the map.
+    let least = Work { fragments: 0, bytes_written: 0, ..work };
+    let stage = pass.drawing(&INFO, work, move |pass| pass.draw(0..points, 0..1)).at_least(least);
+    let meaning = "faces side by side: the floor (row 0 at −z), then the walls at −x, +x, −z, +z (row 0 at the top)";
+    let column = Column::new("irradiance", "W/m²", "what the photons bring to the texel");
+    Ok(stage.shown("map", meaning, vec![column]))
 }

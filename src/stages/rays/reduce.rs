@@ -1,12 +1,8 @@
 //! `rays/reduce`: the first hit of each row, in steps that halve the width. SPT §2.1.
 
-use crate::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
 use crate::photon::Photons;
+use crate::prelude::*;
 use crate::screen_ray::{self, Rays};
-use crate::shader_struct;
-use crate::{Output, Stage, StageInfo};
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "rays/reduce",
@@ -26,114 +22,49 @@ shader_struct! {
     }
 }
 
-pub struct Reduce {
-    halve: Kernel,
-    halvings: Vec<Dispatch>,
-    last: Kernel,
-    /// For each tile.
-    lasts: Vec<Dispatch>,
-    pub photons: Photons,
-    ways: u32,
-    texels: u64,
-}
-
-impl Reduce {
-    /// `hits` holds a tile of photons: a photon a row.
-    pub fn new(
-        resources: &Resources<'_>,
-        hits: &wgpu::Texture,
-        rays: &Rays<'_>,
-    ) -> Result<Self, GpuError> {
-        let (rows, transfers) = (hits.height(), rays.transfers);
-        let mut narrower = vec![hits.clone()];
-        let mut groups = Vec::new();
-        let mut texels = 0;
-        while let Some(wide) = narrower.last().filter(|wide| wide.width() > 1).cloned() {
-            let size = [wide.width().div_ceil(2), rows];
-            let half = resources.image(INFO.name, size, hits.format());
-            let binds = [Bind::Texels(&wide), Bind::Store(&half)];
-            groups.push((Group::new(resources.gpu, INFO.name, &binds), size));
-            texels += kit::pixels(&half);
-            narrower.push(half);
-        }
-        let halving = |(group, size): &(Group, [u32; 2])| {
-            let [x, y] = size.map(|side| side.div_ceil(WORKGROUP));
-            Dispatch::new(resources, INFO.name, &[group], [x, y, 1])
-        };
-        let photons = Photons::new(resources, INFO.name, transfers.count);
-        let tiles = (0..rays.tiles()).map(|tile| {
-            let tile = TileUniforms { first: tile * rows, photons: transfers.count };
-            let tile = resources.uniform(INFO.name, &tile);
-            let column = &narrower[narrower.len() - 1];
-            let binds = [
-                Bind::Texels(column),
-                Bind::Uniform(&tile),
-                Bind::Read(&transfers.buffer),
-                Bind::Write(&photons.buffer),
-            ];
-            Group::new(resources.gpu, INFO.name, &binds)
-        });
-        let tiles: Vec<Group> = tiles.collect();
-        let kernel = |last: i32, group: &Group| {
-            let defs = [("LAST", last)];
-            Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &[group])
-        };
-        let dispatch = |group: &Group| {
-            Dispatch::new(resources, INFO.name, &[group], [rows.div_ceil(LAST_WORKGROUP), 1, 1])
-        };
-        Ok(Self {
-            halve: kernel(0, &groups[0].0)?,
-            halvings: groups.iter().map(halving).collect(),
-            last: kernel(1, &tiles[0])?,
-            lasts: tiles.iter().map(dispatch).collect(),
-            photons,
-            ways: rays.walking.ways,
-            texels,
-        })
+/// `hits` holds a tile of photons: a photon a row.
+pub fn new(
+    resources: &Resources<'_>,
+    hits: &wgpu::Texture,
+    rays: &Rays<'_>,
+) -> Result<Stage<Photons>, GpuError> {
+    let (rows, transfers) = (hits.height(), rays.transfers);
+    let dispatch = |last: i32, group: &Group, workgroups| {
+        Dispatch::new(resources, (INFO.name, &[("LAST", last)]), &[group], workgroups)
+    };
+    let mut wide = hits.clone();
+    let mut halvings = Vec::new();
+    let mut texels = 0;
+    while wide.width() > 1 {
+        let size = [wide.width().div_ceil(2), rows];
+        let half = resources.image(INFO.name, size, hits.format());
+        let workgroups = kit::square_workgroups(size, WORKGROUP);
+        halvings.push(dispatch(0, &Group::new(&[&wide, &half]), workgroups)?);
+        texels += kit::pixels(&half);
+        wide = half;
     }
-}
-
-impl Stage for Reduce {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        let last = &self.lasts[scope.turn() as usize % self.lasts.len()];
-        scope.compute(|pass| {
-            for halving in &self.halvings {
-                self.halve.run(pass, halving);
-            }
-            self.last.run(pass, last);
-        });
-    }
-
-    fn turns(&self) -> u32 {
-        self.lasts.len() as u32 * self.ways
-    }
-
-    fn work(&self) -> Work {
-        let (photons, turns) = (u64::from(self.photons.count), u64::from(self.turns()));
-        Work {
-            photons,
-            texel_fetches: turns * 2 * self.texels,
-            bytes_written: turns * self.texels * 4 + Photons::bytes(photons),
-            ..Work::default()
-        }
-    }
-
-    /// A hit hides its right neighbour; all turns write to the same textures.
-    fn least_work(&self) -> Work {
-        let photons = u64::from(self.photons.count);
-        Work {
-            texel_fetches: u64::from(self.turns()) * self.texels,
-            bytes_written: self.texels * 4,
-            photons,
-            ..Work::default()
-        }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![screen_ray::output(&self.photons)]
-    }
+    let photons = Photons::new(resources, INFO.name, transfers.count);
+    let last = |tile| {
+        let tile = TileUniforms { first: tile * rows, photons: transfers.count };
+        let tile = resources.uniform(INFO.name, &tile);
+        let group = Group::new(&[&wide, &tile, transfers, &photons]);
+        dispatch(1, &group, [rows.div_ceil(LAST_WORKGROUP), 1, 1])
+    };
+    let lasts = (0..rays.tiles()).map(last).collect::<Result<Vec<_>, _>>()?;
+    let turns = lasts.len() as u32 * rays.walking.ways;
+    let count = u64::from(photons.count);
+    let work = Work {
+        photons: count,
+        texel_fetches: u64::from(turns) * 2 * texels,
+        bytes_written: u64::from(turns) * texels * 4 + Photons::bytes(count),
+        ..Work::default()
+    };
+    // A hit hides its right neighbour; all turns write to the same textures.
+    let least = Work { texel_fetches: work.texel_fetches / 2, bytes_written: texels * 4, ..work };
+    let stage = Stage::new(&INFO, work, move |scope| {
+        let last = &lasts[scope.turn() as usize % lasts.len()];
+        scope.compute(|pass| halvings.iter().chain([last]).for_each(|step| step.run(pass)));
+    });
+    let output = screen_ray::output(&photons);
+    Ok(stage.at_least(least).in_turns(turns).output(output).leaving(photons))
 }

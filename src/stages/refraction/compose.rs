@@ -1,13 +1,9 @@
 //! `refraction/compose`: the picture, through glass by its exit rays. SPT §4.
 
 use super::Exits;
-use crate::StageInfo;
-use crate::frame::Shared;
 use crate::gbuffer::GbufferTextures;
-use crate::kit::{Bind, Resources};
-use crate::screen_picture::Picture;
-use fathom_gpu::GpuError;
-use fathom_record::Work;
+use crate::prelude::*;
+use crate::screen_picture;
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/compose",
@@ -15,14 +11,14 @@ pub const INFO: StageInfo = StageInfo {
     source: "SPT §4",
 };
 
-pub fn picture(
+pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     gbuffer: &GbufferTextures,
     exits: &Exits,
     exposure: f64,
-) -> Result<Picture, GpuError> {
-    let rays = vec![Bind::Texels(&exits.positions), Bind::Texels(&exits.directions)];
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let rays: [&dyn Bind; 2] = [&exits.positions, &exits.directions];
     let of_pixel = Work { texel_fetches: 2, ..Work::default() };
-    Picture::new(resources, shared, &INFO, (gbuffer, rays), exposure, of_pixel)
+    screen_picture::new(resources, shared, &INFO, (gbuffer, &rays), exposure, of_pixel)
 }

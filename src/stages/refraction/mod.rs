@@ -5,7 +5,7 @@ pub mod surface;
 pub mod trace;
 pub mod two_interface;
 
-use crate::{Column, Output};
+use crate::prelude::*;
 
 /// The rays behind glass, a pixel each: `Exit` in `shaders/shared/refraction.wgsl`.
 #[derive(Clone)]
@@ -20,33 +20,23 @@ pub struct Exits {
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
 impl Exits {
+    /// The targets of a pass.
+    fn of(pass: &Pass) -> Self {
+        let [positions, directions] = [0, 1].map(|target: usize| pass.textures()[target].clone());
+        Self { positions, directions }
+    }
+
     /// For dumps.
-    fn outputs(&self) -> Vec<Output> {
-        let columns = |names: [&'static str; 4], unit, meanings: [&'static str; 2]| {
-            let meaning = |place| if place < 3 { meanings[0] } else { meanings[1] };
-            let units = |place| if place < 3 { unit } else { "1" };
-            let numbered = names.into_iter().enumerate();
-            numbered.map(|(place, name)| Column::new(name, units(place), meaning(place))).collect()
-        };
-        let place = "where the line of sight leaves the glass";
-        let along = "unit direction in which it goes on";
-        vec![
-            Output::texture(
-                "positions",
-                place,
-                columns(
-                    ["x_m", "y_m", "z_m", "glass"],
-                    "m",
-                    [place, "1 where the pixel shows glass"],
-                ),
-                &self.positions,
-            ),
-            Output::texture(
-                "directions",
-                along,
-                columns(["x", "y", "z", "inside"], "1", [along, "1 where it is still inside"]),
-                &self.directions,
-            ),
+    fn outputs(&self) -> [Output; 2] {
+        let (place, along) =
+            ("where the line of sight leaves the glass", "unit direction in which it goes on");
+        let mut positions = Column::alike(["x_m", "y_m", "z_m"], "m", place);
+        positions.push(Column::new("glass", "1", "1 where the pixel shows glass"));
+        let mut directions = Column::alike(["x", "y", "z"], "1", along);
+        directions.push(Column::new("inside", "1", "1 where it is still inside"));
+        [
+            Output::texture("positions", place, positions, &self.positions),
+            Output::texture("directions", along, directions, &self.directions),
         ]
     }
 }

@@ -2,14 +2,9 @@
 
 use glam::Vec2;
 
-use crate::frame::Shared;
-use crate::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use crate::prelude::*;
 use crate::screen_picture::Shafts;
 use crate::screen_ray::{Layers, WalkUniforms, walk_turns};
-use crate::shader_struct;
-use crate::{Output, Stage, StageInfo};
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/surface",
@@ -39,82 +34,37 @@ pub struct Dry<'a> {
     pub radiance: &'a wgpu::Texture,
 }
 
-pub struct Surface {
-    pass: ScreenPass,
-    steps: u64,
-}
-
-impl Surface {
-    /// `bound_m` is how far the surface is from y = 0 at most. Of `walk`'s layers the first is used.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        dry: &Dry<'_>,
-        (walk, bound_m): (&WalkUniforms, f64),
-        (shafts, exposure): (Option<Shafts<'_>>, f64),
-    ) -> Result<Self, GpuError> {
-        let size_px = dry.layers.size_px();
-        let settings = SurfaceUniforms {
-            size_px: Vec2::from(size_px.map(|side| side as f32)),
-            exposure: exposure as f32,
-            shaft_scale: shafts.as_ref().map_or(0.0, |shafts| shafts.scale as f32),
-            bound_m: bound_m as f32,
-        };
-        // The search for the surface, its height at the place found, and a ray to either side.
-        let water = (SEARCHES + HALVINGS + 3) * (2 + shared.water_turns());
-        resources.turns("water.waves and view", water + 2 * walk_turns(walk.most, 1));
-        let settings = resources.uniform(INFO.name, &settings);
-        let walk_uniforms =
-            resources.uniform(INFO.name, &WalkUniforms { layers: 1, ..walk.clone() });
-        let mut binds = vec![
-            Bind::Uniform(&settings),
-            Bind::Uniform(&walk_uniforms),
-            Bind::Layers(&dry.layers.depths),
-            Bind::Layers(&dry.layers.surfaces),
-            Bind::Depth(dry.depth),
-            Bind::Texels(dry.radiance),
-        ];
-        binds.extend(shafts.as_ref().map(|shafts| Bind::Texels(shafts.flux)));
-        let group = Group::new(resources.gpu, INFO.name, &binds);
-        let groups = [&shared.group, &group];
-        let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
-        let defs = [("SHAFTS", i32::from(shafts.is_some())), shared.water_def()];
-        let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &groups, &targets);
-        let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
-        Ok(Self { pass, steps: walk.most.into() })
-    }
-
-    pub fn texture(&self) -> &wgpu::Texture {
-        self.pass.texture()
-    }
-}
-
-impl Stage for Surface {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.pass.encode(scope);
-    }
-
-    /// At most: two rays a pixel, each as long as the picture.
-    fn work(&self) -> Work {
-        let pixels = self.pass.pixels();
-        Work {
-            fragments: pixels,
-            texel_fetches: pixels * (4 + 4 * self.steps),
-            bytes_written: pixels * 4,
-            ..Work::default()
-        }
-    }
-
-    /// A ray may end at its first texel.
-    fn least_work(&self) -> Work {
-        Work { texel_fetches: self.pass.pixels(), ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![Output::image(self.texture())]
-    }
+/// `bound_m` is how far the surface is from y = 0 at most. Of `walk`'s layers the first is used.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    dry: &Dry<'_>,
+    (walk, bound_m): (&WalkUniforms, f64),
+    (shafts, exposure): (Option<Shafts<'_>>, f64),
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let size_px = dry.layers.size_px();
+    let settings = SurfaceUniforms {
+        size_px: Vec2::from(size_px.map(|side| side as f32)),
+        exposure: exposure as f32,
+        shaft_scale: shafts.map_or(0.0, |shafts| shafts.scale as f32),
+        bound_m: bound_m as f32,
+    };
+    // The search for the surface, its height at the place found, and a ray to either side.
+    let water = (SEARCHES + HALVINGS + 3) * (2 + shared.water_turns);
+    resources.turns("water.waves and view", water + 2 * walk_turns(walk.most, 1));
+    let settings = resources.uniform(INFO.name, &settings);
+    let walked = resources.uniform(INFO.name, &WalkUniforms { layers: 1, ..walk.clone() });
+    let Layers { depths, surfaces } = dry.layers;
+    let own = Group::new(&[&settings, &walked, depths, surfaces, dry.depth, dry.radiance])
+        .and(shafts.map(|shafts| shafts.flux));
+    let groups = [&shared.group, &own];
+    let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
+    let defs = [("SHAFTS", i32::from(shafts.is_some())), shared.water_def()];
+    let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
+    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
+    // At most: two rays a pixel, each as long as the picture.
+    let work = pass.work(4 + 4 * u64::from(walk.most), 4);
+    // A ray may end at its first texel.
+    let least = pass.work(1, 4);
+    Ok(pass.stage(&INFO, work).at_least(least).image())
 }

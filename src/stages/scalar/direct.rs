@@ -1,11 +1,8 @@
 //! `scalar/direct`: direct volume rendering with ambient occlusion over the hemisphere down the gradient. VAO §5.2.2.
 
-use crate::StageInfo;
-use crate::frame::Shared;
-use crate::kit::Resources;
-use crate::ray_cast::{CastUniforms, RayCast};
+use crate::prelude::*;
+use crate::ray_cast::{self, Cast, CastUniforms};
 use crate::scalar_field::ScalarField;
-use fathom_gpu::GpuError;
 
 pub const INFO: StageInfo = StageInfo {
     name: "scalar/direct",
@@ -20,7 +17,7 @@ pub fn new(
     settings: &CastUniforms,
     beer: bool,
     rejection: bool,
-) -> Result<RayCast, GpuError> {
+) -> Result<Stage<Cast>, GpuError> {
     let defs = [("BEER", beer), ("REJECTION", rejection)];
-    RayCast::new(resources, &INFO, through, &defs, false, settings)
+    ray_cast::new(resources, &INFO, through, &defs, false, settings)
 }

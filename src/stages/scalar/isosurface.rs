@@ -1,11 +1,8 @@
 //! `scalar/isosurface`: the first isosurface on each view ray, with ambient occlusion. VAO §5.2.1.
 
-use crate::StageInfo;
-use crate::frame::Shared;
-use crate::kit::Resources;
-use crate::ray_cast::{CastUniforms, RayCast};
+use crate::prelude::*;
+use crate::ray_cast::{self, Cast, CastUniforms};
 use crate::scalar_field::ScalarField;
-use fathom_gpu::GpuError;
 
 pub const INFO: StageInfo = StageInfo {
     name: "scalar/isosurface",
@@ -29,11 +26,11 @@ pub fn new(
     through: (&Shared, &ScalarField),
     settings: &CastUniforms,
     rays: Rays,
-) -> Result<RayCast, GpuError> {
+) -> Result<Stage<Cast>, GpuError> {
     let defs = [
         ("AT_ISOSURFACE", rays.at_isosurface),
         ("LINEAR", rays.linear),
         ("REJECTION", rays.rejection),
     ];
-    RayCast::new(resources, &INFO, through, &defs, true, settings)
+    ray_cast::new(resources, &INFO, through, &defs, true, settings)
 }

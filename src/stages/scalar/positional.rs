@@ -1,11 +1,8 @@
 //! `scalar/positional`: participating media with positional ambient occlusion. VAO §5.2.4.
 
-use crate::StageInfo;
-use crate::frame::Shared;
-use crate::kit::Resources;
-use crate::ray_cast::{CastUniforms, RayCast};
+use crate::prelude::*;
+use crate::ray_cast::{self, Cast, CastUniforms};
 use crate::scalar_field::ScalarField;
-use fathom_gpu::GpuError;
 
 pub const INFO: StageInfo = StageInfo {
     name: "scalar/positional",
@@ -20,7 +17,7 @@ pub fn new(
     settings: &CastUniforms,
     beer: bool,
     rejection: bool,
-) -> Result<RayCast, GpuError> {
+) -> Result<Stage<Cast>, GpuError> {
     let defs = [("BEER", beer), ("REJECTION", rejection)];
-    RayCast::new(resources, &INFO, through, &defs, false, settings)
+    ray_cast::new(resources, &INFO, through, &defs, false, settings)
 }

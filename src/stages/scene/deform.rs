@@ -7,11 +7,7 @@
 use glam::Vec3;
 
 use crate::geometry::Geometry;
-use crate::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
-use crate::shader_struct;
-use crate::{Column, Output, OutputData, Stage, StageInfo};
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
+use crate::prelude::*;
 use fathom_scene::Scene;
 
 pub const INFO: StageInfo = StageInfo {
@@ -21,7 +17,7 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 /// Floats of a vertex: position, normal, material.
-const STRIDE: u32 = 7;
+const STRIDE: usize = 7;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
@@ -47,12 +43,6 @@ shader_struct! {
     }
 }
 
-pub struct Deform {
-    kernel: Kernel,
-    dispatch: Dispatch,
-    geometry: Geometry,
-}
-
 /// The middle of an object's foot, and its height.
 fn pivots(scene: &Scene) -> Vec<PivotUniforms> {
     scene
@@ -68,82 +58,40 @@ fn pivots(scene: &Scene) -> Vec<PivotUniforms> {
         .collect()
 }
 
-impl Deform {
-    /// Rewrites the vertices of `geometry`, which must hold those of `scene`, at rest, when this is called. `cycles` is time ×
-    /// frequency.
-    pub fn new(
-        resources: &Resources<'_>,
-        geometry: &Geometry,
-        scene: &Scene,
-        motion: Motion,
-        (cycles, amplitude): (f64, f64),
-    ) -> Result<Self, GpuError> {
-        let uniforms = DeformUniforms {
-            vertices: geometry.vertices() as u32,
-            cycles: cycles.rem_euclid(1.0) as f32,
-            amplitude: amplitude as f32,
-        };
-        let uniforms = resources.uniform(INFO.name, &uniforms);
-        let storage = wgpu::BufferUsages::STORAGE;
-        let pivots = resources.structs("pivots", &pivots(scene), wgpu::BufferUsages::empty());
-        let bytes = geometry.vertices.size();
-        let rest = || Geometry::vertex_bytes(scene);
-        let rest = resources.filled_by("vertices at rest", bytes, storage, rest);
-        let binds = [
-            Bind::Uniform(&uniforms),
-            Bind::Read(&pivots),
-            Bind::Read(&rest),
-            Bind::Write(&geometry.vertices),
-        ];
-        let groups = [&Group::new(resources.gpu, INFO.name, &binds)];
-        let workgroups = kit::linear_workgroups(geometry.vertices());
-        let defs = [("MOTION", motion as i32)];
-        Ok(Self {
-            kernel: Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &groups)?,
-            dispatch: Dispatch::new(resources, INFO.name, &groups, workgroups),
-            geometry: geometry.clone(),
-        })
-    }
-}
-
-impl Stage for Deform {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        scope.compute(|pass| self.kernel.run(pass, &self.dispatch));
-    }
-
-    fn work(&self) -> Work {
-        let vertices = self.geometry.vertices();
-        Work {
-            bytes_read: vertices * u64::from(STRIDE) * 4,
-            // The material stays.
-            bytes_written: vertices * 6 * 4,
-            ..Work::default()
-        }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        let column = Column::new;
-        vec![Output {
-            name: "vertices".into(),
-            meaning: "vertices of this moment".into(),
-            columns: vec![
-                column("x", "m", "position"),
-                column("y", "m", "position"),
-                column("z", "m", "position"),
-                column("nx", "1", "unit normal"),
-                column("ny", "1", "unit normal"),
-                column("nz", "1", "unit normal"),
-            ],
-            data: OutputData::Buffer {
-                buffer: self.geometry.vertices.raw(),
-                stride_floats: STRIDE,
-                count: self.geometry.vertices() as u32,
-                row: Box::new(|vertex| vertex[..6].to_vec()),
-            },
-        }]
-    }
+/// Rewrites the vertices of `geometry`, which must hold those of `scene`, at rest, when this is called. `cycles` is time ×
+/// frequency.
+pub fn new(
+    resources: &Resources<'_>,
+    geometry: &Geometry,
+    scene: &Scene,
+    motion: Motion,
+    (cycles, amplitude): (f64, f64),
+) -> Result<Stage, GpuError> {
+    let count = geometry.vertices();
+    let uniforms = DeformUniforms {
+        vertices: count as u32,
+        cycles: cycles.rem_euclid(1.0) as f32,
+        amplitude: amplitude as f32,
+    };
+    let uniforms = resources.uniform(INFO.name, &uniforms);
+    let storage = wgpu::BufferUsages::STORAGE;
+    let pivots = resources.structs("pivots", &pivots(scene), wgpu::BufferUsages::empty());
+    let bytes = geometry.vertices.size();
+    let rest = || Geometry::vertex_bytes(scene);
+    let rest = resources.filled_by("vertices at rest", bytes, storage, rest);
+    let group = Group::new(&[&uniforms, &pivots, &rest, &geometry.vertices]);
+    let (defs, workgroups) = ([("MOTION", motion as i32)], kit::linear_workgroups(count));
+    let dispatch = Dispatch::new(resources, (INFO.name, &defs), &[&group], workgroups)?;
+    let work = Work {
+        bytes_read: count * STRIDE as u64 * 4,
+        // The material stays.
+        bytes_written: count * 6 * 4,
+        ..Work::default()
+    };
+    let mut columns = Column::alike(["x", "y", "z"], "m", "position");
+    columns.extend(Column::alike(["nx", "ny", "nz"], "1", "unit normal"));
+    let rows = (&*geometry.vertices, STRIDE, count as u32);
+    let row = |vertex: &[f32]| vertex[..6].to_vec();
+    let output = Output::rows("vertices", "vertices of this moment", columns, rows, row);
+    Ok(Dispatch::stage([dispatch], &INFO, work).output(output))
 }

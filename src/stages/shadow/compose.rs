@@ -1,13 +1,9 @@
 //! `shadow/compose`: the picture, lit where rays to the light meet nothing. SPT §5.
 
-use crate::StageInfo;
-use crate::frame::Shared;
 use crate::gbuffer::GbufferTextures;
-use crate::kit::{Bind, Resources};
 use crate::photon::Photons;
-use crate::screen_picture::Picture;
-use fathom_gpu::GpuError;
-use fathom_record::Work;
+use crate::prelude::*;
+use crate::screen_picture;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shadow/compose",
@@ -16,14 +12,13 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 /// `photons` are the ends of the rays of `transfer/shadow`.
-pub fn picture(
+pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     gbuffer: &GbufferTextures,
     photons: &Photons,
     exposure: f64,
-) -> Result<Picture, GpuError> {
-    let rays = vec![Bind::Read(&photons.buffer)];
+) -> Result<Stage<wgpu::Texture>, GpuError> {
     let of_pixel = Work { bytes_read: Photons::bytes(1), ..Work::default() };
-    Picture::new(resources, shared, &INFO, (gbuffer, rays), exposure, of_pixel)
+    screen_picture::new(resources, shared, &INFO, (gbuffer, &[photons]), exposure, of_pixel)
 }

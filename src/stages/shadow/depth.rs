@@ -1,11 +1,7 @@
 //! `shadow/depth`: scene depth from the light. UW §3 step 2a.
 
-use crate::frame::Shared;
 use crate::geometry::Geometry;
-use crate::kit::{Resources, ScenePass};
-use crate::{Column, Output, Stage, StageInfo};
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
+use crate::prelude::*;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shadow/depth",
@@ -13,46 +9,18 @@ pub const INFO: StageInfo = StageInfo {
     source: "UW §3 step 2a",
 };
 
-pub struct Depth(ScenePass);
-
-impl Depth {
-    /// `size` texels per side.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        geometry: &Geometry,
-        size: u32,
-    ) -> Result<Self, GpuError> {
-        let groups = [&shared.group];
-        ScenePass::new(resources, INFO.name, &groups, geometry, &[], [size; 2]).map(Self)
-    }
-
-    pub fn texture(&self) -> &wgpu::Texture {
-        &self.0.depth
-    }
-}
-
-impl Stage for Depth {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.0.encode(scope);
-    }
-
-    fn work(&self) -> Work {
-        self.0.work(4)
-    }
-
-    fn least_work(&self) -> Work {
-        self.0.least_work(4)
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        let meaning =
-            "depth of the scene along the light, 0 near plane to 1 far plane; row 0 is ndc y = +1";
-        let column = Column::new("depth", "1", "normalised device depth of the light");
-        vec![Output::texture("depth", meaning, vec![column], self.texture())]
-    }
+/// `size` texels per side.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    geometry: &Geometry,
+    size: u32,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let groups = [&shared.group];
+    let drawn = kit::scene_stage(resources, &INFO, &groups, geometry, (&[], 4), [size; 2])?;
+    let depth = drawn.left.1.clone();
+    let meaning =
+        "depth of the scene along the light, 0 near plane to 1 far plane; row 0 is ndc y = +1";
+    let column = Column::new("depth", "1", "normalised device depth of the light");
+    Ok(drawn.leaving(depth).shown("depth", meaning, vec![column]))
 }

@@ -2,15 +2,10 @@
 
 use glam::Vec2;
 
-use crate::frame::Shared;
-use crate::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
 use crate::photon::Photons;
+use crate::prelude::*;
 use crate::screen_ray::Layers;
-use crate::shader_struct;
-use crate::splatting::{PHOTONS_PER_INSTANCE, index_pattern};
-use crate::{Column, Output, Stage, StageInfo};
-use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
-use fathom_record::Work;
+use crate::splatting::{PHOTONS_PER_INSTANCE, quads};
 
 pub const INFO: StageInfo = StageInfo {
     name: "sprites/draw",
@@ -50,101 +45,45 @@ impl Sprite {
     }
 }
 
-pub struct Sprites {
-    raster: Raster,
-    groups: Vec<wgpu::BindGroup>,
-    indices: Buffer,
-    view: wgpu::TextureView,
-    /// W/m² on what each pixel shows.
-    pub irradiance: wgpu::Texture,
-    photons: u32,
-    fragments: u64,
-}
-
-impl Sprites {
-    /// On receivers that `layers` hold, where the camera's depth `seen` shows them.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        (photons, weights): (&Photons, &Buffer),
-        layers: &Layers,
-        seen: &wgpu::Texture,
-        sprite: &Sprite,
-    ) -> Result<Self, GpuError> {
-        let size_px = layers.size_px();
-        let settings = SpriteUniforms {
-            size_px: Vec2::from(size_px.map(|side| side as f32)),
-            radius_m: sprite.radius_m as f32,
-            visible_m: sprite.visible_m as f32,
-            rise_w_m3: sprite.rise_w_m3() as f32,
-            photons_per_instance: PHOTONS_PER_INSTANCE,
-            photons: photons.count,
-            layers: layers.count(),
-        };
-        let settings = resources.uniform(INFO.name, &settings);
-        let binds = [
-            Bind::Uniform(&settings),
-            Bind::Read(&photons.buffer),
-            Bind::Layers(&layers.depths),
-            Bind::Layers(&layers.surfaces),
-            Bind::Depth(seen),
-            Bind::Read(weights),
-        ];
-        let group = Group::new(resources.gpu, INFO.name, &binds);
-        let groups = [&shared.group, &group];
-        let format = kit::accumulation_format(resources.gpu);
-        let targets = [kit::additive(format)];
-        let spec = RenderSpec::new(INFO.name, INFO.name, &groups, &targets);
-        let irradiance = resources.target(INFO.name, size_px, format);
-        Ok(Self {
-            raster: Raster::new(resources, &spec)?,
-            groups: kit::bare(&groups),
-            indices: index_pattern(resources),
-            view: kit::view(&irradiance),
-            irradiance,
-            photons: photons.count,
-            fragments: (f64::from(photons.count) * sprite.side_px.powi(2)) as u64,
-        })
-    }
-}
-
-impl Stage for Sprites {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        let clear = Some(wgpu::Color::BLACK);
-        let color = [ColorTarget { view: &self.view, clear, slice: None }];
-        scope.render(&Targets { color: &color, depth: None }, |pass| {
-            self.raster.bind(pass);
-            kit::bind_groups(pass, &self.groups);
-            pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint16);
-            let instances = self.photons.div_ceil(PHOTONS_PER_INSTANCE);
-            pass.draw_indexed(0..PHOTONS_PER_INSTANCE * 6, 0, 0..instances);
-        });
-    }
-
-    fn work(&self) -> Work {
-        let photons = u64::from(self.photons);
-        Work {
-            photons,
-            primitives: photons * 2,
-            fragments: self.fragments,
-            bytes_read: Photons::bytes(photons),
-            bytes_written: self.fragments * 4,
-            ..Work::default()
-        }
-    }
-
-    /// Sprites may lie outside the picture.
-    fn least_work(&self) -> Work {
-        Work { fragments: 0, bytes_written: 0, ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        let column =
-            Column::new("irradiance", "W/m²", "what the photons bring to the surface seen");
-        vec![Output::texture("irradiance", column.meaning, vec![column.clone()], &self.irradiance)]
-    }
+/// On receivers that `layers` hold, where the camera's depth `seen` shows them. The stage leaves W/m² on what each pixel shows.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    (photons, weights): (&Photons, &Buffer),
+    layers: &Layers,
+    seen: &wgpu::Texture,
+    sprite: &Sprite,
+) -> Result<Stage<wgpu::Texture>, GpuError> {
+    let size_px = layers.size_px();
+    let settings = SpriteUniforms {
+        size_px: Vec2::from(size_px.map(|side| side as f32)),
+        radius_m: sprite.radius_m as f32,
+        visible_m: sprite.visible_m as f32,
+        rise_w_m3: sprite.rise_w_m3() as f32,
+        photons_per_instance: PHOTONS_PER_INSTANCE,
+        photons: photons.count,
+        layers: layers.count(),
+    };
+    let settings = resources.uniform(INFO.name, &settings);
+    let Layers { depths, surfaces } = layers;
+    let own = Group::new(&[&settings, photons, depths, surfaces, seen, weights]);
+    let groups = [&shared.group, &own];
+    let targets = [kit::additive(kit::accumulation_format(resources.gpu))];
+    let spec = RenderSpec::new(INFO.name, &groups, &targets);
+    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
+    let count = u64::from(photons.count);
+    let fragments = (f64::from(photons.count) * sprite.side_px.powi(2)) as u64;
+    let work = Work {
+        photons: count,
+        primitives: count * 2,
+        fragments,
+        bytes_read: Photons::bytes(count),
+        bytes_written: fragments * 4,
+        ..Work::default()
+    };
+    // Sprites may lie outside the picture.
+    let least = Work { fragments: 0, bytes_written: 0, ..work };
+    let stage = pass.drawing(&INFO, work, quads(resources, photons.count)).at_least(least);
+    let meaning = "what the photons bring to the surface seen";
+    Ok(stage.shown("irradiance", meaning, vec![Column::new("irradiance", "W/m²", meaning)]))
 }

@@ -2,14 +2,9 @@
 
 use glam::Vec2;
 
-use crate::frame::Shared;
 use crate::gbuffer::GbufferTextures;
-use crate::kit::{Bind, Dispatch, Group, Kernel, Resources};
+use crate::prelude::*;
 use crate::screen_ray::{Transfer, Transfers};
-use crate::shader_struct;
-use crate::{Output, Stage, StageInfo};
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
 
 pub const INFO: StageInfo = StageInfo {
     name: "transfer/shadow",
@@ -27,64 +22,24 @@ shader_struct! {
     }
 }
 
-pub struct Shadow {
-    kernel: Kernel,
-    dispatch: Dispatch,
-    /// A pixel an entry, row by row.
-    pub transfers: Transfers,
-}
-
-impl Shadow {
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        gbuffer: &GbufferTextures,
-    ) -> Result<Self, GpuError> {
-        let size = [gbuffer.depth.width(), gbuffer.depth.height()];
-        let transfers = Transfers::new(resources, INFO.name, size[0].saturating_mul(size[1]));
-        let settings = ShadowUniforms { size_px: Vec2::from(size.map(|side| side as f32)) };
-        let uniforms = resources.uniform(INFO.name, &settings);
-        let binds = [
-            Bind::Uniform(&uniforms),
-            Bind::Depth(&gbuffer.depth),
-            Bind::Texels(&gbuffer.normal),
-            Bind::Write(&transfers.buffer),
-        ];
-        let group = Group::new(resources.gpu, INFO.name, &binds);
-        let groups = [&shared.group, &group];
-        let [x, y] = size.map(|side| side.div_ceil(WORKGROUP));
-        Ok(Self {
-            kernel: Kernel::new(resources, INFO.name, INFO.name, &groups)?,
-            dispatch: Dispatch::new(resources, INFO.name, &groups, [x, y, 1]),
-            transfers,
-        })
-    }
-}
-
-impl Stage for Shadow {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        scope.compute(|pass| self.kernel.run(pass, &self.dispatch));
-    }
-
-    fn work(&self) -> Work {
-        let rays = u64::from(self.transfers.count);
-        Work {
-            texel_fetches: 2 * rays,
-            bytes_written: rays * size_of::<Transfer>() as u64,
-            ..Work::default()
-        }
-    }
-
-    /// The background has no texels but its depth.
-    fn least_work(&self) -> Work {
-        Work { texel_fetches: u64::from(self.transfers.count), ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![self.transfers.output()]
-    }
+/// The stage leaves a pixel an entry, row by row.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    gbuffer: &GbufferTextures,
+) -> Result<Stage<Transfers>, GpuError> {
+    let size = kit::size_px(&gbuffer.depth);
+    let transfers = Transfers::new(resources, INFO.name, size[0].saturating_mul(size[1]));
+    let settings = ShadowUniforms { size_px: Vec2::from(size.map(|side| side as f32)) };
+    let uniforms = resources.uniform(INFO.name, &settings);
+    let own = Group::new(&[&uniforms, &gbuffer.depth, &gbuffer.normal, &transfers]);
+    let (groups, workgroups) = ([&shared.group, &own], kit::square_workgroups(size, WORKGROUP));
+    let dispatch = Dispatch::new(resources, INFO.name, &groups, workgroups)?;
+    let rays = u64::from(transfers.count);
+    let bytes_written = rays * size_of::<Transfer>() as u64;
+    let work = Work { texel_fetches: 2 * rays, bytes_written, ..Work::default() };
+    // The background has no texels but its depth.
+    let least = Work { texel_fetches: rays, ..work };
+    let stage = Dispatch::stage([dispatch], &INFO, work).at_least(least);
+    Ok(stage.output(transfers.output()).leaving(transfers))
 }

@@ -1,11 +1,9 @@
 //! `voxel/alpha`: the largest alpha of the triangles that touch each voxel, and bits where it is not 0. VAO Fig. 6.
 
 use super::Part;
-use super::triangles::{Contact, Triangles};
-use crate::StageInfo;
+use super::triangles::{self, Contact, Filled};
 use crate::geometry::Geometry;
-use crate::kit::Resources;
-use fathom_gpu::GpuError;
+use crate::prelude::*;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/alpha",
@@ -17,6 +15,6 @@ pub fn new(
     resources: &Resources<'_>,
     geometry: &Geometry,
     parts: &[Part],
-) -> Result<Triangles, GpuError> {
-    Triangles::new(resources, &INFO, geometry, parts, Contact::Alpha)
+) -> Result<Stage<Filled>, GpuError> {
+    triangles::new(resources, &INFO, geometry, parts, Contact::Alpha)
 }

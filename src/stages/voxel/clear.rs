@@ -1,9 +1,6 @@
 //! `voxel/clear`: slicemaps, bit volumes and opacities start from nothing. VAO §4.2.
 
-use crate::kit::Buffer;
-use crate::{Stage, StageInfo};
-use fathom_gpu::StageScope;
-use fathom_record::Work;
+use crate::prelude::*;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/clear",
@@ -24,30 +21,13 @@ impl From<&Buffer> for Cleared {
     }
 }
 
-pub struct Clear {
-    cleared: Vec<Cleared>,
-}
-
-impl Clear {
-    pub fn new(cleared: Vec<Cleared>) -> Self {
-        Self { cleared }
-    }
-}
-
-impl Stage for Clear {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
+pub fn new(cleared: Vec<Cleared>) -> Stage {
+    let bytes_written = cleared.iter().map(|cleared| cleared.bytes).sum();
+    Stage::new(&INFO, Work { bytes_written, ..Work::default() }, move |scope| {
         scope.copy(|encoder| {
-            for Cleared { buffer, bytes } in &self.cleared {
+            for Cleared { buffer, bytes } in &cleared {
                 encoder.clear_buffer(buffer, 0, Some(*bytes));
             }
         });
-    }
-
-    fn work(&self) -> Work {
-        Work { bytes_written: self.cleared.iter().map(|c| c.bytes).sum(), ..Work::default() }
-    }
+    })
 }

@@ -8,12 +8,8 @@
 use glam::UVec3;
 
 use super::rows;
-use crate::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use crate::shader_struct;
+use crate::prelude::*;
 use crate::voxels::Voxels;
-use crate::{Output, Stage, StageInfo};
-use fathom_gpu::{GpuError, StageScope};
-use fathom_record::Work;
 use fathom_scene::Grid;
 
 pub const INFO: StageInfo = StageInfo {
@@ -57,47 +53,54 @@ fn workgroups(grid: &Grid, level: u32) -> [u32; 3] {
     kit::linear_workgroups(u64::from(x.div_ceil(part)) * u64::from(y) * u64::from(z))
 }
 
-struct Level {
-    group: Group,
-    dispatch: Dispatch,
-    level: u32,
-    /// Where its rows start, bytes.
-    offset: u64,
-}
-
+/// A volume's levels above the first: which, the dispatch, and where the level's rows start, bytes.
 struct Volume {
-    levels: Vec<Level>,
+    levels: Vec<(u32, Dispatch, u64)>,
     rows: Buffer,
     voxels: Voxels,
 }
 
-pub struct Mips {
-    /// Of level 1 and of the levels above.
-    kernels: [Kernel; 2],
-    volumes: Vec<Volume>,
-}
-
-impl Mips {
-    /// The volumes' textures must have all levels. Volumes of a single voxel have none above the first and are left out.
-    pub fn new(resources: &Resources<'_>, volumes: &[Voxels]) -> Result<Self, GpuError> {
-        let tall = |voxels: &&Voxels| rows_bytes(&voxels.grid) > 0;
-        let volumes: Vec<Volume> =
-            volumes.iter().filter(tall).map(|voxels| Volume::new(resources, voxels)).collect();
-        let mut levels = volumes.iter().flat_map(|volume| &volume.levels);
-        let groups: Vec<&Group> = levels.next().map(|level| &level.group).into_iter().collect();
-        let kernel =
-            |base| Kernel::new(resources, INFO.name, (INFO.name, &[("BASE", base)][..]), &groups);
-        Ok(Self { kernels: [kernel(1)?, kernel(0)?], volumes })
-    }
+/// The volumes' textures must have all levels. Volumes of a single voxel have none above the first and are left out.
+pub fn new(resources: &Resources<'_>, volumes: &[Voxels]) -> Result<Stage, GpuError> {
+    let tall = |voxels: &&Voxels| rows_bytes(&voxels.grid) > 0;
+    let volumes = volumes.iter().filter(tall).map(|voxels| Volume::new(resources, voxels));
+    let volumes = volumes.collect::<Result<Vec<_>, _>>()?;
+    let cells = volumes.iter().flat_map(|volume| {
+        let grid = &volume.voxels.grid;
+        levels(grid).map(|level| level_cells(grid, level).map(u64::from).iter().product::<u64>())
+    });
+    let work = Work {
+        bytes_read: volumes.iter().map(|v| v.voxels.bits.size()).sum(),
+        // To the rows and to the texture.
+        bytes_written: 2 * cells.sum::<u64>(),
+        ..Work::default()
+    };
+    let outputs = super::textures(volumes.iter().map(|v| &v.voxels), 1);
+    let stage = Stage::new(&INFO, work, move |scope| {
+        scope.compute(|pass| {
+            for (_, dispatch, _) in volumes.iter().flat_map(|volume| &volume.levels) {
+                dispatch.run(pass);
+            }
+        });
+        scope.copy(|encoder| {
+            for Volume { levels, rows, voxels } in &volumes {
+                for (level, _, offset) in levels {
+                    let to = (*level, level_cells(&voxels.grid, *level));
+                    rows::copy(encoder, (rows, *offset), &voxels.texture, to);
+                }
+            }
+        });
+    });
+    Ok(stage.outputs(outputs))
 }
 
 impl Volume {
-    fn new(resources: &Resources<'_>, voxels: &Voxels) -> Self {
+    fn new(resources: &Resources<'_>, voxels: &Voxels) -> Result<Self, GpuError> {
         let grid = &voxels.grid;
         let rows = resources.storage(INFO.name, rows_bytes(grid));
         let mut offset = 0;
         let mut below = 0;
-        let levels = levels(grid).map(|level| {
+        let level = |level: u32| {
             let uniforms = LevelUniforms {
                 below: UVec3::from(level_cells(grid, level - 1)),
                 below_word: (below / 4) as u32,
@@ -105,56 +108,16 @@ impl Volume {
                 size_word: (offset / 4) as u32,
             };
             let uniforms = resources.uniform(INFO.name, &uniforms);
-            let binds = [Bind::Uniform(&uniforms), Bind::Read(&voxels.bits), Bind::Write(&rows)];
-            let group = Group::new(resources.gpu, INFO.name, &binds);
+            let group = Group::new(&[&uniforms, &voxels.bits, &rows]);
+            let defs = [("BASE", i32::from(level == 1))];
             let workgroups = workgroups(grid, level);
-            let dispatch = Dispatch::new(resources, INFO.name, &[&group], workgroups);
-            let made = Level { group, dispatch, level, offset };
-            below = offset;
+            let dispatch = Dispatch::new(resources, (INFO.name, &defs), &[&group], workgroups)?;
+            let start = offset;
+            below = start;
             offset += rows::bytes(level_cells(grid, level));
-            made
-        });
-        Self { levels: levels.collect(), rows: rows.clone(), voxels: voxels.clone() }
-    }
-}
-
-impl Stage for Mips {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        scope.compute(|pass| {
-            for level in self.volumes.iter().flat_map(|volume| &volume.levels) {
-                self.kernels[usize::from(level.level > 1)].run(pass, &level.dispatch);
-            }
-        });
-        scope.copy(|encoder| {
-            for Volume { levels, rows, voxels } in &self.volumes {
-                for Level { level, offset, .. } in levels {
-                    let to = (*level, level_cells(&voxels.grid, *level));
-                    rows::copy(encoder, (rows, *offset), &voxels.texture, to);
-                }
-            }
-        });
-    }
-
-    fn work(&self) -> Work {
-        let bits = self.volumes.iter().map(|v| v.voxels.bits.size());
-        let cells = self.volumes.iter().flat_map(|volume| {
-            let grid = &volume.voxels.grid;
-            levels(grid)
-                .map(|level| level_cells(grid, level).map(u64::from).iter().product::<u64>())
-        });
-        Work {
-            bytes_read: bits.sum(),
-            // To the rows and to the texture.
-            bytes_written: 2 * cells.sum::<u64>(),
-            ..Work::default()
-        }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        super::textures(self.volumes.iter().map(|v| &v.voxels), 1)
+            Ok((level, dispatch, start))
+        };
+        let levels = levels(grid).map(level).collect::<Result<_, GpuError>>()?;
+        Ok(Self { levels, rows: rows.clone(), voxels: voxels.clone() })
     }
 }

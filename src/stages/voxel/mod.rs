@@ -18,9 +18,9 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::kit::Buffer;
-use super::voxels::Voxels;
-use super::{Column, Output, OutputData};
+use crate::prelude::*;
+use crate::voxels::Voxels;
+use fathom_gpu::OutputData;
 
 /// A volume, and the part of the scene's indices that is voxelized into it.
 #[derive(Clone)]
@@ -40,32 +40,22 @@ fn triangles(parts: &[Part]) -> u64 {
 }
 
 /// Words of bits as an output: 32 bits a word, as two integers that a float holds exactly.
-fn words(name: String, meaning: &str, buffer: &Buffer) -> Output {
-    let column = |name, meaning| Column { name, unit: "1", meaning };
-    Output {
-        name,
-        meaning: meaning.into(),
-        columns: vec![
-            column("low", "bits 0 to 15 as an integer"),
-            column("high", "bits 16 to 31 as an integer"),
-        ],
-        data: OutputData::Buffer {
-            buffer: buffer.raw(),
-            stride_floats: 1,
-            count: (buffer.size() / 4) as u32,
-            row: Box::new(|word| {
-                let bits = word[0].to_bits();
-                vec![(bits & 0xffff) as f32, (bits >> 16) as f32]
-            }),
-        },
-    }
+fn words(name: &str, meaning: &str, buffer: &Buffer) -> Output {
+    let columns = vec![
+        Column::new("low", "1", "bits 0 to 15 as an integer"),
+        Column::new("high", "1", "bits 16 to 31 as an integer"),
+    ];
+    Output::rows(name, meaning, columns, (buffer, 1, (buffer.size() / 4) as u32), |word| {
+        let bits = word[0].to_bits();
+        vec![(bits & 0xffff) as f32, (bits >> 16) as f32]
+    })
 }
 
 /// The bit volumes as outputs.
 fn bit_volumes<'a>(volumes: impl IntoIterator<Item = &'a Voxels>) -> Vec<Output> {
     let output = |(number, voxels): (usize, &Voxels)| {
         let meaning = "a bit for each voxel, x fastest, then y, then z";
-        words(format!("bits-{number}"), meaning, &voxels.bits)
+        words(&format!("bits-{number}"), meaning, &voxels.bits)
     };
     volumes.into_iter().enumerate().map(output).collect()
 }
@@ -75,11 +65,7 @@ fn textures<'a>(volumes: impl IntoIterator<Item = &'a Voxels>, level: u32) -> Ve
     let output = |(number, voxels): (usize, &Voxels)| Output {
         name: format!("volume-{number}-level-{level}"),
         meaning: "the volume's texture, 0 empty to 1 full".into(),
-        columns: vec![Column {
-            name: "occupancy",
-            unit: "1",
-            meaning: "1 where a surface is, or its opacity",
-        }],
+        columns: vec![Column::new("occupancy", "1", "1 where a surface is, or its opacity")],
         data: OutputData::Volume {
             texture: voxels.texture.clone(),
             level,

@@ -4,11 +4,9 @@
 //! Voxelization on GPUs*, 2010, §3 (conservative) and §4.1 (thin).
 
 use super::Part;
-use super::triangles::{Contact, Triangles};
-use crate::StageInfo;
+use super::triangles::{self, Contact, Filled};
 use crate::geometry::Geometry;
-use crate::kit::Resources;
-use fathom_gpu::GpuError;
+use crate::prelude::*;
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/overlap",
@@ -22,7 +20,7 @@ pub fn new(
     geometry: &Geometry,
     parts: &[Part],
     thin: bool,
-) -> Result<Triangles, GpuError> {
+) -> Result<Stage<Filled>, GpuError> {
     let contact = if thin { Contact::Thin } else { Contact::Conservative };
-    Triangles::new(resources, &INFO, geometry, parts, contact)
+    triangles::new(resources, &INFO, geometry, parts, contact)
 }

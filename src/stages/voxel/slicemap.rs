@@ -5,10 +5,8 @@
 
 use super::{Part, triangles, words};
 use crate::geometry::Geometry;
-use crate::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
-use crate::{Output, Stage, StageInfo};
-use fathom_gpu::{ColorTarget, GpuError, StageScope, Targets};
-use fathom_record::Work;
+use crate::kit::{Canvas, Raster};
+use crate::prelude::*;
 use fathom_scene::Grid;
 
 pub const INFO_X: StageInfo = StageInfo {
@@ -72,86 +70,44 @@ impl Axis {
     }
 }
 
-/// One volume's share of a pass.
-struct Draw {
-    group: Group,
-    part: Part,
-    size_px: [u32; 2],
-    slices: Buffer,
-}
-
-pub struct Slicemap {
+/// The stage leaves each volume's slices: words of 32 slices, layers of the pass's columns × rows.
+pub fn new(
+    resources: &Resources<'_>,
+    geometry: &Geometry,
+    parts: &[Part],
     axis: Axis,
-    raster: Raster,
-    geometry: Geometry,
-    draws: Vec<Draw>,
-    dummy: wgpu::TextureView,
-}
-
-impl Slicemap {
-    pub fn new(
-        resources: &Resources<'_>,
-        geometry: &Geometry,
-        parts: &[Part],
-        axis: Axis,
-    ) -> Result<Self, GpuError> {
-        let name = axis.info().name;
-        let draw = |part: &Part| {
-            let grid = &part.voxels.grid;
-            let slices = resources.storage(name, axis.slicemap_bytes(grid));
-            let [columns, rows, _] = axis.turned(grid);
-            let binds = [Bind::Uniform(&part.voxels.uniforms), Bind::Write(&slices)];
-            let group = Group::new(resources.gpu, name, &binds);
-            Draw { group, part: part.clone(), size_px: [columns, rows], slices }
-        };
-        let draws: Vec<Draw> = parts.iter().map(draw).collect();
-        let groups: Vec<&Group> = draws.iter().take(1).map(|draw| &draw.group).collect();
-        let write_mask = wgpu::ColorWrites::empty();
-        let target = [wgpu::ColorTargetState { write_mask, ..kit::opaque(DUMMY) }];
-        let defs = [("AXIS", axis as i32)];
-        let spec = RenderSpec {
-            buffers: &[Geometry::layout(true)],
-            ..RenderSpec::new(name, ("voxel/slicemap", &defs[..]), &groups, &target)
-        };
-        let raster = Raster::new(resources, &spec)?;
-        let largest = |side: usize| draws.iter().map(|d| d.size_px[side]).max().unwrap_or(1);
-        let dummy = kit::view(&resources.target(name, [largest(0), largest(1)], DUMMY));
-        Ok(Self { axis, raster, geometry: geometry.clone(), draws, dummy })
+) -> Result<Stage<Vec<Buffer>>, GpuError> {
+    let info = axis.info();
+    let (defs, targets) = ([("AXIS", axis as i32)], [kit::unwritten(DUMMY)]);
+    let spec = RenderSpec {
+        label: info.name,
+        buffers: &[Geometry::layout(true)],
+        ..RenderSpec::new(("voxel/slicemap", &defs), &[], &targets)
+    };
+    let (mut slicemaps, mut draws, mut largest) = (Vec::new(), Vec::new(), [1, 1]);
+    for Part { voxels, indices } in parts {
+        let slices = resources.storage(info.name, axis.slicemap_bytes(&voxels.grid));
+        let groups = [&Group::new(&[&voxels.uniforms, &slices])];
+        let raster = Raster::new(resources, &RenderSpec { groups: &groups, ..spec.clone() })?;
+        let [columns, rows, _] = axis.turned(&voxels.grid);
+        largest = [columns.max(largest[0]), rows.max(largest[1])];
+        draws.push((raster, [columns, rows].map(|side| side as f32), indices.clone()));
+        slicemaps.push(slices);
     }
-
-    /// Each volume's slices: words of 32 slices, layers of the pass's columns × rows.
-    pub fn slicemaps(&self) -> impl Iterator<Item = &Buffer> {
-        self.draws.iter().map(|draw| &draw.slices)
-    }
-}
-
-impl Stage for Slicemap {
-    fn info(&self) -> &'static StageInfo {
-        self.axis.info()
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        let color = [ColorTarget { view: &self.dummy, clear: None, slice: None }];
-        scope.render(&Targets { color: &color, depth: None }, |pass| {
-            self.raster.bind(pass);
-            for draw in &self.draws {
-                let [columns, rows] = draw.size_px.map(|n| n as f32);
-                pass.set_viewport(0.0, 0.0, columns, rows, 0.0, 1.0);
-                pass.set_bind_group(0, &draw.group.group, &[]);
-                self.geometry.draw_range(pass, draw.part.indices.clone());
+    let canvas = Canvas::new(resources, &spec, largest, None);
+    let (triangles, bytes_read) = (triangles(parts), geometry.bytes());
+    let geometry = geometry.clone();
+    let stage = Stage::new(info, Work { triangles, bytes_read, ..Work::default() }, move |scope| {
+        canvas.render(scope, |pass| {
+            for (raster, [columns, rows], indices) in &draws {
+                raster.bind(pass);
+                pass.set_viewport(0.0, 0.0, *columns, *rows, 0.0, 1.0);
+                geometry.draw_range(pass, indices.clone());
             }
         });
-    }
-
-    fn work(&self) -> Work {
-        let parts: Vec<Part> = self.draws.iter().map(|draw| draw.part.clone()).collect();
-        Work { triangles: triangles(&parts), bytes_read: self.geometry.bytes(), ..Work::default() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        let meaning =
-            "a bit for each slice, 32 slices a word; columns of the pass fastest, then rows";
-        let output = |(number, slices)| words(format!("slices-{number}"), meaning, slices);
-        self.slicemaps().enumerate().map(output).collect()
-    }
+    });
+    let meaning = "a bit for each slice, 32 slices a word; columns of the pass fastest, then rows";
+    let output = |(number, slices)| words(&format!("slices-{number}"), meaning, slices);
+    let outputs: Vec<_> = slicemaps.iter().enumerate().map(output).collect();
+    Ok(stage.outputs(outputs).leaving(slicemaps))
 }

@@ -5,14 +5,11 @@
 //! huge one.
 
 use super::clear::Cleared;
-use super::{Part, bit_volumes};
+use super::{Part, bit_volumes, triangles};
 use crate::geometry::Geometry;
-use crate::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
-use crate::shader_struct;
+use crate::prelude::*;
 use crate::voxels::Voxels;
-use crate::{Output, Stage, StageInfo};
-use fathom_gpu::{GpuError, MOST_LOOP_TURNS, StageScope};
-use fathom_record::Work;
+use fathom_gpu::MOST_LOOP_TURNS;
 use fathom_scene::Grid;
 
 /// Columns of voxels above which a triangle is large, and above which it is huge. Tuned on scenes bunny_dry and room, on a software
@@ -51,92 +48,50 @@ pub enum Contact {
     Alpha,
 }
 
-/// One volume's share.
-struct Run {
-    group: Group,
-    /// The queue, small triangles, large ones.
-    dispatches: [Dispatch; 3],
-    voxels: Voxels,
-    triangles: u64,
-    /// With [`Contact::Alpha`], 0 … 255 in a word a voxel.
-    alphas: Option<Buffer>,
-}
-
-pub struct Triangles {
-    info: &'static StageInfo,
-    /// One for each of a run's dispatches.
-    kernels: [Kernel; 3],
-    runs: Vec<Run>,
-    bytes_read: u64,
-}
-
-impl Triangles {
-    /// The stage `info`.
-    pub(super) fn new(
-        resources: &Resources<'_>,
-        info: &'static StageInfo,
-        geometry: &Geometry,
-        parts: &[Part],
-        contact: Contact,
-    ) -> Result<Self, GpuError> {
-        let make = |part: &Part| Run::new(resources, info.name, geometry, part, contact);
-        let runs: Vec<Run> = parts.iter().map(make).collect();
-        let groups: Vec<&Group> = runs.iter().take(1).map(|run| &run.group).collect();
-        let kernel = |step: i32| {
-            let defs = [("THIN", i32::from(contact == Contact::Thin)), ("STEP", step)];
-            Kernel::new(resources, info.name, (info.name, &defs[..]), &groups)
-        };
-        let kernels = [kernel(0)?, kernel(1)?, kernel(2)?];
-        Ok(Self { info, kernels, runs, bytes_read: geometry.bytes() })
-    }
-
-    /// Each volume's alphas, a word a voxel.
-    pub fn alphas(&self) -> impl Iterator<Item = &Buffer> {
-        self.runs.iter().filter_map(|run| run.alphas.as_ref())
-    }
-
+/// What is filled.
+pub struct Filled {
     /// What must be cleared before each frame.
-    pub fn cleared(&self) -> Vec<Cleared> {
-        let of = |run: &Run| {
-            let bits = Cleared::from(&run.voxels.bits);
-            [Some(bits), run.alphas.as_ref().map(Cleared::from)]
-        };
-        self.runs.iter().flat_map(of).flatten().collect()
-    }
+    pub cleared: Vec<Cleared>,
+    /// With [`Contact::Alpha`] each volume's alphas, 0 … 255 in a word a voxel.
+    pub alphas: Vec<Buffer>,
 }
 
-impl Stage for Triangles {
-    fn info(&self) -> &'static StageInfo {
-        self.info
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
+/// The stage `info`.
+pub(super) fn new(
+    resources: &Resources<'_>,
+    info: &'static StageInfo,
+    geometry: &Geometry,
+    parts: &[Part],
+    contact: Contact,
+) -> Result<Stage<Filled>, GpuError> {
+    let run = |part: &Part| Run::new(resources, info.name, geometry, part, contact);
+    let runs = parts.iter().map(run).collect::<Result<Vec<_>, _>>()?;
+    let alphas: Vec<Buffer> = runs.iter().filter_map(|run| run.alphas.clone()).collect();
+    let bits = parts.iter().map(|part| &part.voxels.bits);
+    let cleared = bits.chain(&alphas).map(Cleared::from).collect();
+    let work =
+        Work { triangles: triangles(parts), bytes_read: geometry.bytes(), ..Work::default() };
+    // A compute pass: no rasterizer draws the triangles.
+    let least = Work { triangles: 0, ..work };
+    let stage = Stage::new(info, work, move |scope| {
         scope.compute(|pass| {
-            for (step, kernel) in self.kernels.iter().enumerate() {
-                kernel.bind(pass);
-                for run in &self.runs {
-                    run.dispatches[step].run(pass);
-                }
+            for step in 0..STEPS {
+                runs.iter().for_each(|run| run.dispatches[step].run(pass));
             }
         });
-    }
+    });
+    let outputs = bit_volumes(parts.iter().map(|part| &part.voxels));
+    Ok(stage.at_least(least).outputs(outputs).leaving(Filled { cleared, alphas }))
+}
 
-    fn work(&self) -> Work {
-        Work {
-            triangles: self.runs.iter().map(|run| run.triangles).sum(),
-            bytes_read: self.bytes_read,
-            ..Work::default()
-        }
-    }
+/// The queue, small triangles, large ones.
+const STEPS: usize = 3;
 
-    /// A compute pass: no rasterizer draws the triangles.
-    fn least_work(&self) -> Work {
-        Work { triangles: 0, ..self.work() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        bit_volumes(self.runs.iter().map(|run| &run.voxels))
-    }
+/// One volume's share.
+struct Run {
+    /// Of each step.
+    dispatches: Vec<Dispatch>,
+    alphas: Option<Buffer>,
 }
 
 /// A line may take all voxels of each column, and an invocation all columns of a small triangle.
@@ -152,7 +107,7 @@ impl Run {
         geometry: &Geometry,
         part: &Part,
         contact: Contact,
-    ) -> Self {
+    ) -> Result<Self, GpuError> {
         let (voxels, triangles) = (&part.voxels, part.triangles());
         let load = Load::of(geometry, part);
         let layers = load.layers();
@@ -168,22 +123,18 @@ impl Run {
         let queue = resources.storage("voxel queue", (2 + triangles) * 4);
         let alphas = (contact == Contact::Alpha)
             .then(|| resources.storage("voxel alphas", voxels.grid.count() * 4));
-        let mut binds = vec![
-            Bind::Uniform(&voxels.uniforms),
-            Bind::Uniform(&batch),
-            Bind::Read(&geometry.vertices),
-            Bind::Read(&geometry.indices),
-            Bind::Write(&voxels.bits),
-            Bind::Write(&queue),
-        ];
-        if let Some(alphas) = &alphas {
-            binds.extend([Bind::Read(&geometry.materials), Bind::Write(alphas)]);
-        }
-        let group = Group::new(resources.gpu, name, &binds);
+        let Voxels { uniforms, bits, .. } = voxels;
+        let Geometry { vertices, indices, materials, .. } = geometry;
+        let group = Group::new(&[uniforms, &batch, vertices, indices, bits, &queue]);
+        let group = group.and(alphas.as_ref().map(|_| materials)).and(&alphas);
         let small = kit::linear_workgroups(triangles);
-        let dispatches = [[1, 1, 1], small, [LARGE_GROUPS, 1, layers as u32]]
-            .map(|workgroups| Dispatch::new(resources, name, &[&group], workgroups));
-        Self { group, dispatches, voxels: voxels.clone(), triangles, alphas }
+        let workgroups: [_; STEPS] = [[1, 1, 1], small, [LARGE_GROUPS, 1, layers as u32]];
+        let dispatch = |(step, workgroups): (i32, [u32; 3])| {
+            let defs = [("THIN", i32::from(contact == Contact::Thin)), ("STEP", step)];
+            Dispatch::new(resources, (name, &defs), &[&group], workgroups)
+        };
+        let dispatches = (0..).zip(workgroups).map(dispatch).collect::<Result<_, _>>()?;
+        Ok(Self { dispatches, alphas })
     }
 }
 

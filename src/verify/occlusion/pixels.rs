@@ -101,7 +101,7 @@ fn compare(rig: &Rig<'_>, per_object: bool, rays: u32, sizes: &[[u32; 2]]) -> Ch
         subjects.iter().map(|s| (&s.host, twin(&settings, &s.host.grid))).collect();
     let check = |size_px: [u32; 2]| {
         let (shared, surface) = (&seen.stand.shared, (&seen.gbuffer, seen.view_projection));
-        let stage = march::March::new(rig, shared, &voxels, surface, &settings, size_px)?;
+        let stage = march::new(rig, shared, &voxels, surface, &settings, size_px)?;
         let image = rig.drawn(&[&stage], stage.texture(), 0)?;
         // As `seed_of` in shaders/shared/marching.wgsl.
         let own = settings.seed.wrapping_mul(0x9E37_79B9);

@@ -3,7 +3,7 @@
 use super::*;
 use fathom_stages::ao::query::INFO;
 use fathom_stages::marching::Step;
-use fathom_stages::voxel::mips::Mips;
+use fathom_stages::voxel::mips;
 
 /// Sums of 32 terms in f32, and directions by sine and cosine that WGSL bounds to 2⁻¹¹.
 const TOLERANCE: f64 = 5e-4;
@@ -184,7 +184,7 @@ fn skipping(rig: &Rig<'_>) -> Checks {
     };
     // The pyramid is not filled yet and says that all is empty.
     let blind = run(|_| (), true)?;
-    let mips = Mips::new(rig, std::slice::from_ref(&subject.voxels))?;
+    let mips = mips::new(rig, std::slice::from_ref(&subject.voxels))?;
     rig.run(&[&mips])?;
     let variants: [(&str, Change); 3] = [
         ("defaults", |_| ()),

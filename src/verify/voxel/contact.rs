@@ -87,7 +87,7 @@ fn alpha(rig: &Rig<'_>) -> Result<Check> {
     let bits = part.voxels.bits.clone();
     let stage = alpha::new(rig, &geometry, &[part])?;
     rig.run(&[&stage])?;
-    let alphas = stage.alphas().next().ok_or_else(|| rig.empty("volumes"))?;
+    let alphas = stage.alphas.first().ok_or_else(|| rig.empty("volumes"))?;
     let (alphas, bits) = (rig.read::<u32>(alphas)?, voxels_of(&rig.read(&bits)?, &subject.grid));
     let [exact, perturbed] = [ALPHAS, [0.0, 0.3, 0.8]].map(|of| largest_alphas(&subject, of));
     let wrong = |twin: &[Option<u32>]| {

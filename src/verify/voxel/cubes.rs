@@ -2,7 +2,7 @@
 
 use super::subjects::{cells, random_voxels};
 use crate::prelude::*;
-use fathom_stages::voxel::view::CubeView;
+use fathom_stages::voxel::view;
 
 const STAGE: &str = "voxel/view";
 const SIZE: [u32; 2] = [64, 48];
@@ -22,8 +22,8 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
     let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full)).collect();
     volume.write(rig, &values);
     let view = rig::synthetic_view(SIZE, 0.0)?;
-    let stage = CubeView::new(rig, &Shared::new(rig, &view), &[volume], SIZE)?;
-    let depth = rig.drawn(&[&stage], stage.depth(), 0)?;
+    let stage = view::new(rig, &Shared::new(rig, &view), &[volume], SIZE)?;
+    let depth = rig.drawn(&[&stage], &stage.depth, 0)?;
 
     let rays = rig::rays(&view);
     let wrong = |grid: &Grid| {

@@ -3,10 +3,10 @@
 use super::subjects::{cells, plain, random_voxels, voxels_of};
 use crate::prelude::*;
 use fathom_stages::kit::Buffer;
-use fathom_stages::voxel::clear::{Clear, Cleared};
-use fathom_stages::voxel::combine::Combine;
+use fathom_stages::voxel::clear::{self, Cleared};
+use fathom_stages::voxel::combine;
 use fathom_stages::voxel::slicemap::Axis;
-use fathom_stages::voxel::unpack::{Packed, Unpack};
+use fathom_stages::voxel::unpack::{self, Packed};
 
 /// Multiples of 32 and not, rows longer than a copy's alignment, and a single voxel.
 const SIZES: [[u32; 3]; 5] = [[64, 32, 96], [37, 20, 45], [5, 70, 33], [300, 3, 2], [1, 1, 1]];
@@ -23,7 +23,7 @@ fn clear(rig: &Rig<'_>) -> Result<Check> {
     let full = vec![u32::MAX; 1000];
     let [all, head, kept] = [0, 1, 2].map(|_| rig.words(&full));
     let part = Cleared { buffer: head.clone(), bytes: 4 };
-    rig.run(&[&Clear::new(vec![Cleared::from(&all), part])])?;
+    rig.run(&[&clear::new(vec![Cleared::from(&all), part])])?;
     let cleared = vec![0u32; 1000];
     let expected = [&[0], &full[1..]].concat();
     let wrong = differing(&rig.read(&all)?, &cleared) + differing(&rig.read(&head)?, &expected);
@@ -57,7 +57,7 @@ fn combine(rig: &Rig<'_>) -> Result<Check> {
         volumes.push((voxels, buffers));
         expected.push(maps);
     }
-    rig.run(&[&Combine::new(rig, &volumes)?])?;
+    rig.run(&[&combine::new(rig, &volumes)?])?;
     for ((voxels, _), [x, y, z]) in volumes.iter().zip(&expected) {
         let found = voxels_of(&rig.read(&voxels.bits)?, &voxels.grid);
         let or = |maps: [&[bool]; 3]| -> Vec<bool> {
@@ -92,7 +92,7 @@ fn unpack(rig: &Rig<'_>) -> Checks {
             expected.push(values);
         }
         let packed = if alpha { Packed::Alphas(alphas) } else { Packed::Bits };
-        rig.run(&[&Unpack::new(rig, &volumes, &packed)?])?;
+        rig.run(&[&unpack::new(rig, &volumes, &packed)?])?;
         let (mut wrong, mut control) = (0.0, 0.0);
         for (voxels, values) in volumes.iter().zip(&mut expected) {
             let texels = read_volume(rig.gpu, &voxels.texture, 0)?.data;

@@ -2,7 +2,7 @@
 
 use super::subjects::{cells, plain, random_voxels};
 use crate::prelude::*;
-use fathom_stages::voxel::mips::{Mips, level_cells};
+use fathom_stages::voxel::mips::{self, level_cells};
 
 const STAGE: &str = "voxel/mips";
 const SIZES: [[u32; 3]; 5] = [[64, 32, 32], [37, 20, 45], [5, 70, 33], [35, 3, 1], [1, 1, 1]];
@@ -53,7 +53,7 @@ fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
         made.push((volume, voxels));
     }
     let volumes: Vec<Voxels> = made.iter().map(|(volume, _)| volume.clone()).collect();
-    rig.run(&[&Mips::new(rig, &volumes)?])?;
+    rig.run(&[&mips::new(rig, &volumes)?])?;
     let pyramid = |(volume, voxels): (Voxels, Vec<bool>)| {
         let count = volume.texture.mip_level_count();
         let level = |level| {

@@ -5,9 +5,9 @@ use super::subjects::{VoxelScene, cells, voxels_of};
 use crate::prelude::*;
 use fathom_record::Adapter;
 use fathom_reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
-use fathom_stages::voxel::combine::Combine;
-use fathom_stages::voxel::slice::Slice;
-use fathom_stages::voxel::slicemap::{Axis, Slicemap};
+use fathom_stages::voxel::combine;
+use fathom_stages::voxel::slice;
+use fathom_stages::voxel::slicemap::{self, Axis};
 
 const COMBINE: &str = "voxel/combine";
 const SLICE: &str = "voxel/slice";
@@ -30,7 +30,7 @@ pub fn cases() -> Vec<Case> {
     let slices = Case::new(SLICE, "the slices' voxels", |rig| {
         let subjects = [VoxelScene::soup()?, VoxelScene::bunny(32)?];
         against_surface(rig, &subjects, |subject| {
-            subject.voxelized(rig, |geometry, parts| Slice::new(rig, geometry, parts))
+            subject.voxelized(rig, |geometry, parts| slice::new(rig, geometry, parts))
         })
     });
     one_axis.into_iter().chain([together, slices]).collect()
@@ -65,9 +65,9 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
 /// The voxels of one slicemap.
 fn one_way(rig: &Rig<'_>, subject: &VoxelScene, axis: Axis) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(rig);
-    let stage = Slicemap::new(rig, &geometry, &[part], axis)?;
+    let stage = slicemap::new(rig, &geometry, &[part], axis)?;
     rig.run(&[&stage])?;
-    let slices = stage.slicemaps().next().ok_or_else(|| rig.empty("volumes"))?;
+    let slices = stage.first().ok_or_else(|| rig.empty("volumes"))?;
     Ok(slices_of(&rig.read(slices)?, &subject.grid, axis))
 }
 
@@ -130,12 +130,12 @@ fn subpixels(adapter: &Adapter) -> u32 {
 fn three_way(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(rig);
     let parts = [part];
-    let pass = |axis| Slicemap::new(rig, &geometry, &parts, axis);
+    let pass = |axis| slicemap::new(rig, &geometry, &parts, axis);
     let (x, y, z) = (pass(Axis::X)?, pass(Axis::Y)?, pass(Axis::Z)?);
-    let maps = [&x, &y, &z].map(|pass| pass.slicemaps().next().cloned());
+    let maps = [&x, &y, &z].map(|pass| pass.first().cloned());
     let [Some(a), Some(b), Some(c)] = maps else { return Err(rig.empty("volumes")) };
     let voxels = &parts[0].voxels;
-    let combine = Combine::new(rig, &[(voxels.clone(), [a, b, c])])?;
+    let combine = combine::new(rig, &[(voxels.clone(), [a, b, c])])?;
     rig.run(&[&x, &y, &z, &combine])?;
     Ok(voxels_of(&rig.read(&voxels.bits)?, &subject.grid))
 }

@@ -95,10 +95,10 @@ impl VoxelScene {
     }
 
     /// The voxels that a stage sets over the scene.
-    pub fn voxelized<S: Stage>(
+    pub fn voxelized<L>(
         &self,
         rig: &Rig<'_>,
-        stage: impl FnOnce(&Geometry, &[Part]) -> Result<S, GpuError>,
+        stage: impl FnOnce(&Geometry, &[Part]) -> Result<Stage<L>, GpuError>,
     ) -> Result<Vec<bool>> {
         let (geometry, part) = self.upload(rig);
         let bits = part.voxels.bits.clone();

@@ -6,26 +6,29 @@ use fathom::scene::assets::ASSETS;
 use fathom::scene::{Bounds, Grid, LightKind, Scene, SceneFile};
 use glam::{DVec3, Vec3};
 
+/// The scene of a built-in file with a change.
+fn changed(name: &str, change: impl FnOnce(&mut SceneFile)) -> Scene {
+    let mut file = SceneFile::load(name).unwrap_or_else(|e| panic!("{e}"));
+    change(&mut file);
+    Scene::build(&file).unwrap_or_else(|e| panic!("{e}"))
+}
+
 /// The scene with a coarse volume, where it has one: quick to make.
 fn load(name: &str) -> Scene {
-    let mut file = SceneFile::load(name).unwrap_or_else(|e| panic!("{e}"));
-    if let Some(volume) = &mut file.volume {
-        volume.reduce = 8;
-    }
-    Scene::build(&file).unwrap_or_else(|e| panic!("{e}"))
+    changed(name, |file| file.volume.iter_mut().for_each(|volume| volume.reduce = 8))
 }
 
 /// The scene as it is where no asset can be had.
 fn with_stand_ins(name: &str) -> Scene {
-    let mut file = SceneFile::load(name).unwrap_or_else(|e| panic!("{e}"));
-    for object in &mut file.objects {
-        if let Some(name) = object.asset.take() {
-            let asset = ASSETS.iter().find(|a| a.name == name).expect("a known asset");
-            object.generator = Some(asset.stand_in.0.to_owned());
-            object.params = asset.stand_in.1.iter().map(|&(n, v)| (n.to_owned(), v)).collect();
+    changed(name, |file| {
+        for object in &mut file.objects {
+            if let Some(name) = object.asset.take() {
+                let asset = ASSETS.iter().find(|a| a.name == name).expect("a known asset");
+                object.generator = Some(asset.stand_in.0.to_owned());
+                object.params = asset.stand_in.1.iter().map(|&(n, v)| (n.to_owned(), v)).collect();
+            }
         }
-    }
-    Scene::build(&file).unwrap_or_else(|e| panic!("{e}"))
+    })
 }
 
 /// Scenes without water to draw, each with the fewest and the most triangles it should have, assets or stand-ins alike.
@@ -319,10 +322,8 @@ fn cameras_and_lights_are_placed_sensibly() {
 #[test]
 fn the_floor_follows_its_depth() {
     for name in ["plane", "tank", "port", "storage"] {
-        let mut file = SceneFile::load(name).unwrap();
-        let shallow = Scene::build(&file).unwrap();
-        file.floor_depth_m += 1.5;
-        let deep = Scene::build(&file).unwrap();
+        let shallow = changed(name, |_| ());
+        let deep = changed(name, |file| file.floor_depth_m += 1.5);
         assert_eq!(deep.floor_depth_m, shallow.floor_depth_m + 1.5);
         assert!((deep.bounds.min.y - shallow.bounds.min.y + 1.5).abs() < 1e-4, "{name}");
         assert!((deep.bounds.max.y - shallow.bounds.max.y).abs() < 1e-4, "{name}");

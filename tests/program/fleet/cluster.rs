@@ -5,16 +5,13 @@ use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use crate::common::{Place, names};
+use crate::common::{Place, names, wait_until};
 
 pub const NODES: [&str; 2] = ["n1", "n2"];
 /// Where Debian puts daemons.
 const PATH: &str = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin";
-/// Ends a wait for what never comes, and decides nothing: the longest takes half a minute.
-const LONGEST_WAIT: Duration = Duration::from_secs(600);
-
 pub struct Cluster {
     pub place: Place,
     ports: [u16; 3],
@@ -38,11 +35,11 @@ impl Cluster {
         cluster.configure();
         let munged = cluster.munged();
         cluster.daemons.push(munged);
-        wait("munged", || cluster.place.path("munge.socket").exists());
+        wait_until("munged", || cluster.place.path("munge.socket").exists());
         let controller = cluster.daemon("slurmctld", &[]);
         cluster.daemons.push(controller);
         cluster.nodes = NODES.map(|node| cluster.node(node)).into();
-        wait("the nodes", || {
+        wait_until("the nodes", || {
             cluster.told("sinfo", &["-h", "-N", "-o", "%T"]) == "idle\nidle\nidle\nidle\n"
         });
         cluster
@@ -135,15 +132,5 @@ impl Drop for Cluster {
             daemon.kill().ok();
             daemon.wait().ok();
         }
-    }
-}
-
-/// Waits until something holds.
-#[track_caller]
-pub fn wait(what: &str, mut holds: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !holds() {
-        assert!(start.elapsed() < LONGEST_WAIT, "{what} did not come");
-        std::thread::sleep(Duration::from_millis(100));
     }
 }

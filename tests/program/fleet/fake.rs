@@ -5,9 +5,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
 
-use super::cluster::wait;
 use super::{begin, ended};
-use crate::common::{Ends, Place, holds, signal};
+use crate::common::{Ends, Place, holds, signal, wait_until};
 
 /// Numbers its jobs from 41 and keeps the arguments of each.
 const SBATCH: &str = r#"[ "$1" != --version ] || exit 0
@@ -53,14 +52,13 @@ fn a_late_queue_and_an_earlier_status_cost_one_submission() {
 /// The folder names job 13; the queue shows the fleet's own until it is cancelled.
 #[test]
 fn only_the_fleets_own_jobs_are_cancelled() {
-    let place = fake(
-        "[ -e cancelled ] || [ ! -e job ] || sed -n 's/^--comment=/41|1|n1|None|/p' arguments\n",
-    );
+    let place =
+        fake("[ -e cancelled ] || [ ! -e job ] || sed -n 's/^--comment=/41|1|n1|/p' arguments\n");
     let forged = r#"{"format": 2, "shards": 1, "run": ["uw-default"], "jobs": [13]}"#;
     place.write("out/fleet.json", forged);
     let log = place.path("log");
     let running = begin(fleet(&place, "out", "--resume"), &log);
-    wait("the task", || place.read("log").contains("runs on n1"));
+    wait_until("the task", || place.read("log").contains("runs on n1"));
     signal("-INT", running.id());
     let told = ended(running, 130, &log);
     let arguments = place.read("arguments");
@@ -73,7 +71,7 @@ fn only_the_fleets_own_jobs_are_cancelled() {
 
 #[test]
 fn a_job_with_another_comment_is_neither_followed_nor_cancelled() {
-    let place = fake("echo '13|1|n1|None|(null)'\n");
+    let place = fake("echo '13|1|n1|(null)'\n");
     let reason = "but the comment `(null)` of another: it is left alone";
     fleet(&place, "out", "").refused(reason);
     assert!(!place.path("job").exists() && !place.path("cancelled").exists());
@@ -85,7 +83,9 @@ fn an_interrupt_ends_the_wait_for_a_queue_that_hangs() {
     let place = fake(&format!("{COUNT}{hangs}"));
     let log = place.path("log");
     let running = begin(fleet(&place, "out", ""), &log);
-    wait("a queue that hangs", || fs::read(place.path("hung")).is_ok_and(|text| !text.is_empty()));
+    wait_until("a queue that hangs", || {
+        fs::read(place.path("hung")).is_ok_and(|text| !text.is_empty())
+    });
     signal("-INT", running.id());
     let told = ended(running, 130, &log);
     assert!(!told.contains("did not end within"), "{told}");

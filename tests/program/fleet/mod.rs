@@ -8,8 +8,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use crate::common::{Ends, Place, cells, own_experiments, signal};
-use cluster::{Cluster, NODES, wait};
+use crate::common::{Ends, Place, cells, own_experiments, signal, wait_until};
+use cluster::{Cluster, NODES};
 
 /// Experiments of the run, each of two cells.
 const EXPERIMENTS: usize = 5;
@@ -69,11 +69,11 @@ fn begin_without_last(
     nodes("drain");
     let running = begin(fleet, log);
     let tasks = |format| cluster.told("squeue", &["-h", "-r", "-o", format]);
-    wait("the job array", || tasks("%i").lines().count() == shards);
+    wait_until("the job array", || tasks("%i").lines().count() == shards);
     let ending = format!("_{shards}");
     let last = tasks("%i").lines().find(|task| task.ends_with(&ending)).unwrap().to_owned();
     cluster.told("scontrol", &["hold", &last]);
-    wait("the hold", || tasks("%r").contains("JobHeld"));
+    wait_until("the hold", || tasks("%r").contains("JobHeld"));
     nodes("resume");
     (running, last)
 }
@@ -127,10 +127,10 @@ fn keeps_what_is_measured_when_it_is_interrupted(cluster: &Cluster, all: &[Strin
     // Something is left to measure however late the interrupt comes.
     let begun = fleet(cluster, &out, "--shards 3", &run);
     let (running, _) = begin_without_last(cluster, 3, begun, &log);
-    wait("a measured cell", || !measured(&out, 3).is_empty());
+    wait_until("a measured cell", || !measured(&out, 3).is_empty());
     signal("-INT", running.id());
     let told = ended(running, 130, &log);
-    wait("an empty queue", || cluster.told("squeue", &["-h"]).is_empty());
+    wait_until("an empty queue", || cluster.told("squeue", &["-h"]).is_empty());
     let kept = measured(&out, 3);
     assert!(!kept.is_empty() && kept.len() < all.len(), "{} cells\n{told}", kept.len());
     assert_eq!(sorted(lines_of(&out.join("merged"))), sorted(kept.clone()));
@@ -150,13 +150,13 @@ fn loses_nothing_when_tasks_and_nodes_die(cluster: &mut Cluster, all: &[String])
     let [out, log] = ["faults", "faults.log"].map(|name| cluster.place.path(name));
     let begun = fleet(cluster, &out, "--shards 4", &run_arguments(cluster, "1e-6"));
     let (running, last) = begin_without_last(cluster, 4, begun, &log);
-    wait("two measured cells", || measured(&out, 4).len() >= 2);
+    wait_until("two measured cells", || measured(&out, 4).len() >= 2);
     let before = measured(&out, 4);
     // The task on the second node makes room for an urgent job.
     let job = ["--parsable", "-o", "/dev/null", "-p", "urgent", "-w", "n2", "--wrap", "sleep 2"];
     let urgent = cluster.told("sbatch", &job);
     assert!(!urgent.is_empty());
-    wait("the preemption", || {
+    wait_until("the preemption", || {
         !cluster.told("squeue", &["-h", "-p", "urgent", "-o", "%T"]).contains("PENDING")
     });
     // A task is killed, and then the daemon of the first node.
@@ -165,7 +165,7 @@ fn loses_nothing_when_tasks_and_nodes_die(cluster: &mut Cluster, all: &[String])
     cluster.nodes[0].kill().unwrap();
     cluster.nodes[0].wait().unwrap();
     // A star: the controller hears nothing of it.
-    wait("the loss of the node", || {
+    wait_until("the loss of the node", || {
         let state = cluster.told("sinfo", &["-h", "-n", "n1", "-p", "main", "-o", "%t"]);
         state.trim_end().ends_with('*') || state.starts_with("down")
     });
@@ -188,7 +188,7 @@ fn kill_fathom_in(out: &Path) {
         line.contains(&wanted) && line.contains("--shard") && !line.starts_with("/bin/sh")
     };
     // Between two tasks there is none.
-    wait("a task", || {
+    wait_until("a task", || {
         let processes = fs::read_dir("/proc").unwrap().flatten().map(|entry| entry.path());
         let Some(process) = processes.into_iter().find(mine) else { return false };
         let id = process.file_name().unwrap().to_string_lossy().into_owned();

@@ -6,17 +6,17 @@ use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use tempfile::TempDir;
 
+use crate::common::wait_until;
+
 /// The usual port, by which the socket is named in the folder that a URL gives as host.
 const PORT: u16 = 5432;
 const SOCKET: &str = ".s.PGSQL.5432";
-/// Ends a test whose server does not start, and decides nothing: it takes a second or two.
-const PATIENCE: Duration = Duration::from_secs(600);
 
 fn url(folder: &Path, database: &str) -> String {
     let socket = folder.to_str().unwrap().replace('/', "%2F");
@@ -67,13 +67,13 @@ impl Server {
         serve.arg("-D").arg(folder.path().join("data")).arg("-k").arg(folder.path());
         serve.args(["-p", &port.to_string()]).args(settings).current_dir(folder.path());
         let mut process = serve.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-        let start = Instant::now();
-        while !is_ready(&programs, folder.path(), port) {
-            if process.try_wait().unwrap().is_some() {
-                return Err(folder);
-            }
-            assert!(start.elapsed() < PATIENCE, "the server does not start");
-            std::thread::sleep(Duration::from_millis(50));
+        let mut has_ended = false;
+        wait_until("the server", || {
+            has_ended = process.try_wait().unwrap().is_some();
+            has_ended || is_ready(&programs, folder.path(), port)
+        });
+        if has_ended {
+            return Err(folder);
         }
         Ok(Server { process, folder, programs, port })
     }

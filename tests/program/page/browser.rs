@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
@@ -177,24 +177,16 @@ fn port(service: &mut Child) -> u16 {
     let lines = BufReader::new(service.stdout.take().unwrap()).lines();
     let told = lines.map_while(Result::ok).find(|line| line.contains("successfully on port"));
     let told = told.expect("chromedriver tells its port");
-    let digits: String = told
-        .chars()
-        .rev()
-        .skip_while(|c| !c.is_ascii_digit())
-        .take_while(char::is_ascii_digit)
-        .collect();
-    digits.chars().rev().collect::<String>().parse().unwrap()
+    let (_, port) = told.trim_end_matches('.').rsplit_once(' ').unwrap();
+    port.parse().unwrap_or_else(|_| panic!("no port: {told}"))
 }
 
 /// The source of axe-core; none, with a printed reason, where it is not installed.
 pub fn axe() -> Option<String> {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("target/npm/node_modules/axe-core/axe.min.js");
-    match std::fs::read_to_string(&path) {
-        Ok(source) => Some(source),
-        Err(_) => {
-            println!("skipped: no axe-core in target/npm; `make setup-test` installs it by npm");
-            None
-        }
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/target/npm/node_modules/axe-core/axe.min.js");
+    let source = std::fs::read_to_string(path);
+    if source.is_err() {
+        println!("skipped: no axe-core in target/npm; `make setup-test` installs it by npm");
     }
+    source.ok()
 }

@@ -3,7 +3,6 @@
 
 mod browser;
 
-use std::fs;
 use std::path::PathBuf;
 
 use crate::common::{Ends, Place, hostile, reference};
@@ -22,14 +21,9 @@ fn page_of(records: &str) -> (Place, PathBuf) {
     (place, page)
 }
 
-/// Records of a whole run on a software driver, as committed.
-fn committed() -> String {
-    fs::read_to_string(reference()).unwrap()
-}
-
 /// The reference run's cells over and over under new names, up to [`MANY`].
 fn many() -> String {
-    let records = committed();
+    let records = reference();
     let lines: Vec<Value> =
         records.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let (cells, others): (Vec<Value>, Vec<Value>) =
@@ -56,7 +50,7 @@ fn in_browser(test: impl FnOnce(&Browser)) {
 
 #[test]
 fn the_reference_page_opens_without_errors_at_every_width_and_mode() {
-    let (_folder, page) = page_of(&committed());
+    let (_folder, page) = page_of(&reference());
     in_browser(|browser| {
         for display in [
             WIDE,
@@ -96,7 +90,7 @@ fn fits(browser: &Browser, display: Display) {
 
 #[test]
 fn cells_are_sorted_filtered_and_opened() {
-    let (_folder, page) = page_of(&committed());
+    let (_folder, page) = page_of(&reference());
     in_browser(|browser| {
         browser.show(&page, WIDE);
         browser.eval("document.getElementById('cell-more').click()");
@@ -142,7 +136,7 @@ fn numbers(values: &Value) -> Vec<f64> {
 
 #[test]
 fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
-    let (_folder, page) = page_of(&committed());
+    let (_folder, page) = page_of(&reference());
     in_browser(|browser| {
         browser.show(&page, WIDE);
         let told = browser.eval(
@@ -169,7 +163,7 @@ fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
 
 #[test]
 fn print_shows_everything_but_the_controls() {
-    let (_folder, page) = page_of(&committed());
+    let (_folder, page) = page_of(&reference());
     in_browser(|browser| {
         browser.show(&page, Display { print: true, ..WIDE });
         let shown = browser
@@ -185,7 +179,7 @@ fn print_shows_everything_but_the_controls() {
 #[test]
 fn axe_finds_no_serious_fault() {
     let Some(axe) = axe() else { return };
-    let (_folder, page) = page_of(&committed());
+    let (_folder, page) = page_of(&reference());
     in_browser(|browser| {
         for display in [WIDE, NARROW, Display { dark: true, ..WIDE }] {
             browser.show(&page, display);
@@ -245,7 +239,7 @@ fn hostile_names_run_no_script() {
 #[test]
 fn two_thousand_cells_are_sorted_and_filtered() {
     let (_folder, page) = page_of(&many());
-    let bytes = fs::metadata(&page).unwrap().len();
+    let bytes = std::fs::metadata(&page).unwrap().len();
     assert!(bytes < 5_000_000, "{bytes} bytes");
     in_browser(|browser| {
         browser.show(&page, WIDE);
