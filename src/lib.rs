@@ -19,7 +19,7 @@
 //! // The first frame compiles the shaders.
 //! timer.untimed(&gpu, &pipeline.stages())?;
 //! for stage in timer.timed(&gpu, &pipeline.stages())?.stages {
-//!     println!("{}: {:.3} ms", stage.name, stage.at_least_resolution_ns() / 1e6);
+//!     println!("{}: {:.3} ms", stage.stage, stage.at_least_resolution_ns() / 1e6);
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

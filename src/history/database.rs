@@ -84,20 +84,16 @@ impl Value {
         Value::Text(escaped.collect())
     }
 
-    pub fn integer(&self) -> i64 {
-        if let Value::Integer(integer) = self { *integer } else { 0 }
+    pub fn integer(&self) -> Result<i64, HistoryError> {
+        if let Value::Integer(integer) = self { Ok(*integer) } else { Err(HistoryError::Type) }
     }
 
-    pub fn as_text(&self) -> &str {
-        if let Value::Text(text) = self { text } else { "" }
+    pub fn text(&self) -> Result<&str, HistoryError> {
+        if let Value::Text(text) = self { Ok(text) } else { Err(HistoryError::Type) }
     }
 
-    pub fn text(&self) -> String {
-        self.as_text().to_owned()
-    }
-
-    pub fn bytes(&self) -> &[u8] {
-        if let Value::Bytes(bytes) = self { bytes } else { &[] }
+    pub fn bytes(&self) -> Result<&[u8], HistoryError> {
+        if let Value::Bytes(bytes) = self { Ok(bytes) } else { Err(HistoryError::Type) }
     }
 }
 
@@ -165,7 +161,7 @@ pub trait Database {
 
     /// The integer that a statement gives.
     fn integer(&mut self, statement: &str, values: &[Value]) -> Result<i64, HistoryError> {
-        Ok(self.rows(statement, values)?[0][0].integer())
+        self.rows(statement, values)?[0][0].integer()
     }
 }
 
@@ -194,8 +190,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_value_of_another_type_is_an_error() {
+        let text = Value::Text("1".to_owned());
+        assert!(matches!(text.integer(), Err(HistoryError::Type)));
+        assert!(matches!(Value::Integer(1).text(), Err(HistoryError::Type)));
+        assert!(matches!(Value::Null.bytes(), Err(HistoryError::Type)));
+        assert_eq!(Value::Integer(1).integer().unwrap(), 1);
+    }
+
+    #[test]
     fn names_are_stored_without_control_characters_and_stay_different() {
-        let stored = |text: &str| Value::name(text).text();
+        let stored = |text: &str| Value::name(text).text().unwrap().to_owned();
         assert_eq!(stored("Größe 'x\"; DROP"), "Größe 'x\"; DROP");
         assert_eq!(stored("a\0b"), "a\\u{0}b");
         assert_ne!(stored("a\0b"), stored("a\\u{0}b"));

@@ -113,10 +113,8 @@ pub enum HistoryError {
     UnknownRun { name: String },
     #[error("`{}` is the beginning of several runs: give more of its digits", text::line(.name))]
     SeveralRuns { name: String },
-    #[error(
-        "series, run, median or number of samples of a figure has another type than this build stores: the database is damaged"
-    )]
-    Figure,
+    #[error("a column has another type than this build stores: the database is damaged")]
+    Type,
     #[error("run {} came out of the database with other bytes than went in: the database is damaged", short(.digest))]
     Altered { digest: String },
     #[error("`{}` is neither a date such as 2026-01-31 nor a commit of this history", text::line(.text))]

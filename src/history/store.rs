@@ -174,8 +174,8 @@ impl History {
         }
         Err(HistoryError::OtherOrigin {
             digest: run.digest.clone(),
-            stored_commit: row[0].text(),
-            stored_branch: row[1].text(),
+            stored_commit: row[0].text()?.to_owned(),
+            stored_branch: row[1].text()?.to_owned(),
             commit: origin.commit.clone(),
             branch: origin.branch.clone(),
         })
@@ -189,7 +189,7 @@ impl History {
         let statement = "SELECT committed_at FROM fathom_run WHERE commit_name = $1 ORDER BY id";
         let earlier = self.database.rows(statement, &[Value::name(&origin.commit)])?;
         if let Some(row) = earlier.first() {
-            return Ok(row[0].integer());
+            return row[0].integer();
         }
         let started: Result<Timestamp, _> = run.started_at.parse();
         let unknown = |_| HistoryError::NoTime { commit: origin.commit.clone() };
@@ -211,13 +211,11 @@ impl History {
             let (mut series, mut figures) = (Vec::new(), Vec::new());
             for NewFigure { key, host, value } in chunk {
                 let names = names(origin.machine(host.as_deref())?, key);
-                let id = *known.entry(digest_of(names.iter().map(Value::as_text))).or_insert_with(
-                    || {
-                        series.push(std::iter::once(Value::Integer(next)).chain(names).collect());
-                        next += 1;
-                        next - 1
-                    },
-                );
+                let id = *known.entry(digest_of_row(&names)?).or_insert_with(|| {
+                    series.push(std::iter::once(Value::Integer(next)).chain(names).collect());
+                    next += 1;
+                    next - 1
+                });
                 figures.push(figure_row(id, run, value));
             }
             self.insert("fathom_series", &format!("id, {SERIES_COLUMNS}"), series)?;
@@ -234,9 +232,9 @@ impl History {
     ) -> Result<(), HistoryError> {
         let statement =
             format!("SELECT {SERIES_COLUMNS}, id FROM fathom_series WHERE machine = $1");
-        self.database.each(&statement, vec![Value::name(machine)], &mut |mut row| {
-            let id = row.pop().map_or(0, |id| id.integer());
-            known.insert(digest_of(row.iter().map(Value::as_text)), id);
+        self.database.each(&statement, vec![Value::name(machine)], &mut |row| {
+            let [names @ .., id] = row.as_slice() else { return Err(HistoryError::Type) };
+            known.insert(digest_of_row(names)?, id.integer()?);
             Ok(())
         })
     }
@@ -271,14 +269,20 @@ impl History {
         let found = self.database.rows(statement, &[pattern])?;
         let digest = match found.as_slice() {
             [] => return Err(unknown()),
-            [row] => row[0].text(),
+            [row] => row[0].text()?.to_owned(),
             _ => return Err(HistoryError::SeveralRuns { name: name.to_owned() }),
         };
         let statement = "SELECT records FROM fathom_run WHERE digest = $1";
         let rows = self.database.rows(statement, &[Value::Text(digest.clone())])?;
-        let records = rows.first().and_then(|row| unpacked(row[0].bytes(), &digest, MAX_RECORDS));
+        let packed = rows.first().map(|row| row[0].bytes()).transpose()?;
+        let records = packed.and_then(|packed| unpacked(packed, &digest, MAX_RECORDS));
         records.map(|records| (digest.clone(), records)).ok_or(HistoryError::Altered { digest })
     }
+}
+
+fn digest_of_row(names: &[Value]) -> Result<KeyDigest, HistoryError> {
+    let names: Vec<&str> = names.iter().map(Value::text).collect::<Result<_, _>>()?;
+    Ok(digest_of(names))
 }
 
 /// A series' names as they are stored.

@@ -127,13 +127,15 @@ impl History {
         let statement =
             format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
         let rows = self.database.rows(&statement, &[])?;
-        let mut runs: Vec<StoredRun> = rows.iter().map(|row| of_row(row)).collect();
+        let mut runs: Vec<StoredRun> = rows.iter().map(|row| of_row(row)).try_collect()?;
         if let Some(since) = &selection.since {
             let since = moment(since, &runs)?;
             runs.retain(|run| run.committed_at >= since);
         }
-        let branch = selection.branch.as_deref().map(|branch| Value::name(branch).text());
-        runs.retain(|run| branch.as_ref().is_none_or(|branch| *branch == run.branch));
+        let branch = selection.branch.as_deref().map(Value::name);
+        runs.retain(|run| {
+            branch.as_ref().is_none_or(|branch| branch.text().is_ok_and(|name| name == run.branch))
+        });
         Ok(runs)
     }
 
@@ -163,11 +165,14 @@ impl History {
         let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
         let (mut keys, mut bytes) = (HashMap::new(), 0);
         self.database.each(&statement, Vec::new(), &mut |row| {
-            let name = |column: usize| Name::from(row[column].as_text());
-            let key = FigureKey::of_names(std::array::from_fn(|at| name(2 + at)));
+            let names: Vec<Name> =
+                row[1..].iter().map(|name| name.text().map(Name::from)).try_collect()?;
+            let names: [Name; 9] = names.try_into().map_err(|_| HistoryError::Type)?;
+            let [machine, key @ ..] = names;
+            let key = FigureKey::of_names(key);
             if format!("{} {}", key.cell, key.figure).contains(filter) {
                 keep(&mut bytes, &row)?;
-                keys.insert(row[0].integer(), (name(1), key));
+                keys.insert(row[0].integer()?, (machine, key));
             }
             Ok(())
         })?;
@@ -193,13 +198,13 @@ impl History {
         }
         self.database.each(&statement, asked, &mut |row| {
             let Ok([series, run, median, low, high, n]) = <[Value; 6]>::try_from(row) else {
-                return Err(HistoryError::Figure);
+                return Err(HistoryError::Type);
             };
             let (Value::Integer(series), Value::Integer(run)) = (series, run) else {
-                return Err(HistoryError::Figure);
+                return Err(HistoryError::Type);
             };
             if let (Some(points), Some(run)) = (values.get_mut(&series), places.get(&run)) {
-                let value = estimate([median, low, high, n]).ok_or(HistoryError::Figure)?;
+                let value = estimate([median, low, high, n]).ok_or(HistoryError::Type)?;
                 points.push(Point { run: *run, value });
             }
             Ok(())
@@ -208,21 +213,21 @@ impl History {
     }
 }
 
-fn of_row(row: &[Value]) -> StoredRun {
-    let name = |column: usize| row[column].text();
-    StoredRun {
-        id: row[0].integer(),
-        digest: name(1),
-        commit: name(2),
-        committed_at: row[3].integer(),
-        branch: name(4),
-        machine: name(5),
-        adapter: name(6),
-        driver: name(7),
-        started_at: name(8),
-        cells: row[9].integer(),
-        figures: row[10].integer(),
-    }
+fn of_row(row: &[Value]) -> Result<StoredRun, HistoryError> {
+    let name = |column: usize| row[column].text().map(str::to_owned);
+    Ok(StoredRun {
+        id: row[0].integer()?,
+        digest: name(1)?,
+        commit: name(2)?,
+        committed_at: row[3].integer()?,
+        branch: name(4)?,
+        machine: name(5)?,
+        adapter: name(6)?,
+        driver: name(7)?,
+        started_at: name(8)?,
+        cells: row[9].integer()?,
+        figures: row[10].integer()?,
+    })
 }
 
 fn estimate(row: [Value; 4]) -> Option<Estimate> {
