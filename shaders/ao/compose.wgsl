@@ -1,6 +1,6 @@
 // defs: SHOW_OCCLUSION=0
 // Deferred direct light with shadows, and ambient light times visibility: VAO §6.
-#import fathom::frame::{frame, world_at}
+#import fathom::frame::{divide, frame, world_at}
 #import fathom::screen
 #import fathom::shading
 
@@ -26,10 +26,6 @@ const BACK_HIGH: f32 = 0.75;
 // How far along the normal a point is moved before it is compared with the shadow map, in texels of the map. Among the four
 // texels around a place the farthest lies √2 off, so that a plane never shades itself.
 const SHADOW_OFFSET: f32 = 1.5;
-
-fn divide(v: vec4<f32>) -> vec3<f32> {
-    return v.xyz / v.w;
-}
 
 // 1 where the shadow map holds nothing nearer to the light than `z`.
 fn open_at(texel: vec2<i32>, z: f32) -> f32 {
