@@ -26,18 +26,16 @@ struct Surface {
 @group(1) @binding(4) var scene_depth: texture_depth_2d;
 // Radiance of what the camera sees, without water before it.
 @group(1) @binding(5) var radiances: texture_2d<f32>;
-#if SHAFTS == 1
-// W.
+// W. Bound with SHAFTS alone.
 @group(1) @binding(6) var shaft_texels: texture_2d<f32>;
 
 fn shafts(texel: vec2<i32>) -> vec3<f32> {
+#if SHAFTS == 1
     return settings.shaft_scale * textureLoad(shaft_texels, texel, 0).x * SHAFT_TINT;
-}
 #else
-fn shafts(texel: vec2<i32>) -> vec3<f32> {
     return vec3(0.0);
-}
 #endif
+}
 
 // Steps in which a line of sight is searched for the surface, and halvings of the step in which it is found.
 const SEARCHES: u32 = 32u;
