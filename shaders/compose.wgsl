@@ -187,10 +187,7 @@ fn water_vertex(@builtin(vertex_index) index: u32) -> Surface {
 // What the camera sees mirrored in the water.
 fn mirrored(uv: vec2<f32>, direction: vec3<f32>, position_m: vec3<f32>) -> vec3<f32> {
     let seen = textureSampleLevel(reflection, linear_sampler, uv, 0.0);
-    var behind = shading::sky(vec3(direction.x, abs(direction.y), direction.z));
-    if frame.camera_under_water != 0u {
-        behind = shading::fog(vec3(0.0), frame.z_far_m);
-    }
+    let behind = shading::beyond(vec3(direction.x, abs(direction.y), direction.z));
     return mix(behind, seen.xyz, seen.w);
 }
 

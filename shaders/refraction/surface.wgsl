@@ -6,7 +6,7 @@
 #import fathom::layers::{texel_of}
 #import fathom::screen
 #import fathom::screen_ray::{Walk, hit, segment}
-#import fathom::shading::{SHAFT_TINT, display, fog, fresnel, sky, water_path_m}
+#import fathom::shading::{SHAFT_TINT, beyond, display, fog, fresnel, sky, water_path_m}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
 #import fathom::water
 
@@ -137,10 +137,8 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         radiance = at_surface(sight, at_m, radiance, select(frame.z_far_m, far_m - at_m, z < 1.0));
     } else if z < 1.0 {
         radiance = fog(radiance, water_path_m(place));
-    } else if frame.camera_under_water != 0u {
-        radiance = fog(vec3(0.0), frame.z_far_m);
     } else {
-        radiance = sky(sight);
+        radiance = beyond(sight);
     }
     return display(radiance + shafts(texel), settings.exposure);
 }

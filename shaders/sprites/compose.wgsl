@@ -4,7 +4,7 @@
 #import fathom::frame::{frame, world_at}
 #import fathom::screen
 #import fathom::seen::{albedo_texels, depths, normal_texels}
-#import fathom::shading::{SHAFT_TINT, WATER_TINT, ambient, direct, display, fog, lambert, sky, water_path_m}
+#import fathom::shading::{SHAFT_TINT, WATER_TINT, ambient, beyond, direct, display, fog, lambert, water_path_m}
 
 struct Compose {
     size_px: vec2<f32>,
@@ -43,10 +43,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
 #endif
     let place = world_at(pixel.xy / settings.size_px, z);
     if z >= 1.0 {
-        let under_water = frame.camera_position_m.y < 0.0;
-        let beyond = fog(vec3(0.0), frame.z_far_m);
-        let behind = select(sky(normalize(place - frame.camera_position_m)), beyond, under_water);
-        return display(behind + shafts(texel), settings.exposure);
+        return display(beyond(normalize(place - frame.camera_position_m)) + shafts(texel), settings.exposure);
     }
     let normal = textureLoad(normal_texels, texel, 0).xyz;
     let photons = textureLoad(irradiance_texels, texel, 0).x;
