@@ -2,7 +2,6 @@
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
 #import fathom::frame::{frame, view_depth_m, world_at}
 #import fathom::screen
-#import fathom::seen::{albedo_texels, depths, normal_texels}
 #import fathom::shading
 #import fathom::water
 
@@ -24,6 +23,9 @@ struct Compose {
 }
 
 @group(1) @binding(0) var<storage, read> settings: Compose;
+@group(1) @binding(1) var albedo: texture_2d<f32>;
+@group(1) @binding(2) var normals: texture_2d<f32>;
+@group(1) @binding(3) var depth: texture_depth_2d;
 @group(1) @binding(4) var caustics: texture_2d<f32>;
 @group(1) @binding(5) var godrays: texture_2d<f32>;
 @group(1) @binding(6) var reflection: texture_2d<f32>;
@@ -61,13 +63,13 @@ fn caustic_flux(uv: vec2<f32>) -> f32 {
     let place = uv * size - 0.5;
     let base = floor(place);
     let f = place - base;
-    let view_m = view_depth_m(screen::depth_at(depths, uv * settings.size_px, settings.size_px));
+    let view_m = view_depth_m(screen::depth_at(depth, uv * settings.size_px, settings.size_px));
     var sum = 0.0;
     var weights = 0.0;
     for (var k = 0; k < 4; k++) {
         let corner = vec2(f32(k & 1), f32(k >> 1u));
         let texel = clamp(base + corner, vec2(0.0), size - 1.0);
-        let seen_m = view_depth_m(screen::depth_at(depths, texel + 0.5, size));
+        let seen_m = view_depth_m(screen::depth_at(depth, texel + 0.5, size));
         if abs(seen_m - view_m) <= settings.depth_share * view_m {
             let near = 1.0 - abs(place - base - corner);
             sum += near.x * near.y * textureLoad(caustics, vec2<i32>(texel), 0).x;
@@ -120,7 +122,7 @@ fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
         }
         // The middle of the texel, where its depth was taken.
         let middle = (vec2<f32>(texel) + 0.5) / settings.size_px;
-        let tap = world_at(middle, textureLoad(depths, texel, 0)) - position_m;
+        let tap = world_at(middle, textureLoad(depth, texel, 0)) - position_m;
         let d = length(tap);
         let range = saturate(1.0 - d / settings.occlusion_radius_m);
         blocked += range * saturate(dot(tap / max(d, 1e-4), normal) - LEAST_COSINE);
@@ -136,8 +138,8 @@ fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
 
 // Radiance of the scene at uv without the water between it and the camera.
 fn scene_radiance(uv: vec2<f32>, texel: vec2<i32>, position_m: vec3<f32>) -> vec3<f32> {
-    let normal = textureLoad(normal_texels, texel, 0).xyz;
-    let color = textureLoad(albedo_texels, texel, 0).xyz;
+    let normal = textureLoad(normals, texel, 0).xyz;
+    let color = textureLoad(albedo, texel, 0).xyz;
     let caustic = caustic_irradiance(uv, position_m, normal) * shading::WATER_TINT;
     let ambient = shading::ambient(-position_m.y, normal) * openness(uv, position_m, normal);
     return shading::lambert(color, caustic + ambient + shading::direct(position_m, normal));
@@ -160,7 +162,7 @@ fn screen_vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f
 fn screen_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let uv = pixel.xy / settings.size_px;
     let texel = vec2<i32>(pixel.xy);
-    let z = textureLoad(depths, texel, 0);
+    let z = textureLoad(depth, texel, 0);
     let p = world_at(uv, z);
     if z >= 1.0 {
         let direction = normalize(p - frame.camera_position_m);
@@ -187,7 +189,10 @@ fn water_vertex(@builtin(vertex_index) index: u32) -> Surface {
 // What the camera sees mirrored in the water.
 fn mirrored(uv: vec2<f32>, direction: vec3<f32>, position_m: vec3<f32>) -> vec3<f32> {
     let seen = textureSampleLevel(reflection, linear_sampler, uv, 0.0);
-    let behind = shading::beyond(vec3(direction.x, abs(direction.y), direction.z));
+    var behind = shading::sky(vec3(direction.x, abs(direction.y), direction.z));
+    if frame.camera_under_water != 0u {
+        behind = shading::fog(vec3(0.0), frame.z_far_m);
+    }
     return mix(behind, seen.xyz, seen.w);
 }
 
@@ -199,10 +204,10 @@ fn refracted(uv: vec2<f32>, direction: vec3<f32>) -> vec3<f32> {
     }
     let last = vec2<i32>(settings.size_px) - 1;
     let texel = clamp(vec2<i32>(uv * settings.size_px), vec2(0), last);
-    let p = world_at(uv, textureLoad(depths, texel, 0));
-    let normal = textureLoad(normal_texels, texel, 0).xyz;
+    let p = world_at(uv, textureLoad(depth, texel, 0));
+    let normal = textureLoad(normals, texel, 0).xyz;
     let caustic = caustic_irradiance(uv, p, normal) * shading::WATER_TINT;
-    let lit = shading::lambert(textureLoad(albedo_texels, texel, 0).xyz, caustic);
+    let lit = shading::lambert(textureLoad(albedo, texel, 0).xyz, caustic);
     let through = exp(-frame.attenuation_per_m * shading::water_path_m(p));
     let behind = shading::fog(vec3(0.0), frame.z_far_m);
     return mix(behind, seen.xyz, seen.w) + lit * through;

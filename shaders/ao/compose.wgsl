@@ -1,8 +1,7 @@
 // defs: SHOW_OCCLUSION=0
 // Deferred direct light with shadows, and ambient light times visibility: VAO §6.
-#import fathom::frame::{divide, frame, world_at}
+#import fathom::frame::{frame, world_at}
 #import fathom::screen
-#import fathom::seen::{albedo_texels, depths, normal_texels}
 #import fathom::shading
 
 struct Compose {
@@ -13,6 +12,9 @@ struct Compose {
 }
 
 @group(1) @binding(0) var<uniform> settings: Compose;
+@group(1) @binding(1) var albedo: texture_2d<f32>;
+@group(1) @binding(2) var normals: texture_2d<f32>;
+@group(1) @binding(3) var depth: texture_depth_2d;
 @group(1) @binding(4) var visibility: texture_2d<f32>;
 @group(1) @binding(5) var shadow: texture_depth_2d;
 
@@ -24,6 +26,10 @@ const BACK_HIGH: f32 = 0.75;
 // How far along the normal a point is moved before it is compared with the shadow map, in texels of the map. Among the four
 // texels around a place the farthest lies √2 off, so that a plane never shades itself.
 const SHADOW_OFFSET: f32 = 1.5;
+
+fn divide(v: vec4<f32>) -> vec3<f32> {
+    return v.xyz / v.w;
+}
 
 // 1 where the shadow map holds nothing nearer to the light than `z`.
 fn open_at(texel: vec2<i32>, z: f32) -> f32 {
@@ -72,7 +78,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let texel = vec2<i32>(pixel.xy);
     let own = vec2<f32>(textureDimensions(visibility));
     let open = textureLoad(visibility, screen::texel_behind(pixel.xy, settings.size_px, own), 0).x;
-    let z = textureLoad(depths, texel, 0);
+    let z = textureLoad(depth, texel, 0);
     let p = world_at(pixel.xy / settings.size_px, z);
     let to_viewer = normalize(frame.camera_position_m - p);
     // Grey, so that white surfaces that nothing occludes stand out.
@@ -82,8 +88,8 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
 #if SHOW_OCCLUSION == 1
     return vec4(vec3(open), 1.0);
 #else
-    let surface = textureLoad(normal_texels, texel, 0);
-    let color = textureLoad(albedo_texels, texel, 0).xyz;
+    let surface = textureLoad(normals, texel, 0);
+    let color = textureLoad(albedo, texel, 0).xyz;
     let to_light = shading::to_light(p);
     var radiance = color / shading::PI * settings.ambient * open;
     if dot(surface.xyz, to_light) > 0.0 {

@@ -9,7 +9,7 @@
 #import fathom::frame::{frame, view_depth_m, world_at}
 #import fathom::random::{pcg, unit}
 #import fathom::screen
-#import fathom::sphere::{TAU, tangent_frame}
+#import fathom::sphere::{tangent_frame}
 
 struct March {
     // Pixels of the occlusion buffer.
@@ -40,6 +40,7 @@ struct Counters {
 var<private> taken: u32 = 0u;
 #endif
 
+const TAU: f32 = 6.28318530717958648;
 // 2³² / golden ratio: seeds of neighbouring runs lie far apart.
 const SEED_STEP: u32 = 0x9E3779B9u;
 // Fractions of the golden ratio and of the plastic number: sequences of low discrepancy (Roberts 2018).

@@ -2,8 +2,10 @@
 // defs: CONSERVING=0, FRESNEL=0, WATER=0
 #import fathom::dispatch
 #import fathom::estimator::{Trace, follow}
-#import fathom::frame::{divide, frame}
-#import fathom::photon::{MISSED, Photon, Ray, angular_weight, in_mask, light_direction, meet_water, transmittance}
+#import fathom::frame::{frame}
+#import fathom::photon::{
+    MISSED, Photon, Ray, angular_weight, divide, in_mask, light_direction, meet_water, transmittance
+}
 #import fathom::water
 
 struct Start {

@@ -4,7 +4,7 @@
 #import fathom::frame::{frame, world_at}
 #import fathom::pool::{NONE, Pool, face_at, place}
 #import fathom::screen
-#import fathom::shading::{PI, WATER_TINT, ambient, beyond, direct, display, fog, lambert, water_path_m}
+#import fathom::shading::{PI, WATER_TINT, ambient, direct, display, fog, lambert, sky, water_path_m}
 
 struct Compose {
     size_px: vec2<f32>,
@@ -61,7 +61,10 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let z = textureLoad(depths, texel, 0);
     let p_m = world_at(pixel.xy / settings.size_px, z);
     if z >= 1.0 {
-        return display(beyond(normalize(p_m - frame.camera_position_m)), settings.exposure);
+        let under_water = frame.camera_position_m.y < 0.0;
+        let beyond = fog(vec3(0.0), frame.z_far_m);
+        let behind = select(sky(normalize(p_m - frame.camera_position_m)), beyond, under_water);
+        return display(behind, settings.exposure);
     }
     let normal = textureLoad(normal_texels, texel, 0).xyz;
     let irradiance = ambient(-p_m.y, normal) + direct(p_m, normal) + photons(p_m, normal) * WATER_TINT;

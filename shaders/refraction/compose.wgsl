@@ -2,7 +2,6 @@
 // turn can either be used to look up an environment map or to retrace the refracted view-rays".
 #import fathom::frame::{frame, world_at}
 #import fathom::screen
-#import fathom::seen::{albedo_texels, depths, normal_texels}
 #import fathom::shading::{SKY_SHARE, display, lambert, to_light}
 
 struct Compose {
@@ -11,6 +10,9 @@ struct Compose {
 }
 
 @group(1) @binding(0) var<uniform> settings: Compose;
+@group(1) @binding(1) var albedo_texels: texture_2d<f32>;
+@group(1) @binding(2) var normal_texels: texture_2d<f32>;
+@group(1) @binding(3) var depths: texture_depth_2d;
 @group(1) @binding(4) var positions: texture_2d<f32>;
 @group(1) @binding(5) var directions: texture_2d<f32>;
 

@@ -6,7 +6,7 @@
 #import fathom::layers::{texel_of}
 #import fathom::screen
 #import fathom::screen_ray::{Walk, hit, segment}
-#import fathom::shading::{SHAFT_TINT, beyond, display, fog, fresnel, sky, water_path_m}
+#import fathom::shading::{SHAFT_TINT, display, fog, fresnel, sky, water_path_m}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
 #import fathom::water
 
@@ -26,16 +26,18 @@ struct Surface {
 @group(1) @binding(4) var scene_depth: texture_depth_2d;
 // Radiance of what the camera sees, without water before it.
 @group(1) @binding(5) var radiances: texture_2d<f32>;
-// W. Bound with SHAFTS alone.
+#if SHAFTS == 1
+// W.
 @group(1) @binding(6) var shaft_texels: texture_2d<f32>;
 
 fn shafts(texel: vec2<i32>) -> vec3<f32> {
-#if SHAFTS == 1
     return settings.shaft_scale * textureLoad(shaft_texels, texel, 0).x * SHAFT_TINT;
-#else
-    return vec3(0.0);
-#endif
 }
+#else
+fn shafts(texel: vec2<i32>) -> vec3<f32> {
+    return vec3(0.0);
+}
+#endif
 
 // Steps in which a line of sight is searched for the surface, and halvings of the step in which it is found.
 const SEARCHES: u32 = 32u;
@@ -137,8 +139,10 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         radiance = at_surface(sight, at_m, radiance, select(frame.z_far_m, far_m - at_m, z < 1.0));
     } else if z < 1.0 {
         radiance = fog(radiance, water_path_m(place));
+    } else if frame.camera_under_water != 0u {
+        radiance = fog(vec3(0.0), frame.z_far_m);
     } else {
-        radiance = beyond(sight);
+        radiance = sky(sight);
     }
     return display(radiance + shafts(texel), settings.exposure);
 }

@@ -3,7 +3,6 @@
 #import fathom::frame::{frame, world_at}
 #import fathom::photon::{Photon}
 #import fathom::screen
-#import fathom::seen::{albedo_texels, depths, normal_texels}
 #import fathom::shading::{PI, SKY_SHARE, display, lambert, sky, to_light}
 
 struct Compose {
@@ -12,6 +11,9 @@ struct Compose {
 }
 
 @group(1) @binding(0) var<uniform> settings: Compose;
+@group(1) @binding(1) var albedo_texels: texture_2d<f32>;
+@group(1) @binding(2) var normal_texels: texture_2d<f32>;
+@group(1) @binding(3) var depths: texture_depth_2d;
 @group(1) @binding(4) var<storage, read> photons: array<Photon>;
 
 // Whether something lies between a place and the light.

@@ -23,11 +23,6 @@ struct Filter {
     normal_sigma: f32,
 }
 
-@group(1) @binding(0) var<storage, read> settings: Filter;
-@group(1) @binding(1) var source: texture_2d<f32>;
-@group(1) @binding(2) var depth: texture_depth_2d;
-@group(1) @binding(3) var normals: texture_2d<f32>;
-
 // Weight below which the taps say nothing: the one nearest in depth is taken.
 const LEAST_WEIGHT: f32 = 1e-4;
 
@@ -58,7 +53,13 @@ fn disc_tap(i: u32, taps: u32) -> vec2<f32> {
 }
 
 // Visibility at a pixel of the viewport; 1 where nothing was drawn.
-fn filtered(pixel: vec2<f32>) -> f32 {
+fn filtered(
+    source: texture_2d<f32>,
+    depth: texture_depth_2d,
+    normals: texture_2d<f32>,
+    settings: Filter,
+    pixel: vec2<f32>,
+) -> f32 {
     let here = vec2<i32>(pixel);
     let z = textureLoad(depth, here, 0);
     if z >= 1.0 {

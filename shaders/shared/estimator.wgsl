@@ -1,9 +1,8 @@
 // Where photons under water land: the refracted ray against the light's depth map, UW §3.3.
 #define_import_path fathom::estimator
 
-#import fathom::frame::{divide, frame}
-#import fathom::frustum::{part_within}
-#import fathom::photon::{MISSED, OUTSIDE, Photon, in_mask, light_ray, meet_water}
+#import fathom::frame::{frame}
+#import fathom::photon::{MISSED, OUTSIDE, Photon, divide, in_mask, light_ray, meet_water}
 #import fathom::random::{pcg}
 #import fathom::water
 
@@ -149,6 +148,16 @@ struct Place {
     gap: f32,
 }
 
+// The part of a range of shares in which a quantity that goes from a to b is not negative.
+fn clipped(range: vec2<f32>, a: f32, b: f32) -> vec2<f32> {
+    let crossing = a / (a - b);
+    if a < 0.0 && b < 0.0 {
+        return vec2(1.0, 0.0);
+    }
+    return vec2(
+        select(range.x, max(range.x, crossing), a < 0.0), select(range.y, min(range.y, crossing), b < 0.0));
+}
+
 // Least fall of a ray per metre: a shallower one is followed to where this one would end.
 const LEAST_FALL: f32 = 1e-3;
 
@@ -156,7 +165,12 @@ fn path(settings: Trace, entry: vec3<f32>, direction: vec3<f32>, edge: f32) -> P
     let reach_m = max(entry.y - settings.bottom_m, 0.0) / max(-direction.y, LEAST_FALL);
     let a = frame.light_view_projection * vec4(entry, 1.0);
     let b = frame.light_view_projection * vec4(entry + reach_m * direction, 1.0);
-    let range = part_within(a, b);
+    var range = clipped(vec2(0.0, 1.0), a.w + a.x, b.w + b.x);
+    range = clipped(range, a.w - a.x, b.w - b.x);
+    range = clipped(range, a.w + a.y, b.w + b.y);
+    range = clipped(range, a.w - a.y, b.w - b.y);
+    range = clipped(range, a.z, b.z);
+    range = clipped(range, a.w - a.z, b.w - b.z);
     let begin = mix(a, b, range.x);
     let end = mix(a, b, range.y);
     return Path(

@@ -54,14 +54,10 @@ struct Frame {
 // A list of waves: a texel for each, (kx, kz, amplitude, phase). A height map: its heights, sample i at i / size.
 @group(0) @binding(1) var water_texels: texture_2d<f32>;
 
-// Point of homogeneous coordinates.
-fn divide(v: vec4<f32>) -> vec3<f32> {
-    return v.xyz / v.w;
-}
-
 // World point at a place of the picture, 0…1 from its upper left corner, and a device depth.
 fn world_at(uv: vec2<f32>, z: f32) -> vec3<f32> {
-    return divide(frame.camera_inverse * vec4(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, z, 1.0));
+    let p = frame.camera_inverse * vec4(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, z, 1.0);
+    return p.xyz / p.w;
 }
 
 // Distance along the view direction at a device depth, metres.

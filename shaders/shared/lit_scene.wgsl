@@ -4,6 +4,13 @@
 #import fathom::shading
 #import fathom::surface::{Material, albedo}
 
+struct Varying {
+    @builtin(position) clip: vec4<f32>,
+    @location(0) position_m: vec3<f32>,
+    @location(1) normal: vec3<f32>,
+    @location(2) @interpolate(flat) material: u32,
+}
+
 // Geometry is kept a little past the water plane, so that waves do not open gaps, metres.
 const OVERLAP_M: f32 = 0.1;
 

@@ -1,7 +1,7 @@
 // Photons from the light to the water, and what they carry into it: UW §3.3. Where they land: fathom::estimator.
 #define_import_path fathom::photon
 
-#import fathom::frame::{divide, frame}
+#import fathom::frame::{frame}
 #import fathom::water
 
 struct Photon {
@@ -28,6 +28,10 @@ const LEAST_COMPONENT: f32 = 1e-9;
 struct Ray {
     origin_m: vec3<f32>,
     direction: vec3<f32>,
+}
+
+fn divide(v: vec4<f32>) -> vec3<f32> {
+    return v.xyz / v.w;
 }
 
 // Ray through a point of the light's canonical screen space, from the near plane on.

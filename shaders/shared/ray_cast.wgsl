@@ -1,7 +1,7 @@
 // What the stages that cast view rays through a scalar field share: settings, rays, look. Host twin: src/stages/ray_cast.rs.
 #define_import_path fathom::ray_cast
 
-#import fathom::frame::{divide, frame}
+#import fathom::frame::{frame}
 #import fathom::random::{pcg}
 #import fathom::scalar_field::{through_box}
 #import fathom::shading::{to_light}
@@ -50,12 +50,17 @@ struct Ray {
     far_m: f32,
 }
 
+fn unproject(clip: vec3<f32>) -> vec3<f32> {
+    let p = frame.camera_inverse * vec4(clip, 1.0);
+    return p.xyz / p.w;
+}
+
 // The camera's ray through a pixel, cut to the box.
 fn view_ray(pixel: vec2<f32>) -> Ray {
     let clip = vec2(pixel.x / march.size_px.x * 2.0 - 1.0, 1.0 - pixel.y / march.size_px.y * 2.0);
     let origin = frame.camera_position_m;
-    let first = divide(frame.camera_inverse * vec4(clip, 0.0, 1.0)) - origin;
-    let last = divide(frame.camera_inverse * vec4(clip, 1.0, 1.0)) - origin;
+    let first = unproject(vec3(clip, 0.0)) - origin;
+    let last = unproject(vec3(clip, 1.0)) - origin;
     let direction = normalize(first);
     let inside = through_box(origin, direction);
     return Ray(origin, max(inside.x, length(first)), direction, min(inside.y, length(last)));

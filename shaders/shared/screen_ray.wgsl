@@ -9,7 +9,6 @@
 #define_import_path fathom::screen_ray
 
 #import fathom::frame::{frame, world_at, view_depth_m}
-#import fathom::frustum::{part_within}
 #import fathom::layers::{surface_at}
 #import fathom::optics
 #import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_on_its_way}
@@ -65,6 +64,20 @@ fn leaves_m(walk: Walk, ray: Transfer) -> f32 {
     return max(min(exits.x, min(exits.y, exits.z)), 0.0);
 }
 
+// The part of (first, last), shares of the way from a to b, on which a clip plane's distance is not negative.
+fn cut(part: vec2<f32>, a: f32, b: f32) -> vec2<f32> {
+    if a < 0.0 && b < 0.0 {
+        return vec2(1.0, 0.0);
+    }
+    if a < 0.0 {
+        return vec2(max(part.x, a / (a - b)), part.y);
+    }
+    if b < 0.0 {
+        return vec2(part.x, min(part.y, a / (a - b)));
+    }
+    return part;
+}
+
 fn segment(walk: Walk, ray: Transfer) -> Segment {
     let end_m = leaves_m(walk, ray);
     if !is_on_its_way(ray) || end_m <= walk.start_m {
@@ -72,7 +85,13 @@ fn segment(walk: Walk, ray: Transfer) -> Segment {
     }
     let a = frame.camera_view_projection * vec4(ray.position_m + walk.start_m * ray.direction, 1.0);
     let b = frame.camera_view_projection * vec4(ray.position_m + end_m * ray.direction, 1.0);
-    let part = part_within(a, b);
+    var part = vec2(0.0, 1.0);
+    part = cut(part, a.w + a.x, b.w + b.x);
+    part = cut(part, a.w - a.x, b.w - b.x);
+    part = cut(part, a.w + a.y, b.w + b.y);
+    part = cut(part, a.w - a.y, b.w - b.y);
+    part = cut(part, a.z, b.z);
+    part = cut(part, a.w - a.z, b.w - b.z);
     if part.x >= part.y {
         return NOTHING;
     }

@@ -60,14 +60,6 @@ fn fog(radiance: vec3<f32>, path_m: f32) -> vec3<f32> {
     return radiance * t + WATER_COLOR * (frame.light_irradiance / PI) * (1.0 - t);
 }
 
-// Radiance along a line of sight that meets nothing: water without an end, or the sky.
-fn beyond(direction: vec3<f32>) -> vec3<f32> {
-    if frame.camera_under_water != 0u {
-        return fog(vec3(0.0), frame.z_far_m);
-    }
-    return sky(direction);
-}
-
 fn lambert(albedo: vec3<f32>, irradiance: vec3<f32>) -> vec3<f32> {
     return albedo / PI * irradiance;
 }

@@ -20,18 +20,6 @@ struct SceneVertex {
     @location(2) material: u32,
 }
 
-// Of a vertex where it is drawn, with what its surface is shaded by.
-struct Varying {
-    @builtin(position) clip: vec4<f32>,
-    @location(0) position_m: vec3<f32>,
-    @location(1) normal: vec3<f32>,
-    @location(2) @interpolate(flat) material: u32,
-}
-
-fn drawn(view_projection: mat4x4<f32>, in: SceneVertex) -> Varying {
-    return Varying(view_projection * vec4(in.position_m, 1.0), in.position_m, in.normal, in.material);
-}
-
 // Share of a tile's side taken by its joint.
 const JOINT: f32 = 0.06;
 

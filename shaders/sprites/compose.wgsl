@@ -3,8 +3,7 @@
 // seen without the water before it.
 #import fathom::frame::{frame, world_at}
 #import fathom::screen
-#import fathom::seen::{albedo_texels, depths, normal_texels}
-#import fathom::shading::{SHAFT_TINT, WATER_TINT, ambient, beyond, direct, display, fog, lambert, water_path_m}
+#import fathom::shading::{SHAFT_TINT, WATER_TINT, ambient, direct, display, fog, lambert, sky, water_path_m}
 
 struct Compose {
     size_px: vec2<f32>,
@@ -14,18 +13,23 @@ struct Compose {
 }
 
 @group(1) @binding(0) var<uniform> settings: Compose;
+@group(1) @binding(1) var albedo_texels: texture_2d<f32>;
+@group(1) @binding(2) var normal_texels: texture_2d<f32>;
+@group(1) @binding(3) var depths: texture_depth_2d;
 // W/m².
 @group(1) @binding(4) var irradiance_texels: texture_2d<f32>;
-// W. Bound with SHAFTS alone.
+#if SHAFTS == 1
+// W.
 @group(1) @binding(5) var shaft_texels: texture_2d<f32>;
 
 fn shafts(texel: vec2<i32>) -> vec3<f32> {
-#if SHAFTS == 1
     return settings.shaft_scale * textureLoad(shaft_texels, texel, 0).x * SHAFT_TINT;
-#else
-    return vec3(0.0);
-#endif
 }
+#else
+fn shafts(texel: vec2<i32>) -> vec3<f32> {
+    return vec3(0.0);
+}
+#endif
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
@@ -43,7 +47,10 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
 #endif
     let place = world_at(pixel.xy / settings.size_px, z);
     if z >= 1.0 {
-        return display(beyond(normalize(place - frame.camera_position_m)) + shafts(texel), settings.exposure);
+        let under_water = frame.camera_position_m.y < 0.0;
+        let beyond = fog(vec3(0.0), frame.z_far_m);
+        let behind = select(sky(normalize(place - frame.camera_position_m)), beyond, under_water);
+        return display(behind + shafts(texel), settings.exposure);
     }
     let normal = textureLoad(normal_texels, texel, 0).xyz;
     let photons = textureLoad(irradiance_texels, texel, 0).x;

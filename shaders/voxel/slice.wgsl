@@ -1,6 +1,5 @@
 // The scene drawn into frusta one slice thin, and the OR of the three axes. VAO §4.1.
 // defs: AXIS=0
-#import fathom::turned::{turned}
 #import fathom::voxels::{Grid, to_cells}
 #import fathom::dispatch::{GROUP, place}
 
@@ -10,6 +9,16 @@
 @group(1) @binding(1) var along_y: texture_3d<f32>;
 @group(1) @binding(2) var along_z: texture_3d<f32>;
 @group(1) @binding(3) var<storage, read_write> bits: array<u32>;
+
+fn turned(v: vec3<f32>) -> vec3<f32> {
+#if AXIS == 0
+    return v.yzx;
+#else if AXIS == 1
+    return v.xzy;
+#else
+    return v.xyz;
+#endif
+}
 
 // The instance is the slice: near and far plane are its two sides.
 @vertex

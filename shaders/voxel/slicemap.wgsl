@@ -1,6 +1,5 @@
 // One pass of the three-way voxelization: each fragment sets the bit of its depth slice. VAO §4.2.
 // defs: AXIS=0
-#import fathom::turned::{turned}
 #import fathom::voxels::{Grid, to_cells}
 
 @group(0) @binding(0) var<uniform> grid: Grid;
@@ -12,6 +11,17 @@ struct Varying {
     // Voxels along the axis. Perspective and linear interpolation mean the same where w is 1, but some drivers (Mesa 22.3
     // lavapipe) interpolate linear varyings wrongly on triangles that they clip.
     @location(0) @interpolate(perspective) depth: f32,
+}
+
+// Column and row of the pass, and depth.
+fn turned(v: vec3<f32>) -> vec3<f32> {
+#if AXIS == 0
+    return v.yzx;
+#else if AXIS == 1
+    return v.xzy;
+#else
+    return v.xyz;
+#endif
 }
 
 @vertex
