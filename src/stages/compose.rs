@@ -79,7 +79,7 @@ pub fn new(
     let least = Work { triangles, ..pass.work(1, 4) };
     let draw = move |pass: &mut wgpu::RenderPass<'_>| {
         kit::cover(pass);
-        water.bind(pass);
+        water.follow(pass);
         pass.draw(0..quads * 6, 0..1);
     };
     Ok(pass.drawing(&INFO, work, draw).at_least(least).image())

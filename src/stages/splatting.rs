@@ -86,7 +86,7 @@ pub(super) fn new(
     let quads = quads(resources, photons.count);
     let stage = pass.drawing(info, work, move |pass| {
         kit::cover(pass);
-        raster.bind(pass);
+        raster.follow(pass);
         quads(pass);
     });
     Ok(summing(stage.at_least(least), column))

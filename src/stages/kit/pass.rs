@@ -109,8 +109,25 @@ impl Dispatch {
     }
 
     pub fn run(&self, pass: &mut wgpu::ComputePass<'_>) {
-        let (pipeline, groups) = self.pipeline.as_ref().expect(PLANNED);
-        pass.set_pipeline(pipeline);
+        Self::run_all([self], pass);
+    }
+
+    /// One after the other. Neighbours of the same pipeline set it once: setting it again costs as much as a small dispatch.
+    pub fn run_all<'a>(
+        dispatches: impl IntoIterator<Item = &'a Self>,
+        pass: &mut wgpu::ComputePass<'_>,
+    ) {
+        let mut set = None;
+        for dispatch in dispatches {
+            let (pipeline, groups) = dispatch.pipeline.as_ref().expect(PLANNED);
+            if set.replace(pipeline) != Some(pipeline) {
+                pass.set_pipeline(pipeline);
+            }
+            dispatch.run_bound(groups, pass);
+        }
+    }
+
+    fn run_bound(&self, groups: &[wgpu::BindGroup], pass: &mut wgpu::ComputePass<'_>) {
         for (number, group) in (0..).zip(groups) {
             pass.set_bind_group(number, group, &[]);
         }
@@ -126,7 +143,7 @@ impl Dispatch {
 
     /// A pass with these dispatches.
     pub fn pass(dispatches: &[Self], scope: &mut StageScope<'_>) {
-        scope.compute(|pass| dispatches.iter().for_each(|dispatch| dispatch.run(pass)));
+        scope.compute(|pass| Self::run_all(dispatches, pass));
     }
 }
 
@@ -267,6 +284,13 @@ impl Raster {
             multiview_mask: None,
             cache: None,
         })
+    }
+
+    /// Follows a pipeline of the same code and groups, which stay bound. llvmpipe draws all that it has got so far when a texture that is
+    /// also its depth target is bound again.
+    pub fn follow(&self, pass: &mut wgpu::RenderPass<'_>) {
+        let (pipeline, _) = self.0.as_ref().expect(PLANNED);
+        pass.set_pipeline(pipeline);
     }
 
     pub fn bind(&self, pass: &mut wgpu::RenderPass<'_>) {
