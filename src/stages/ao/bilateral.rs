@@ -1,4 +1,4 @@
-//! `ao/bilateral`: [`Bilateral`](crate::bilateral::Bilateral) of the occlusion by volumes. VAO §6.
+//! `ao/bilateral`: the [bilateral filter](crate::bilateral::new) of the occlusion by volumes. VAO §6.
 
 use crate::StageInfo;
 

@@ -1,4 +1,4 @@
-//! `caustics/filter`: [`LowPass`](crate::low_pass::LowPass). UW §3.5.
+//! `caustics/filter`: the [low-pass](crate::low_pass). UW §3.5.
 
 use crate::StageInfo;
 

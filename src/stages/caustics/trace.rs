@@ -1,4 +1,4 @@
-//! `caustics/trace`: [`Tracing`](crate::photon::Tracing) of the light's photon grid through the water to the scene. UW §3.3.
+//! `caustics/trace`: the [tracing](crate::photon::tracing) of the light's photon grid through the water to the scene. UW §3.3.
 
 use crate::StageInfo;
 

@@ -1,4 +1,4 @@
-//! `godrays/trace`: [`Tracing`](crate::photon::Tracing) of the light's photon grid through the water to the scene. UW §3.4.
+//! `godrays/trace`: the [tracing](crate::photon::tracing) of the light's photon grid through the water to the scene. UW §3.4.
 
 use crate::StageInfo;
 

@@ -1,4 +1,4 @@
-//! `hsao/filter`: [`Bilateral`](crate::bilateral::Bilateral) of screen-space occlusion. VAO §6.
+//! `hsao/filter`: the [bilateral filter](crate::bilateral::new) of screen-space occlusion. VAO §6.
 
 use crate::StageInfo;
 

@@ -1,4 +1,4 @@
-//! `water/reflection`: [`LitScene`](crate::lit_scene::LitScene) from the camera mirrored about y = 0. UW §3 step 4.
+//! `water/reflection`: the [lit scene](crate::lit_scene::new) from the camera mirrored about y = 0. UW §3 step 4.
 
 use crate::StageInfo;
 

@@ -1,4 +1,4 @@
-//! `water/refraction`: [`LitScene`](crate::lit_scene::LitScene) from the camera. UW §3 step 4.
+//! `water/refraction`: the [lit scene](crate::lit_scene::new) from the camera. UW §3 step 4.
 
 use crate::StageInfo;
 
