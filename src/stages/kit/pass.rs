@@ -109,25 +109,8 @@ impl Dispatch {
     }
 
     pub fn run(&self, pass: &mut wgpu::ComputePass<'_>) {
-        Self::run_all([self], pass);
-    }
-
-    /// One after the other. Neighbours of the same pipeline set it once: setting it again costs as much as a small dispatch.
-    pub fn run_all<'a>(
-        dispatches: impl IntoIterator<Item = &'a Self>,
-        pass: &mut wgpu::ComputePass<'_>,
-    ) {
-        let mut set = None;
-        for dispatch in dispatches {
-            let (pipeline, groups) = dispatch.pipeline.as_ref().expect(PLANNED);
-            if set.replace(pipeline) != Some(pipeline) {
-                pass.set_pipeline(pipeline);
-            }
-            dispatch.run_bound(groups, pass);
-        }
-    }
-
-    fn run_bound(&self, groups: &[wgpu::BindGroup], pass: &mut wgpu::ComputePass<'_>) {
+        let (pipeline, groups) = self.pipeline.as_ref().expect(PLANNED);
+        pass.set_pipeline(pipeline);
         for (number, group) in (0..).zip(groups) {
             pass.set_bind_group(number, group, &[]);
         }
@@ -143,7 +126,7 @@ impl Dispatch {
 
     /// A pass with these dispatches.
     pub fn pass(dispatches: &[Self], scope: &mut StageScope<'_>) {
-        scope.compute(|pass| Self::run_all(dispatches, pass));
+        scope.compute(|pass| dispatches.iter().for_each(|dispatch| dispatch.run(pass)));
     }
 }
 
