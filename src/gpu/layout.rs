@@ -214,3 +214,57 @@ fn wgsl(inner: &naga::TypeInner) -> String {
         _ => "array".to_owned(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHADER: &str = "
+        struct Settings { taps: u32, size_px: vec2<f32> }
+        @group(0) @binding(0) var<uniform> settings: Settings;
+        @group(0) @binding(1) var<storage> values: array<f32>;
+        @group(0) @binding(2) var<storage, read_write> sums: array<Settings>;
+        @group(1) @binding(0) var depth: texture_depth_2d;
+        @group(1) @binding(1) var layers: texture_2d_array<u32>;
+        @group(1) @binding(2) var volume: texture_3d<f32>;
+        @group(1) @binding(3) var stored: texture_storage_2d<r32float, write>;
+        @group(1) @binding(4) var texels: sampler;
+        @group(1) @binding(5) var unused: texture_2d<f32>;
+        fn called() -> f32 { return textureSampleLevel(volume, texels, vec3(0.5), 0.0).x; }
+        fn not_called() -> f32 { return textureLoad(unused, vec2(0), 0).x; }
+        @compute @workgroup_size(1) fn main() {
+            var sum = values[0] + textureLoad(depth, vec2(0), 0);
+            for (var i = 0u; i < settings.taps; i++) {
+                switch i {
+                    case 0u: { sum += f32(textureLoad(layers, vec2(0), 0, 0).x); }
+                    default: { if i > 3u { sum += called(); } }
+                }
+            }
+            sums[0].taps = u32(sum);
+            textureStore(stored, vec2(0), vec4(sum));
+        }";
+
+    #[test]
+    fn bindings_are_those_that_entry_points_use_and_of_the_shader_s_kind() {
+        use BindingKind::{Buffer, Sampler, Stored, Texture};
+        use wgpu::BufferBindingType::{Storage, Uniform};
+        use wgpu::{TextureSampleType as Sampled, TextureViewDimension as Dimension};
+        let module = naga::front::wgsl::parse_str(SHADER).unwrap();
+        let found = bindings(&module);
+        let kinds: Vec<_> = found.iter().map(|of| ([of.group, of.binding], of.kind)).collect();
+        let expected = [
+            ([0, 0], Buffer(Uniform)),
+            ([0, 1], Buffer(Storage { read_only: true })),
+            ([0, 2], Buffer(Storage { read_only: false })),
+            ([1, 0], Texture(Dimension::D2, Sampled::Depth)),
+            ([1, 1], Texture(Dimension::D2Array, Sampled::Uint)),
+            ([1, 2], Texture(Dimension::D3, Sampled::Float { filterable: true })),
+            ([1, 3], Stored(Dimension::D2)),
+            ([1, 4], Sampler(wgpu::SamplerBindingType::Filtering)),
+        ];
+        assert_eq!(kinds, expected);
+        let structs = found.iter().filter_map(|of| Some((of.binding, of.structure.as_ref()?)));
+        let structs: Vec<_> = structs.map(|(at, (name, _))| (at, name.as_str())).collect();
+        assert_eq!(structs, [(0, "Settings"), (2, "Settings")]);
+    }
+}
