@@ -30,8 +30,6 @@ use fathom_record::{
 /// which is to stay below 2 GiB.
 const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
 const GPU_GROUP_BYTES: u64 = 2 << 30;
-/// Kinds of passes that the audit chooses a clock for.
-const AUDITED: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
 
 #[derive(Debug, Error)]
 pub enum RunError {
@@ -143,7 +141,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let ids = ids(&planned, &header);
     let plan = clock_plan(audit.plan, &mut journal, &ids);
     header.notes.extend(other_clocks(&audit.plan, &plan));
-    header.clocks = AUDITED.map(|kind| (kind, plan.clock(kind))).into();
+    header.clocks = PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into();
     let now = Instant::now();
     if !options.no_ceilings {
         header.ceilings = ceilings::of_run(&gpu, plan, &header, &held.before)?;
@@ -204,7 +202,7 @@ fn ids(planned: &[PlannedExperiment], header: &Run) -> Vec<String> {
 
 /// The audit's plan, but by the clocks of the samples that are gone on with.
 fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockPlan {
-    let clocks = AUDITED.map(|kind| (kind, found.clock(kind)));
+    let clocks = PassKind::TIMED.map(|kind| (kind, found.clock(kind)));
     let chosen = journal.choose_clocks(ids, clocks.into());
     chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock))
 }
@@ -250,7 +248,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
         clocks: record::Clocks::new(),
         shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
-        submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
+        submit_cost_ns: PassKind::TIMED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
         loop_turns: None,
         ceilings: Vec::new(),
         shard: None,

@@ -249,7 +249,7 @@ fn published_lines(plot: &Plot, input: &PlotInput<'_>) -> Vec<String> {
 fn subtitle(section: &Section<'_>, view: &ReportView<'_>) -> Vec<String> {
     let adapter = view.run().map(|run| {
         let kind = if run.adapter.software { "software driver" } else { "hardware" };
-        format!("{} ({kind}) · profile {}", run.adapter.name, run.profile.name())
+        format!("{} ({kind}) · profile {}", run.adapter.name, run.profile)
     });
     let source = section.experiment.as_ref().map(|experiment| experiment.source.clone());
     let first = adapter.into_iter().chain(source).collect::<Vec<_>>().join(" · ");
