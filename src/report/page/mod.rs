@@ -6,24 +6,18 @@
 mod ceilings;
 mod cells;
 mod claims;
-mod compared;
 mod data;
-mod history;
 mod overview;
+pub mod parts;
 mod pictures;
 mod plots;
 mod published;
 mod quality;
 mod scaling;
-mod setting;
-mod table;
 #[cfg(test)]
 mod testing;
 mod time;
 mod trust;
-
-pub use compared::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Tone};
-pub use history::{ChangeRow, HistoryChart, HistoryMark, HistoryOnPage, HistoryPoint};
 
 use std::path::Path;
 
@@ -65,10 +59,17 @@ const SCRIPTS: [&str; 7] = [
 pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
-    pub history: Option<HistoryOnPage>,
+    /// Figures over commits: what changed where, and a small chart for each series.
+    pub history: Option<Markup>,
     pub left_out: Vec<LeftOut>,
     /// Of every stage of every run.
     pub colors: StageColors,
+}
+
+/// What `fathom compare` concluded of two builds, drivers or environments.
+pub struct ComparisonOnPage {
+    pub sides: String,
+    pub content: Markup,
 }
 
 /// A run with the name that tells it from the others of the page.
@@ -104,8 +105,8 @@ struct PageSection {
 /// In the order in which a reader asks.
 const SECTIONS: [PageSection; 13] = [
     overview::SECTION,
-    history::SECTION,
-    compared::SECTION,
+    PageSection { id: "history", title: "History", write: |page| page.history.clone() },
+    PageSection { id: "compared", title: "Comparison", write: compared },
     claims::SECTION,
     time::SECTION,
     scaling::SECTION,
@@ -131,6 +132,11 @@ impl<'a> Page<'a> {
     /// Several runs are compared: marks and rows name theirs.
     pub fn is_overlay(&self) -> bool {
         self.runs.len() > 1
+    }
+
+    /// The head of the column that names the run, where there are several.
+    fn run_head(&self) -> Markup {
+        html! { @if self.is_overlay() { (parts::words(&["Run"])) } }
     }
 
     /// The name of a run and what stands behind it, where there are several.
@@ -197,6 +203,11 @@ impl<'a> Page<'a> {
             several => format!("fathom: {}", several.join(" and ")),
         }
     }
+}
+
+fn compared(page: &Page<'_>) -> Option<Markup> {
+    let all = &page.comparisons;
+    (!all.is_empty()).then(|| html! { @for comparison in all { (comparison.content) } })
 }
 
 /// Only this page's own script may run, and nothing may be loaded.
