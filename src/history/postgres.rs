@@ -2,7 +2,6 @@
 
 use std::net::IpAddr;
 use std::str::FromStr;
-use std::sync::Arc;
 use std::sync::mpsc::{self, SyncSender};
 use std::time::Duration;
 
@@ -175,20 +174,16 @@ fn bound(value: &Value) -> &(dyn ToSql + Sync) {
         Value::Integer(integer) => integer,
         Value::Real(real) => real,
         Value::Text(text) => text,
-        Value::Bytes(bytes) => &**bytes,
+        Value::Blob(bytes) => bytes,
     }
 }
 
 fn value(row: &Row, column: usize) -> Result<Value, postgres::Error> {
-    let kind = row.columns()[column].type_();
-    Ok(match *kind {
-        Type::INT8 => row.try_get::<_, Option<i64>>(column)?.map_or(Value::Null, Value::Integer),
-        Type::FLOAT8 => row.try_get::<_, Option<f64>>(column)?.map_or(Value::Null, Value::Real),
-        Type::BYTEA => {
-            let bytes = row.try_get::<_, Option<Vec<u8>>>(column)?;
-            bytes.map_or(Value::Null, |bytes| Value::Bytes(Arc::new(bytes)))
-        }
-        _ => row.try_get::<_, Option<String>>(column)?.map_or(Value::Null, Value::Text),
+    Ok(match *row.columns()[column].type_() {
+        Type::INT8 => row.try_get::<_, Option<i64>>(column)?.into(),
+        Type::FLOAT8 => row.try_get::<_, Option<f64>>(column)?.into(),
+        Type::BYTEA => row.try_get::<_, Option<Vec<u8>>>(column)?.into(),
+        _ => row.try_get::<_, Option<String>>(column)?.into(),
     })
 }
 
