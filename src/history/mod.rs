@@ -19,8 +19,6 @@ mod sqlite;
 mod store;
 mod stored;
 pub mod tables;
-#[cfg(feature = "postgres")]
-mod tls;
 
 pub use database::Location;
 pub use findings::{Change, Findings, Size};

@@ -10,10 +10,10 @@ use postgres::config::{Host, SslMode};
 use postgres::fallible_iterator::FallibleIterator;
 use postgres::types::{ToSql, Type};
 use postgres::{Client, Config, NoTls, Row};
+use tokio_postgres_rustls::MakeRustlsConnect;
 
 use super::HistoryError;
 use super::database::{Database, Dialect, Value, counted};
-use super::tls;
 
 /// How long a server may take to be reached, and to greet.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -109,13 +109,26 @@ impl Postgres {
 
 /// The client; or why there is none.
 fn connect(config: &Config, encrypted: bool) -> Result<Client, String> {
-    let connected = if encrypted { config.connect(tls::checked()?) } else { config.connect(NoTls) };
+    let connected = if encrypted { config.connect(checked()?) } else { config.connect(NoTls) };
     let limited = connected.and_then(|mut client| {
         let limit = STATEMENT.as_millis();
         client.batch_execute(&format!("SET statement_timeout = {limit}"))?;
         Ok(client)
     });
     limited.map_err(|error| with_cause(&error))
+}
+
+/// Checks the server's certificate and its name against the certificates that the system trusts, or that `SSL_CERT_FILE` or
+/// `SSL_CERT_DIR` names.
+///
+/// # Errors
+/// Says that there are none.
+fn checked() -> Result<MakeRustlsConnect, String> {
+    let trusting = MakeRustlsConnect::with_native_certs().map_err(|errors| {
+        let why = errors.first().map_or_else(String::new, |error| format!(" ({error})"));
+        format!("no certificate is trusted on this system{why}: name a file of them by SSL_CERT_FILE")
+    });
+    Ok(trusting?.0)
 }
 
 /// To another host it is, and to this one where the URL asks for it.
