@@ -18,13 +18,12 @@ use crate::harness::{
     ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
-use crate::parameter::{self, Allowed};
+use crate::parameter::{self, Allowed, Field};
 use crate::picture::RgbImage;
 use crate::record::{Adapter, Reading};
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::report::{self, ReportView};
 use crate::scene::{SceneFile, assets};
-use crate::stages::StageInfo;
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
@@ -185,22 +184,22 @@ fn check_options(args: &ListArgs) -> anyhow::Result<()> {
 
 fn print_listing(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<()> {
     let sourced = |about: &str, source: &str| format!("{about} ({source})");
-    let mut rows = Rows::new();
+    let mut rows = Vec::new();
     match what {
         Listing::Experiments => {
             for id in Experiment::ids(&catalog.experiments) {
                 let experiment = Experiment::load_from(&catalog.experiments, &id)?;
-                rows.push((id, sourced(&experiment.title, &experiment.source)));
+                rows.push([id, sourced(&experiment.title, &experiment.source)]);
             }
         }
         Listing::Figures => {
             let figures = Figure::named(&catalog.figures, figures::ALL)?.into_iter();
-            rows.extend(figures.map(|f| (f.id, sourced(&f.title, &f.source))));
+            rows.extend(figures.map(|f| [f.id, sourced(&f.title, &f.source)]));
         }
         Listing::Scenes => {
             for name in catalog.scenes.stems(".toml") {
                 let scene = SceneFile::load_from(&catalog.scenes, &name)?;
-                rows.push((name, scene.description));
+                rows.push([name, scene.description]);
             }
         }
         Listing::Stages => {
@@ -208,30 +207,29 @@ fn print_listing(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::R
                 Some(name) => catalog.stages_of(name)?,
                 None => catalog.stages(),
             };
-            let row = |stage: &StageInfo| {
-                (stage.name.to_owned(), sourced(stage.about, stage.source))
-            };
-            rows.extend(stages.into_iter().map(row));
+            let stages = stages.into_iter();
+            rows.extend(stages.map(|s| [s.name.to_owned(), sourced(s.about, s.source)]));
         }
-        Listing::Parameters => rows = parameter_rows(catalog, args)?,
+        Listing::Parameters => print_rows(&parameter_rows(catalog, args)?),
         Listing::Adapters => rows.extend(Gpu::list().into_iter().enumerate().map(adapter_row)),
-        Listing::Exporters => rows = exporter_rows(),
+        Listing::Exporters => print_rows(&exporters::listing()),
         Listing::Pipelines => {
             let kinds = catalog.kinds.iter();
-            rows.extend(kinds.map(|kind| (kind.name.to_owned(), kind.about.to_owned())));
+            rows.extend(kinds.map(|kind| [kind.name, kind.about].map(str::to_owned)));
         }
     }
-    let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    for (name, about) in rows {
-        tell::answer(text::line(&format!("  {name:width$}  {about}")));
-    }
+    print_rows(&rows);
     Ok(())
 }
 
-type Rows = Vec<(String, String)>;
+fn print_rows<const N: usize>(rows: &[[String; N]]) {
+    for row in text::columns(rows) {
+        tell::answer(text::line(&format!("  {row}")));
+    }
+}
 
 /// Each parameter with the value that the scene gives it, its unit, what it may be, and its description.
-fn parameter_rows(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Rows> {
+fn parameter_rows(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Vec<[String; 5]>> {
     let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
     let scene = args.scene.as_deref().unwrap_or(super::SCENE);
     let subject = Subjects::of(catalog).subject(pipeline, scene, &args.set)?;
@@ -239,12 +237,11 @@ fn parameter_rows(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Rows> {
         let value = parameter::get(&subject.params, path);
         value.map_or_else(String::new, ToString::to_string)
     };
-    let fields = (subject.kind.fields)();
-    let cells = fields.iter().map(|field| {
-        [value(&field.path), field.unit.to_owned(), allowed(&field.allowed), field.about.clone()]
-    });
-    let about = text::columns(&cells.collect::<Vec<_>>());
-    Ok(fields.iter().map(|field| field.path.clone()).zip(about).collect())
+    let row = |field: Field| {
+        let (value, allowed) = (value(&field.path), allowed(&field.allowed));
+        [field.path, value, field.unit.to_owned(), allowed, field.about]
+    };
+    Ok((subject.kind.fields)().into_iter().map(row).collect())
 }
 
 fn allowed(allowed: &Allowed) -> String {
@@ -256,19 +253,10 @@ fn allowed(allowed: &Allowed) -> String {
     }
 }
 
-fn adapter_row((index, adapter): (usize, Adapter)) -> (String, String) {
+fn adapter_row((index, adapter): (usize, Adapter)) -> [String; 2] {
     let kind = if adapter.software { "software" } else { "hardware" };
     let about = format!("{} ({}, {kind}) {}", adapter.name, adapter.backend, adapter.driver_info);
-    (index.to_string(), about)
-}
-
-fn exporter_rows() -> Rows {
-    let rows = exporters::listing();
-    let about = rows.iter().map(|[_, of, file, written, about]| {
-        [of.clone(), file.clone(), written.clone(), about.clone()]
-    });
-    let about = text::columns(&about.collect::<Vec<_>>());
-    rows.iter().map(|[name, ..]| name.clone()).zip(about).collect()
+    [index.to_string(), about]
 }
 
 pub fn audit(catalog: &Catalog, args: AdapterArgs) -> Outcome {

@@ -13,6 +13,7 @@ use super::store::{FIGURE_COLUMNS, RUN_COLUMNS, SERIES_COLUMNS};
 use super::{History, HistoryError};
 use fathom_base::text::line;
 use fathom_record::{Estimate, Interval, Name};
+use fathom_report::format::NS_PER_MS;
 
 /// Digits of a commit or a run that people read.
 const SHORT: usize = 10;
@@ -82,6 +83,11 @@ impl SeriesKey {
 
     pub fn is_time(&self) -> bool {
         self.figure.unit == NANOSECONDS
+    }
+
+    /// What turns a value into the unit that people read.
+    pub fn shown(&self) -> f64 {
+        if self.is_time() { 1.0 / NS_PER_MS } else { 1.0 }
     }
 }
 
