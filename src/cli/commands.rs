@@ -20,8 +20,8 @@ use crate::harness::{
 };
 use crate::parameter::{self, Allowed, Field};
 use crate::picture::RgbImage;
-use crate::record::{Adapter, Reading};
 use crate::record::output::{OutputFolder, RECORDS};
+use crate::record::{Adapter, Reading};
 use crate::report::{self, ReportView};
 use crate::scene::{SceneFile, assets};
 use crate::{exporters, private, quiet, record, tell, text};

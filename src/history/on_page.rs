@@ -53,8 +53,7 @@ pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Markup {
 }
 
 fn changes(about: &str, stored: &StoredRuns, changes: &[&Change]) -> Markup {
-    let heads =
-        table::words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
+    let heads = table::words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
     let rows = html! { @for change in changes { (row(stored, change)) } };
     table(about, "sortable changes", &heads, &rows)
 }

@@ -126,7 +126,9 @@ fn connect(config: &Config, encrypted: bool) -> Result<Client, String> {
 fn checked() -> Result<MakeRustlsConnect, String> {
     let trusting = MakeRustlsConnect::with_native_certs().map_err(|errors| {
         let why = errors.first().map_or_else(String::new, |error| format!(" ({error})"));
-        format!("no certificate is trusted on this system{why}: name a file of them by SSL_CERT_FILE")
+        format!(
+            "no certificate is trusted on this system{why}: name a file of them by SSL_CERT_FILE"
+        )
     });
     Ok(trusting?.0)
 }

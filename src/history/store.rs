@@ -76,7 +76,8 @@ impl History {
         let place = self.place.clone();
         let Dialect { count_of_table, count_of_all, .. } = self.database.dialect();
         if self.database.integer(count_of_table, vec![MARK.to_owned().into()])? == 0 {
-            let others = count_of_all.map_or(Ok(0), |all| self.database.integer(all, Vec::new()))?;
+            let others =
+                count_of_all.map_or(Ok(0), |all| self.database.integer(all, Vec::new()))?;
             return if others == 0 { Ok(false) } else { Err(HistoryError::Foreign { place }) };
         }
         let rows = self.database.rows("SELECT format FROM fathom_history", Vec::new())?;
