@@ -1,4 +1,4 @@
-//! A history as a section of the page.
+//! A history as a section of a page: what changed where, and a small chart for each series.
 
 use itertools::Itertools;
 use maud::{Markup, html};
@@ -8,17 +8,16 @@ use super::findings::{Change, Findings};
 use super::run::FRAME;
 use super::stored::{Point, Series, StoredRuns};
 use super::tables;
-use fathom_experiments::words as terms;
+use fathom_experiments::words;
 use fathom_report::axis::{Axis, tenth};
-use fathom_report::format::NS_PER_MS;
-use fathom_report::page::parts::{Tone, table, words};
+use fathom_report::page::Tone;
+use fathom_report::page::parts::{self, table};
 use fathom_report::svg;
 
 /// Charts of a page. A page of as many charts of as many points stays below 5 MB.
 const MOST_CHARTS: usize = 60;
 /// Latest runs of a chart.
 const MOST_POINTS: usize = 200;
-
 const SIZE_PX: [f64; 2] = [324.0, 150.0];
 const LEFT_PX: f64 = 48.0;
 const RIGHT_PX: f64 = 318.0;
@@ -29,16 +28,16 @@ const BOTTOM_PX: f64 = 126.0;
 pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Markup {
     let changed = findings.changes.iter().map(|change| change.series);
     let shown = changed.chain(0..stored.series.len()).unique().take(MOST_CHARTS);
+    let not_shown = stored.series.len().saturating_sub(MOST_CHARTS);
     let (sure, possible): (Vec<&Change>, Vec<&Change>) =
         findings.changes.iter().partition(|change| change.is_sure());
-    let not_shown = stored.series.len().saturating_sub(MOST_CHARTS);
     html! {
         p.lead { (tables::headline(stored, findings)) }
-        @if !sure.is_empty() { (changes(stored, "Changes", &sure)) }
+        @if !sure.is_empty() { (changes("Changes", stored, &sure)) }
         @if !possible.is_empty() {
             details {
                 summary { (possible.len()) " possible changes" }
-                (changes(stored, "Possible changes", &possible))
+                (changes("Possible changes", stored, &possible))
             }
         }
         h3 { "Figures over commits" }
@@ -53,8 +52,8 @@ pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Markup {
     }
 }
 
-fn changes(stored: &StoredRuns, about: &str, changes: &[&Change]) -> Markup {
-    let heads = words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
+fn changes(about: &str, stored: &StoredRuns, changes: &[&Change]) -> Markup {
+    let heads = parts::words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
     let rows = html! { @for change in changes { (row(stored, change)) } };
     table(about, "sortable changes", &heads, &rows)
 }
@@ -98,103 +97,97 @@ fn name(series: &Series) -> String {
     let told = if figure.figure == FRAME || series.key.is_time() {
         figure.figure.to_string()
     } else {
-        terms::figure(&figure.figure).words
+        words::figure(&figure.figure).words
     };
     format!("{} {told}", figure.cell)
 }
 
-/// A series over its latest runs.
-struct Chart<'a> {
-    stored: &'a StoredRuns,
-    series: &'a Series,
-    points: &'a [Point],
-    /// In those runs, each with the place of the first point of its new level.
-    changes: Vec<(usize, &'a Change)>,
+/// A change in a chart.
+struct Mark {
+    /// The first point of the new level.
+    at: usize,
+    tone: Tone,
+    /// The two commits and the size.
+    told: String,
 }
 
 fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> Markup {
     let series = &stored.series[place];
-    let (runs, name, unit) = (series.points.len(), name(series), tables::unit(series));
-    let earlier = runs.saturating_sub(MOST_POINTS);
+    let earlier = series.points.len().saturating_sub(MOST_POINTS);
     let points = &series.points[earlier..];
     let changes = findings.of_series(place).into_iter().filter(|change| change.at > earlier);
-    let changes = changes.map(|change| (change.at - earlier, change)).collect();
-    let chart = Chart { stored, series, points, changes };
+    let marks = changes.map(|change| {
+        let [before, after] = change.runs.map(|run| &stored.runs[run]);
+        let told = format!("{}: {}", tables::commits(before, after), tables::size(change, series));
+        Mark { at: change.at - earlier, tone: tone(series, change), told }
+    });
+    let marks: Vec<Mark> = marks.collect();
+    let (name, unit) = (name(series), tables::unit(series));
     let about = format!("{name} ({unit}) over {} runs", points.len());
     html! {
         figure.multiple {
             figcaption { b { (name) } br; span.faint { (series.key.place()) } }
             p.axis-title { "↑ " @if unit.is_empty() { "value" } @else { (unit) } }
-            @match chart.drawing() {
+            @match drawing(stored, series, points, &marks) {
                 Some(content) => (svg::chart(SIZE_PX, &about, &content)),
                 None => { p.faint { "No value can be drawn." } }
             }
             @if earlier > 0 { p.faint { (earlier) " earlier runs are not drawn." } }
-            @if runs < LEAST_RUNS {
-                p.faint { "Too short to be searched: " (runs) " runs, and " (LEAST_RUNS) " are needed." }
+            @if series.points.len() < LEAST_RUNS {
+                p.faint { "Too short to be searched: " (points.len()) " runs, and " (LEAST_RUNS) " are needed." }
             }
-            @if !chart.changes.is_empty() {
-                ul.fits { @for (_, change) in &chart.changes { li { span.(tone(series, change).class()) { "┆ " } (chart.told(change)) } } }
+            @if !marks.is_empty() {
+                ul.fits { @for mark in &marks { li { span.(mark.tone.class()) { "┆ " } (mark.told) } } }
             }
         }
     }
 }
 
-impl Chart<'_> {
-    /// None where no value is finite.
-    fn drawing(&self) -> Option<Markup> {
-        let factor = if self.series.key.is_time() { 1.0 / NS_PER_MS } else { 1.0 };
-        let values = || self.points.iter().map(|point| point.value.scaled(factor));
-        let y = Axis::tight(values().flat_map(|value| value.ends()), [BOTTOM_PX, TOP_PX])?;
-        let last = self.points.len().saturating_sub(1).max(1) as f64;
-        let x = |at: f64| tenth(LEFT_PX + 6.0 + at / last * (RIGHT_PX - LEFT_PX - 12.0));
-        Some(html! {
-            (svg::y_axis(&y, [LEFT_PX, RIGHT_PX], ""))
-            (self.commits())
-            @for (at, change) in &self.changes {
-                @let x = x(*at as f64 - 0.5);
-                line.change.(tone(self.series, change).class()) x1=(x) x2=(x) y1=(TOP_PX) y2=(BOTTOM_PX) {
-                    title { (self.told(change)) }
-                }
-            }
-            @for (at, (point, value)) in self.points.iter().zip(values()).enumerate() {
-                @let (x, tip) = (x(at as f64), self.tip(point));
-                @let [low, high] = value.ends().map(|end| y.px_within(end));
-                line.whisker.run x1=(x) x2=(x) y1=(low) y2=(high) {}
-                circle.mark.ink cx=(x) cy=(y.px_within(value.median)) r="2.5" data-tip=(tip) { title { (tip) } }
-            }
-        })
-    }
-
-    /// The first and the last.
-    fn commits(&self) -> Markup {
-        let commit = |point: &Point| self.stored.runs[point.run].short_commit();
-        html! {
-            g.axis aria-hidden="true" {
-                @if let Some(point) = self.points.first() { text x=(LEFT_PX) y=(BOTTOM_PX + 18.0) { (commit(point)) } }
-                @if let [_, .., point] = self.points {
-                    text x=(RIGHT_PX) y=(BOTTOM_PX + 18.0) text-anchor="end" { (commit(point)) }
-                }
+/// None where no value is finite.
+fn drawing(
+    stored: &StoredRuns,
+    series: &Series,
+    points: &[Point],
+    marks: &[Mark],
+) -> Option<Markup> {
+    let factor = series.key.shown();
+    let values = points.iter().flat_map(|point| point.value.scaled(factor).ends());
+    let y = Axis::tight(values, [BOTTOM_PX, TOP_PX])?;
+    let last = points.len().saturating_sub(1).max(1) as f64;
+    let x = |at: f64| tenth(LEFT_PX + 6.0 + at / last * (RIGHT_PX - LEFT_PX - 12.0));
+    let commit = |point: &Point| stored.runs[point.run].short_commit();
+    Some(html! {
+        (svg::y_axis(&y, [LEFT_PX, RIGHT_PX], ""))
+        g.axis aria-hidden="true" {
+            @if let Some(point) = points.first() { text x=(LEFT_PX) y=(BOTTOM_PX + 18.0) { (commit(point)) } }
+            @if let [_, .., point] = points {
+                text x=(RIGHT_PX) y=(BOTTOM_PX + 18.0) text-anchor="end" { (commit(point)) }
             }
         }
-    }
+        @for mark in marks {
+            line.change.(mark.tone.class()) x1=(x(mark.at as f64 - 0.5)) x2=(x(mark.at as f64 - 0.5)) y1=(TOP_PX) y2=(BOTTOM_PX) {
+                title { (mark.told) }
+            }
+        }
+        @for (at, point) in points.iter().enumerate() {
+            @let value = point.value.scaled(factor);
+            @let [low, high] = value.ends().map(|end| y.px_within(end));
+            @let told = told(stored, series, point);
+            line.whisker.run x1=(x(at as f64)) x2=(x(at as f64)) y1=(low) y2=(high) {}
+            circle.mark.ink cx=(x(at as f64)) cy=(y.px_within(value.median)) r="2.5" data-tip=(told) { title { (told) } }
+        }
+    })
+}
 
-    /// Commit, day, value.
-    fn tip(&self, point: &Point) -> String {
-        let run = &self.stored.runs[point.run];
-        format!(
-            "{} of {}: {} {}, n = {}",
-            run.short_commit(),
-            run.day(),
-            tables::value(self.series, &point.value),
-            tables::unit(self.series),
-            point.value.n
-        )
-    }
-
-    /// The two commits and the size.
-    fn told(&self, change: &Change) -> String {
-        let [before, after] = change.runs.map(|run| &self.stored.runs[run]);
-        format!("{}: {}", tables::commits(before, after), tables::size(change, self.series))
-    }
+/// Commit, day, value.
+fn told(stored: &StoredRuns, series: &Series, point: &Point) -> String {
+    let run = &stored.runs[point.run];
+    format!(
+        "{} of {}: {} {}, n = {}",
+        run.short_commit(),
+        run.day(),
+        tables::value(series, &point.value),
+        tables::unit(series),
+        point.value.n
+    )
 }

@@ -7,12 +7,11 @@ use crate::time::CellTime;
 use crate::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
 use fathom_report::axis::{Axis, ScaleKind, tenth};
 use fathom_report::format::trim_zeros;
-use fathom_report::page::parts::{Tone, table, words};
-use fathom_report::page::{ComparisonOnPage, Page};
+use fathom_report::page::parts::{table, words};
+use fathom_report::page::{ComparisonOnPage, Page, Tone};
 
 /// Columns of [`rows::cell`] that the page shows as text: all but cell and verdict.
 const FIGURES: usize = 2;
-
 const WIDTH_PX: f64 = 200.0;
 const HEIGHT_PX: f64 = 26.0;
 /// Changes are shown up to this share, or to the largest of the comparison.
@@ -34,11 +33,8 @@ pub fn on_page(verdicts: &Verdicts<'_>) -> ComparisonOnPage {
         Status::Regression => Tone::Bad,
         Status::CouldNotMeasure | Status::Inconclusive => Tone::Open,
     };
-    // Changes of time up to this share count as none.
-    let threshold = verdicts.comparison.header.settings.threshold;
-    let reach = reach(verdicts);
-    let axis = Axis::spanning(ScaleKind::Linear, [-reach, reach], [6.0, WIDTH_PX - 6.0]);
-    let content = html! {
+    let (threshold, reach) = (verdicts.comparison.header.settings.threshold, reach(&cells));
+    let markup = html! {
         h3 { (sides) }
         p { (tone.chip(&rows::headline(verdicts))) }
         p.faint { (adapter) }
@@ -47,22 +43,20 @@ pub fn on_page(verdicts: &Verdicts<'_>) -> ComparisonOnPage {
             (percent(-threshold)) " to " (percent(threshold)) ", a change counts as none."
         }
         @let heads = html! { (words(&["Cell", "Verdict", "Change"])) (words(&rows::HEADER[FIGURES..])) };
-        @let rows = html! { @for cell in cells { (row(cell, threshold, axis.as_ref())) } };
+        @let rows = html! { @for cell in cells { (row(cell, threshold, reach)) } };
         (table("Compared cells", "sortable", &heads, &rows))
         details { summary { "Notes" } ul { @for note in rows::notes(verdicts) { li { (note) } } } }
     };
-    ComparisonOnPage { sides, content }
+    ComparisonOnPage { sides, markup }
 }
 
-fn row(cell: &JudgedCell, threshold: f64, axis: Option<&Axis>) -> Markup {
+fn row(cell: &JudgedCell, threshold: f64, reach: f64) -> Markup {
     html! {
         tr {
-            th scope="row" { (cell.cell) }
+            th scope="row" { (cell.cell.to_string()) }
             td { (tone(cell.verdict).chip(&cell.verdict.to_string())) }
             @match &cell.time {
-                Some(time) => {
-                    td data-v=(time.change) { @if let Some(axis) = axis { (picture(axis, threshold, time)) } }
-                }
+                Some(time) => { td data-v=(time.change) { (picture(time, threshold, reach)) } }
                 None => { td.faint { "no time" } }
             }
             @for figure in &rows::cell(cell)[FIGURES..] { td { (figure) } }
@@ -81,31 +75,35 @@ fn tone(verdict: CellVerdict) -> Tone {
 }
 
 /// The largest change that the comparison's axes show.
-fn reach(verdicts: &Verdicts<'_>) -> f64 {
-    let ends = verdicts.cells.iter().filter_map(|cell| cell.time.as_ref()).flat_map(|time| {
+fn reach(cells: &[&JudgedCell]) -> f64 {
+    let times = cells.iter().filter_map(|cell| cell.time.as_ref());
+    let ends = times.flat_map(|time| {
         let (low, high) = time.interval.unwrap_or((time.change, time.change));
         [time.change.abs(), low.abs(), high.abs()]
     });
     ends.filter(|end| end.is_finite()).fold(LEAST_SHOWN, f64::max)
 }
 
-fn picture(axis: &Axis, threshold: f64, CellTime { change, interval, .. }: &CellTime) -> Markup {
+/// A change of time on an axis that all cells share.
+fn picture(time: &CellTime, threshold: f64, reach: f64) -> Markup {
+    let axis = Axis::spanning(ScaleKind::Linear, [-reach, reach], [6.0, WIDTH_PX - 6.0]);
+    let Some(axis) = axis else { return html! {} };
     let middle = HEIGHT_PX / 2.0;
     let [start, end, zero, at] =
-        [-threshold, threshold, 0.0, *change].map(|value| axis.px_within(value));
-    let tip = match interval {
+        [-threshold, threshold, 0.0, time.change].map(|value| axis.px_within(value));
+    let tip = match time.interval {
         Some((low, high)) => {
-            format!("{} ({} … {})", percent(*change), percent(*low), percent(*high))
+            format!("{} ({} … {})", percent(time.change), percent(low), percent(high))
         }
-        None => format!("{}, too few launches for an interval", percent(*change)),
+        None => format!("{}, too few launches for an interval", percent(time.change)),
     };
     html! {
         svg.claim-axis role="img" aria-label=(tip) width=(WIDTH_PX) height=(HEIGHT_PX) {
             title { (tip) }
             rect.band x=(start) y="3" width=(tenth(end - start)) height=(HEIGHT_PX - 6.0) {}
             line.rule x1=(zero) x2=(zero) y1="0" y2=(HEIGHT_PX) {}
-            @if let Some((low, high)) = interval {
-                line.interval x1=(axis.px_within(*low)) x2=(axis.px_within(*high)) y1=(middle) y2=(middle) {}
+            @if let Some((low, high)) = time.interval {
+                line.interval x1=(axis.px_within(low)) x2=(axis.px_within(high)) y1=(middle) y2=(middle) {}
             }
             circle.value cx=(at) cy=(middle) r="4" {}
         }

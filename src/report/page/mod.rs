@@ -19,6 +19,8 @@ mod testing;
 mod time;
 mod trust;
 
+pub use parts::Tone;
+
 use std::path::Path;
 
 use base64::Engine as _;
@@ -59,17 +61,18 @@ const SCRIPTS: [&str; 7] = [
 pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
-    /// Figures over commits: what changed where, and a small chart for each series.
+    /// What a history says, as it stands in its section.
     pub history: Option<Markup>,
     pub left_out: Vec<LeftOut>,
     /// Of every stage of every run.
     pub colors: StageColors,
 }
 
-/// What `fathom compare` concluded of two builds, drivers or environments.
+/// What a comparison says, as it stands in its section.
 pub struct ComparisonOnPage {
+    /// What was compared.
     pub sides: String,
-    pub content: Markup,
+    pub markup: Markup,
 }
 
 /// A run with the name that tells it from the others of the page.
@@ -102,11 +105,23 @@ struct PageSection {
     write: fn(&Page<'_>) -> Option<Markup>,
 }
 
+const HISTORY: PageSection =
+    PageSection { id: "history", title: "History", write: |page| page.history.clone() };
+
+const COMPARED: PageSection = PageSection {
+    id: "compared",
+    title: "Comparison",
+    write: |page| {
+        let all = html! { @for comparison in &page.comparisons { (comparison.markup) } };
+        (!page.comparisons.is_empty()).then_some(all)
+    },
+};
+
 /// In the order in which a reader asks.
 const SECTIONS: [PageSection; 13] = [
     overview::SECTION,
-    PageSection { id: "history", title: "History", write: |page| page.history.clone() },
-    PageSection { id: "compared", title: "Comparison", write: compared },
+    HISTORY,
+    COMPARED,
     claims::SECTION,
     time::SECTION,
     scaling::SECTION,
@@ -203,11 +218,6 @@ impl<'a> Page<'a> {
             several => format!("fathom: {}", several.join(" and ")),
         }
     }
-}
-
-fn compared(page: &Page<'_>) -> Option<Markup> {
-    let all = &page.comparisons;
-    (!all.is_empty()).then(|| html! { @for comparison in all { (comparison.content) } })
 }
 
 /// Only this page's own script may run, and nothing may be loaded.
