@@ -16,7 +16,6 @@ use fathom_base::input::{self, Limited};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_pipelines::settings::Deform;
 use fathom_pipelines::volume_ao::{VolumeAo, occlusion_at, point_query};
-use fathom_reference::ReferenceError;
 use fathom_reference::occlusion::{self as exact, Attenuation};
 use fathom_reference::rays::Tracer;
 use fathom_stages::ao::query::SurfacePoint;
@@ -48,8 +47,6 @@ pub enum QueryError {
     Invalid(String),
     #[error(transparent)]
     Subject(#[from] SubjectError),
-    #[error(transparent)]
-    Reference(#[from] ReferenceError),
     #[error("cannot write {target}: {source}")]
     Write { target: String, source: csv::Error },
 }
@@ -152,7 +149,7 @@ pub fn reference(
         marching::Attenuation::Linear => Attenuation::Linear,
         marching::Attenuation::Hard => Attenuation::Hard,
     };
-    let tracer = Tracer::new(&subject.scene.objects)?;
+    let tracer = Tracer::new(&subject.scene.objects);
     let answer = |row: &SurfaceRow| {
         let normal = row.normal.normalize();
         exact::occlusion(&tracer, row.position_m, normal, marching.r_max_m, attenuation, rays)

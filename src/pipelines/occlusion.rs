@@ -12,7 +12,6 @@ use super::{ErrorPicture, Judge, JudgeError, Judged};
 use fathom_gpu::{Pixels, read_texture};
 use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
-use fathom_reference::ReferenceError;
 use fathom_reference::deform::{Moment, Motion};
 use fathom_reference::kept::Content;
 use fathom_reference::occlusion::{self as reference, occlusion, occlusion_through};
@@ -146,7 +145,7 @@ impl OcclusionBuffers {
         }
         let depth = read_texture(judge.gpu, &self.gbuffer.depth)?;
         let normal = read_texture(judge.gpu, &self.gbuffer.normal)?;
-        let tracer = known.tracer(judge.scene, &self.animation)?;
+        let tracer = known.tracer(judge.scene, &self.animation);
         let content = question.content(known.digest(judge.scene), [&depth, &normal], most, rays);
         let cast = || cast(&question, &tracer, (&depth, &normal), most, rays);
         let points = Rc::new(judge.known.kept.answer(content, cast));
@@ -194,26 +193,22 @@ impl KnownPoints {
         digest
     }
 
-    pub(super) fn tracer(
-        &mut self,
-        scene: &Rc<Scene>,
-        animation: &Animation,
-    ) -> Result<Rc<Tracer>, ReferenceError> {
+    pub(super) fn tracer(&mut self, scene: &Rc<Scene>, animation: &Animation) -> Rc<Tracer> {
         if let Some((known, moment, tracer)) = &self.tracer
             && Rc::ptr_eq(known, scene)
             && moment == animation
         {
-            return Ok(Rc::clone(tracer));
+            return Rc::clone(tracer);
         }
         let tracer = Rc::new(match motion_of(animation) {
             Some(motion) => {
                 let moved = |object| moved(object, motion, animation);
-                Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())?
+                Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())
             }
-            None => Tracer::new(&scene.objects)?,
+            None => Tracer::new(&scene.objects),
         });
         self.tracer = Some((Rc::clone(scene), animation.clone(), Rc::clone(&tracer)));
-        Ok(tracer)
+        tracer
     }
 }
 

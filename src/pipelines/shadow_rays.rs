@@ -162,7 +162,7 @@ impl ShadowRays {
     fn compared(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Shadows, JudgeError> {
         let opaque = scene.objects.iter().filter(|object| Part::Opaque.holds(&object.material));
         let objects: Vec<Object> = opaque.cloned().collect();
-        let tracer = Tracer::new(&objects)?;
+        let tracer = Tracer::new(&objects);
         let view = &self.view;
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);

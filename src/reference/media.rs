@@ -3,7 +3,7 @@
 
 use std::f64::consts::PI;
 
-use glam::DVec3;
+use glam::{DVec3, UVec3};
 
 use super::occlusion::{cosine_direction, tangent_frame};
 use super::optics::transmittance;
@@ -128,20 +128,24 @@ pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
     if !field.bounds().contains(position) {
         return 0.0;
     }
-    let place = (position - field.origin_m) / field.spacing_m - 0.5;
-    let base = place.floor();
-    let part = place - base;
-    let cell = |axis: usize, upper: bool| {
-        let last = i64::from(field.cells[axis]) - 1;
-        (base[axis] as i64 + i64::from(upper)).clamp(0, last) as usize
-    };
+    let place = (position - field.origin_m) / field.spacing_m;
     let [nx, ny, _] = field.cells.map(|n| n as usize);
-    let corner = |i: usize| {
-        let upper = [0, 1, 2].map(|axis| i >> axis & 1 == 1);
-        let weight: f64 =
-            (0..3).map(|axis| if upper[axis] { part[axis] } else { 1.0 - part[axis] }).product();
-        let [x, y, z] = [0, 1, 2].map(|axis| cell(axis, upper[axis]));
-        weight * f64::from(field.data[x + nx * (y + ny * z)])
+    trilinear(field.cells, place, |cell| {
+        let [x, y, z] = cell.map(|n| n as usize);
+        f64::from(field.data[x + nx * (y + ny * z)])
+    })
+}
+
+/// Trilinear between the centres of cells, at a place in cells from the corner; up to half a cell inside the border the border's.
+pub(super) fn trilinear(cells: [u32; 3], place: DVec3, value: impl Fn([u32; 3]) -> f64) -> f64 {
+    let last = (UVec3::from(cells) - 1).as_dvec3();
+    let base = (place - 0.5).floor();
+    let part = place - 0.5 - base;
+    let corner = |i: u32| {
+        let offset = UVec3::new(i & 1, i >> 1 & 1, i >> 2).as_dvec3();
+        let weight = DVec3::ONE - offset + (2.0 * offset - 1.0) * part;
+        let cell = (base + offset).clamp(DVec3::ZERO, last).as_uvec3();
+        weight.element_product() * value(cell.to_array())
     };
     (0..8).map(corner).sum()
 }

@@ -70,18 +70,3 @@ fn bisected(
     }
     [low, high]
 }
-
-/// Why a reference could not be set up.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ReferenceError {
-    #[error("{0} photons per grid cell do not form a square: use 1, 4, 9 or 16")]
-    Subdivision(u32),
-    #[error(
-        "object `{object}`: triangle {triangle} names a vertex that the mesh of {vertices} does not have"
-    )]
-    Index { object: String, triangle: usize, vertices: usize },
-    #[error("an image of {width}×{height} needs {expected} values, got {got}")]
-    ImageSize { width: u32, height: u32, expected: usize, got: usize },
-    #[error("z_far = {0} is out of range: clipping distances need 0 < z_near < z_far")]
-    Clipping(f64),
-}

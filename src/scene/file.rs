@@ -220,7 +220,7 @@ impl ObjectFile {
             return Mesh::read_within(&file.folder.join(path), triangles);
         }
         let name = self.asset.as_deref().unwrap_or_default();
-        let asset = assets::named(name).map_err(|e| e.to_string())?;
+        let asset = assets::named(name)?;
         if !matches!(asset.content, assets::Content::Mesh) {
             return Err(format!("asset `{name}` is a volume: it belongs to [volume]"));
         }

@@ -166,7 +166,7 @@ impl VolumeFile {
     }
 
     fn asset(&self, name: &str, stand_ins: &mut Vec<String>) -> Result<VolumeSamples, String> {
-        let asset = assets::named(name).map_err(|e| e.to_string())?;
+        let asset = assets::named(name)?;
         let Content::Volume { raw, up } = &asset.content else {
             return Err(format!("asset `{name}` is a mesh: it belongs to an [[object]]"));
         };

@@ -80,7 +80,7 @@ impl<'g> Rig<'g> {
         Ok(Stand {
             shared: Shared::new(self, &view),
             geometry: Geometry::new(self, &scene),
-            tracer: Tracer::new(&scene.objects)?,
+            tracer: Tracer::new(&scene.objects),
             rays: rays(&view),
             view,
             scene,
@@ -112,7 +112,7 @@ impl<'g> Rig<'g> {
         let stride = pixels.channels as usize;
         let data = pixels.data.iter().skip(channel).step_by(stride);
         let data = data.map(|v| f64::from(*v)).collect();
-        Ok(Image::from_data(pixels.width, pixels.height, data)?)
+        Ok(Image::from_data([pixels.width, pixels.height], data))
     }
 
     /// Three channels of a texture as vectors, in rows.

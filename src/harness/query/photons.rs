@@ -130,7 +130,7 @@ impl Query {
 
     /// Exact refraction and ray casting from the same starts.
     pub fn reference(&self, subject: &Subject) -> Result<Vec<Landing>, QueryError> {
-        let tracer = Tracer::new(&subject.scene.objects)?;
+        let tracer = Tracer::new(&subject.scene.objects);
         let land = |start: &Start| {
             land_ray(&self.view.water, &tracer, start.position_m, self.incident(start))
         };

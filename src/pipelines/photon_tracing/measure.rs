@@ -85,7 +85,7 @@ impl Drawing for PhotonTracing {
 
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
         // What the sprites have added up.
-        let irradiance = first_channel(&read_texture(judge.gpu, &self.irradiance)?)?;
+        let irradiance = first_channel(&read_texture(judge.gpu, &self.irradiance)?);
         let found = FoundCaustics { irradiance, stage: sprites::draw::INFO.name };
         Compared::new(judge, &self.view, &found).map(Some)
     }
@@ -134,7 +134,7 @@ impl PhotonTracing {
     fn ends(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Ends, JudgeError> {
         let solid = scene.objects.iter().filter(|object| Part::Solid.holds(&object.material));
         let objects: Vec<Object> = solid.cloned().collect();
-        let tracer = &Tracer::new(&objects)?;
+        let tracer = &Tracer::new(&objects);
         let (frame, water) = (self.view.light_frame(), &self.view.water);
         let bounces = self.params.ways() - 1;
         let surfaces = Surfaces {
