@@ -129,11 +129,7 @@ pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
         return 0.0;
     }
     let place = (position - field.origin_m) / field.spacing_m;
-    let [nx, ny, _] = field.cells.map(|n| n as usize);
-    trilinear(field.cells, place, |cell| {
-        let [x, y, z] = cell.map(|n| n as usize);
-        f64::from(field.data[x + nx * (y + ny * z)])
-    })
+    trilinear(field.cells, place, |cell| f64::from(field.at(cell)))
 }
 
 /// Trilinear between the centres of cells, at a place in cells from the corner; up to half a cell inside the border the border's.
@@ -148,27 +144,6 @@ pub(super) fn trilinear(cells: [u32; 3], place: DVec3, value: impl Fn([u32; 3]) 
         weight.element_product() * value(cell.to_array())
     };
     (0..8).map(corner).sum()
-}
-
-/// The field with half the cells along each axis, each the mean of eight: for even numbers of cells.
-pub fn halved(field: &Volume) -> Volume {
-    let [nx, ny, _] = field.cells.map(|n| n as usize);
-    let cells = field.cells.map(|n| n / 2);
-    let mean = |[x, y, z]: [usize; 3]| {
-        let inner = |i: usize| {
-            let [x, y, z] = [2 * x + (i & 1), 2 * y + (i >> 1 & 1), 2 * z + (i >> 2)];
-            f64::from(field.data[x + nx * (y + ny * z)])
-        };
-        ((0..8).map(inner).sum::<f64>() / 8.0) as f32
-    };
-    let [mx, my, mz] = cells.map(|n| n as usize);
-    let places = (0..mx * my * mz).map(|i| [i % mx, i / mx % my, i / (mx * my)]);
-    Volume {
-        cells,
-        spacing_m: field.spacing_m * 2.0,
-        data: places.map(mean).collect(),
-        ..field.clone()
-    }
 }
 
 /// A_P in the middle of a homogeneous ball in empty space: 1 − exp(−σ min(radius, r_max)).
@@ -245,7 +220,7 @@ pub(super) mod tests {
             assert!((interpolated(&field, p) - linear(p)).abs() < 1e-6);
         }
         assert_eq!(interpolated(&field, DVec3::new(0.61, 0.0, 0.0)), 0.0);
-        let coarse = halved(&field);
+        let coarse = field.reduced(2);
         let p = DVec3::new(0.113, -0.27, 0.31);
         assert!((interpolated(&coarse, p) - linear(p)).abs() < 1e-6);
     }

