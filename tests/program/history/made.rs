@@ -83,13 +83,9 @@ impl Repository {
     }
 
     fn git(&self, arguments: &[&str], date: &str) -> String {
+        let someone = ["-c", "user.name=n", "-c", "user.email=n@example.org"];
         let mut git = Command::new("git");
-        git.arg("-C").arg(&self.folder).args([
-            "-c",
-            "user.name=n",
-            "-c",
-            "user.email=n@example.org",
-        ]);
+        git.arg("-C").arg(&self.folder).args(someone);
         git.args(arguments).envs([("GIT_AUTHOR_DATE", date), ("GIT_COMMITTER_DATE", date)]);
         let output = git.output().unwrap();
         assert!(output.status.success(), "{output:?}");
