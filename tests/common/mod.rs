@@ -138,12 +138,22 @@ pub fn holds(text: &str, parts: &[&str]) {
     }
 }
 
-/// Looks until something holds. The limit ends a wait for what never comes, and decides nothing: the longest takes half a minute.
+/// Ends a wait for what never comes, and decides nothing: the longest takes half a minute.
+pub const HANGS: Duration = Duration::from_secs(600);
+
+/// What a command says that may wait for ever.
+#[track_caller]
+pub fn ended(command: Command, status: i32) -> Told {
+    let output = assert_cmd::Command::from_std(command).timeout(HANGS).output();
+    Told::of(output.unwrap(), status)
+}
+
+/// Looks until something holds.
 #[track_caller]
 pub fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
     let start = Instant::now();
     while !holds() {
-        assert!(start.elapsed() < Duration::from_secs(600), "{what} did not come");
+        assert!(start.elapsed() < HANGS, "{what} did not come");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -249,6 +259,12 @@ pub fn reference_of(experiments: &str) -> Vec<Record> {
         _ => true,
     });
     records
+}
+
+/// The lines of a file of records.
+pub fn lines(records: impl IntoIterator<Item = Record>) -> String {
+    let records = records.into_iter();
+    records.map(|record| serde_json::to_string(&record).unwrap() + "\n").collect()
 }
 
 /// Writes a folder's records.

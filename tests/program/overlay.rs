@@ -1,12 +1,11 @@
 //! One page of several folders: runs beside each other, comparisons, and records that cannot be read.
 
-use crate::common::{Ends, Place, holds, reference_of};
+use crate::common::{Ends, Place, holds, lines, reference_of};
 use serde_json::{Value, json};
 
 /// The header, one experiment with its definition, and the end of the committed run.
 fn some() -> Vec<String> {
-    let records = reference_of("uw-photons");
-    records.iter().map(|record| serde_json::to_string(record).unwrap()).collect()
+    lines(reference_of("uw-photons")).lines().map(str::to_owned).collect()
 }
 
 fn changed(line: &str, change: impl FnOnce(&mut Value)) -> String {

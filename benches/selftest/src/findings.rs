@@ -315,11 +315,6 @@ impl Findings {
         }
     }
 
-    /// All intervals whose truth is known.
-    pub fn covered(&self) -> Share {
-        self.covered_zero + self.covered_injected
-    }
-
     /// How often a cell is called slower or faster where nothing changed.
     pub fn no_op_changes(&self) -> Share {
         let changed = [CellVerdict::Slower, CellVerdict::Faster];

@@ -72,7 +72,7 @@ fn a_database_of_postgresql_is_a_history() {
 fn a_server_that_is_not_there_or_says_nothing_is_told() {
     let place = Place::new();
     let folder = &place.path("");
-    put(&place.path("run"), records(1, CELLS, 5e6));
+    put(&place.path("run"), &records(1, CELLS, 5e6));
     for host in ["127.0.0.1:1", "no-such-host.invalid"] {
         let url = format!("postgres://user:secret@{host}/d");
         let mut add = history(folder, &url, add("run", "c"));
@@ -139,7 +139,7 @@ fn what_may_hold_a_password_is_refused_and_not_shown() {
 fn another_host_is_reached_over_tls_and_its_certificate_is_checked() {
     let Some((server, certificate)) = Server::start_with_tls("0.0.0.0") else { return };
     let place = Place::new();
-    put(&place.path("run"), records(1, CELLS, 5e6));
+    put(&place.path("run"), &records(1, CELLS, 5e6));
     let over_tcp = |host: &str, options: &str, words: &str| {
         let url = format!("postgres://postgres@{host}:{}/postgres{options}", server.port);
         let mut command = history(&place.path(""), &url, words);
