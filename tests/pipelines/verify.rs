@@ -41,7 +41,7 @@ fn photons_of_a_built_pipeline_have_their_errors() {
         assert!(sound[&format!("{name}_photon_error_median_m")] < 1e-4, "{sound:?}");
         assert!(sound[&format!("{name}_photon_miss_rate")] < 0.1, "{sound:?}");
     }
-    pipeline.params.caustics.offset = [0.5, 0.5];
+    pipeline.pipeline.params.caustics.offset = [0.5, 0.5];
     let moved = figures(&pipeline);
     assert!(moved["caustics_photon_error_median_m"] > 1e-3, "the reference follows the offset");
 }
