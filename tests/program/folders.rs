@@ -7,8 +7,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use crate::common::{
-    Ends, Place, SMALL, Told, cells, ended, holds, measured, names, own_experiment, records, repetitions,
-    signal, skipped_cell, wait_until, write_records,
+    Ends, Place, SMALL, Told, cells, ended, holds, measured, names, own_experiment, records,
+    repetitions, signal, skipped_cell, wait_until, write_records,
 };
 use fathom::record::{self, Addition, Cell, FramePair, Record, Run, SCHEMA, SampleLine, StageTime};
 use rand::{RngExt, SeedableRng};
