@@ -23,7 +23,8 @@ use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Adapter, Reading};
 use crate::report::{self, ReportView};
-use crate::scene::{SceneFile, assets};
+use crate::scene::SceneFile;
+use crate::scene::assets::{self, AssetStatus};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
@@ -295,11 +296,11 @@ pub fn fetch(names: &[String]) -> Outcome {
     let mut failed = false;
     for result in assets::fetch(names) {
         match result {
-            Ok(asset) => {
-                tell::done(format!("{}: {} ({})", asset.name, asset.origin, asset.about));
+            Ok(AssetStatus { asset, origin, .. }) => {
+                tell::done(format!("{}: {origin} ({})", asset.name, asset.about));
             }
             Err(error) => {
-                super::fail(&error.to_string());
+                super::fail(&error);
                 failed = true;
             }
         }
