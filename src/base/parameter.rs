@@ -3,7 +3,7 @@
 //! [`settings!`](crate::settings) declares a group of them, [`choices!`](crate::choices) makes an enum one. A pipeline's parameters
 //! are a tree whose leaves are named by dotted paths, such as `caustics.grid`.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
 
 use serde::de::{self, DeserializeOwned, Deserializer, Visitor};
 use serde::{Serialize, de::value::Error as Nothing};
@@ -108,8 +108,13 @@ impl<T: Listed> Setting for Vec<T> {
     }
 }
 
-/// What is read from a file is no parameter.
-impl<T> Setting for Option<Arc<T>> {
+/// What may be left out, and what is read from a file, is no parameter.
+impl<T> Setting for Option<T> {
+    fn describe(_: Beside<'_>, _: &mut Vec<Field>) {}
+}
+
+/// Neither is a table of any names.
+impl<T> Setting for BTreeMap<String, T> {
     fn describe(_: Beside<'_>, _: &mut Vec<Field>) {}
 }
 

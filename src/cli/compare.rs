@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 
 use crate::compare::build::{self, SetAside};
 use crate::compare::cells::Gates;
-use crate::compare::driver::{self, EnvironmentError, GivenEnvironment};
+use crate::compare::driver::{self, GivenEnvironment};
 use crate::compare::flow::{self, CompareOptions, Program};
 use crate::compare::launch::{Waiting, WorkerStart};
 use crate::compare::{files, tables};
@@ -62,14 +62,20 @@ fn settings(args: &CompareArgs) -> GateSettings {
 
 fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
-    check_selection(catalog, args)?;
+    // A wrong selection is told before minutes are spent on building.
+    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
+    if let Some(filter) = &args.cells {
+        gates.filtered(filter)?;
+    }
     if let Some(folder) = &args.out {
-        // Found out before minutes are spent on building.
         flow::taken(folder, args.resume)?;
     }
     let this = || std::env::current_exe().context("cannot tell where this program lies");
     let gpu = gpu_options(catalog, &args.adapter);
-    let environments = environments(args)?;
+    let environments = [
+        driver::environment(Side::Base, &args.base_env, args.base_driver.as_deref())?,
+        driver::environment(Side::Head, &args.head_env, args.head_driver.as_deref())?,
+    ];
     let is_named = args.base.is_some() || args.base_bin.is_some();
     if !is_named && environments.iter().all(GivenEnvironment::is_empty) {
         anyhow::bail!(
@@ -121,24 +127,6 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
         resume: args.resume,
     };
     Ok(flow::measure(&options, &INTERRUPT, &|text| tell::note(text))?)
-}
-
-/// What each side's processes alone are given.
-fn environments(args: &CompareArgs) -> Result<[GivenEnvironment; 2], EnvironmentError> {
-    let of = driver::environment;
-    Ok([
-        of(Side::Base, &args.base_env, args.base_driver.as_deref())?,
-        of(Side::Head, &args.head_env, args.head_driver.as_deref())?,
-    ])
-}
-
-/// A wrong selection is told before minutes are spent on building.
-fn check_selection(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<()> {
-    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
-    if let Some(filter) = &args.cells {
-        gates.filtered(filter)?;
-    }
-    Ok(())
 }
 
 fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {

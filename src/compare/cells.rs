@@ -39,7 +39,7 @@ impl Gates {
     }
 
     fn of(experiment: &Experiment) -> Result<Self, CellsError> {
-        let invalid = |message| ExperimentError::Invalid { name: experiment.id.clone(), message };
+        let invalid = |fault: String| ExperimentError::of(&experiment.id, &fault);
         let plans = experiment.cells(PROFILE, &[], &[])?;
         let configurations: Vec<GateConfiguration> = plans.into_iter().map(Into::into).collect();
         if let Some(cell) = configurations.iter().find(|cell| cell.stages.is_empty()) {

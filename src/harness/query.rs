@@ -14,14 +14,14 @@ use thiserror::Error;
 use super::subject::{Subject, SubjectError};
 use fathom_base::input::{self, Limited};
 use fathom_gpu::{Gpu, GpuError};
+use fathom_pipelines::occlusion::exact as attenuation;
 use fathom_pipelines::settings::Deform;
 use fathom_pipelines::volume_ao::{VolumeAo, occlusion_at, point_query};
-use fathom_reference::ReferenceError;
-use fathom_reference::occlusion::{self as exact, Attenuation};
+use fathom_reference::occlusion as exact;
 use fathom_reference::rays::Tracer;
 use fathom_stages::ao::query::SurfacePoint;
 use fathom_stages::kit::Resources;
-use fathom_stages::marching::{self, Occluder};
+use fathom_stages::marching::Occluder;
 pub use table::PointFault;
 use table::SHORT;
 
@@ -48,8 +48,6 @@ pub enum QueryError {
     Invalid(String),
     #[error(transparent)]
     Subject(#[from] SubjectError),
-    #[error(transparent)]
-    Reference(#[from] ReferenceError),
     #[error("cannot write {target}: {source}")]
     Write { target: String, source: csv::Error },
 }
@@ -110,10 +108,10 @@ pub fn occlusion(
     };
     let points: Vec<SurfacePoint> = rows.iter().map(point).collect();
     let plan = |resources: &Resources<'_>| {
-        point_query(resources, &subject.scene, params, &points).map(drop)
+        point_query(resources, &subject.scene, &params, &points).map(drop)
     };
     check(gpu, plan)?;
-    Ok(gpu.scoped(|| occlusion_at(gpu, &subject.scene, params, &points))?)
+    Ok(gpu.scoped(|| occlusion_at(gpu, &subject.scene, &params, &points))?)
 }
 
 /// Holds what `plan` makes against the adapter, before anything is allocated.
@@ -148,11 +146,8 @@ pub fn reference(
         );
     }
     let marching = params.marching(&subject.scene);
-    let attenuation = match marching.attenuation {
-        marching::Attenuation::Linear => Attenuation::Linear,
-        marching::Attenuation::Hard => Attenuation::Hard,
-    };
-    let tracer = Tracer::new(&subject.scene.objects)?;
+    let attenuation = attenuation(marching.attenuation);
+    let tracer = Tracer::new(&subject.scene.objects);
     let answer = |row: &SurfaceRow| {
         let normal = row.normal.normalize();
         exact::occlusion(&tracer, row.position_m, normal, marching.r_max_m, attenuation, rays)

@@ -97,7 +97,7 @@ pub struct Query {
 
 impl Query {
     pub fn new(subject: &Subject, starts: Vec<Start>) -> Result<Query, QueryError> {
-        let params = subject.parameters::<Underwater>()?.clone();
+        let params = subject.parameters::<Underwater>()?;
         let view = underwater::view(&params, &subject.scene);
         let light = view.light_frame();
         let query = Query { starts, params, view, light };
@@ -130,7 +130,7 @@ impl Query {
 
     /// Exact refraction and ray casting from the same starts.
     pub fn reference(&self, subject: &Subject) -> Result<Vec<Landing>, QueryError> {
-        let tracer = Tracer::new(&subject.scene.objects)?;
+        let tracer = Tracer::new(&subject.scene.objects);
         let land = |start: &Start| {
             land_ray(&self.view.water, &tracer, start.position_m, self.incident(start))
         };

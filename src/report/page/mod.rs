@@ -6,24 +6,20 @@
 mod ceilings;
 mod cells;
 mod claims;
-mod compared;
 mod data;
-mod history;
 mod overview;
+pub mod parts;
 mod pictures;
 mod plots;
 mod published;
 mod quality;
 mod scaling;
-mod setting;
-mod table;
 #[cfg(test)]
 mod testing;
 mod time;
 mod trust;
 
-pub use compared::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Tone};
-pub use history::{ChangeRow, HistoryChart, HistoryMark, HistoryOnPage, HistoryPoint};
+pub use parts::Tone;
 
 use std::path::Path;
 
@@ -65,10 +61,18 @@ const SCRIPTS: [&str; 7] = [
 pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
-    pub history: Option<HistoryOnPage>,
+    /// What a history says, as it stands in its section.
+    pub history: Option<Markup>,
     pub left_out: Vec<LeftOut>,
     /// Of every stage of every run.
     pub colors: StageColors,
+}
+
+/// What a comparison says, as it stands in its section.
+pub struct ComparisonOnPage {
+    /// What was compared.
+    pub sides: String,
+    pub markup: Markup,
 }
 
 /// A run with the name that tells it from the others of the page.
@@ -101,11 +105,23 @@ struct PageSection {
     write: fn(&Page<'_>) -> Option<Markup>,
 }
 
+const HISTORY: PageSection =
+    PageSection { id: "history", title: "History", write: |page| page.history.clone() };
+
+const COMPARED: PageSection = PageSection {
+    id: "compared",
+    title: "Comparison",
+    write: |page| {
+        let all = html! { @for comparison in &page.comparisons { (comparison.markup) } };
+        (!page.comparisons.is_empty()).then_some(all)
+    },
+};
+
 /// In the order in which a reader asks.
 const SECTIONS: [PageSection; 13] = [
     overview::SECTION,
-    history::SECTION,
-    compared::SECTION,
+    HISTORY,
+    COMPARED,
     claims::SECTION,
     time::SECTION,
     scaling::SECTION,
@@ -131,6 +147,11 @@ impl<'a> Page<'a> {
     /// Several runs are compared: marks and rows name theirs.
     pub fn is_overlay(&self) -> bool {
         self.runs.len() > 1
+    }
+
+    /// The head of the column that names the run, where there are several.
+    fn run_head(&self) -> Markup {
+        html! { @if self.is_overlay() { (parts::words(&["Run"])) } }
     }
 
     /// The name of a run and what stands behind it, where there are several.
