@@ -104,11 +104,11 @@ pub fn sources(folders: &[PathBuf]) -> Result<Vec<OfAdapter>, MergeError> {
         }
     }
     for group in &mut groups {
-        group.sources.sort_by_key(|source| source.shard.number);
+        group.sources.sort_by_key(|source| source.shard.part.number);
         for pair in group.sources.windows(2) {
-            if pair[0].shard.number == pair[1].shard.number {
+            if pair[0].shard.part.number == pair[1].shard.part.number {
                 let [first, other] = [&pair[0], &pair[1]].map(|source| source.folder.clone());
-                return Err(MergeError::Twice { first, other, part: pair[0].shard.part() });
+                return Err(MergeError::Twice { first, other, part: pair[0].shard.part });
             }
         }
     }
@@ -135,7 +135,7 @@ impl Source {
         let Some(shard) = header.shard.clone() else {
             return Err(MergeError::NoShard { folder });
         };
-        let part = shard.part();
+        let part = shard.part;
         if !part.is_one() {
             return Err(MergeError::NoSuchShard { folder, part });
         }
@@ -149,7 +149,7 @@ impl Source {
             ("fathom's version", header.fathom_version != self.header.fathom_version),
             ("the profile", header.profile != self.header.profile),
             ("the checks in shaders", header.shader_checks != self.header.shader_checks),
-            ("the number of shards", shard.of != self.shard.of),
+            ("the number of shards", shard.part.of != self.shard.part.of),
             ("experiments, cells or parameters", shard.plan != self.shard.plan),
         ];
         let (first, other) = (first.to_owned(), self.folder.clone());

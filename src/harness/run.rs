@@ -165,7 +165,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
 /// A folder is gone on with as the part of the run that it was begun as.
 fn same_shard(held: &Held, asked: Option<&Shard>) -> Result<(), RunError> {
     let told = |shard: Option<&Shard>| match shard {
-        Some(shard) => format!("shard {} of the plan {}", shard.part(), shard.plan),
+        Some(shard) => format!("shard {} of the plan {}", shard.part, shard.plan),
         None => "a whole run".to_owned(),
     };
     let asked = told(asked);

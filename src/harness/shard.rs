@@ -36,8 +36,7 @@ pub fn of(
     keep(part, experiments, &mut expanded);
     let Request { axes, sets, cells, .. } = request.clone();
     Ok(Shard {
-        number: part.number,
-        of: part.of,
+        part,
         cells: expanded.iter().map(Vec::len).sum(),
         plan,
         selection: Selection { axes, sets, cells },

@@ -178,7 +178,7 @@ fn other_data(frame: &ChosenFrame<'_>) -> Value {
         "layout": LAYOUT,
     });
     if let Some(run) = frame.entry.run {
-        let clock = |(pass, clock): (&PassKind, &Clock)| (pass.name(), clock.name());
+        let clock = |(pass, clock): (&PassKind, &Clock)| (pass.to_string(), clock.name());
         data["adapter"] = json!(run.adapter.name);
         data["driver"] = json!(format!("{} {}", run.adapter.driver, run.adapter.driver_info));
         data["software"] = json!(run.adapter.software);

@@ -77,8 +77,8 @@ impl OfAdapter {
     }
 
     fn absent(&self) -> Vec<Part> {
-        let of = self.sources.first().map_or(0, |source| source.shard.of);
-        let is_there = |number: &u32| self.sources.iter().any(|s| s.shard.number == *number);
+        let of = self.sources.first().map_or(0, |source| source.shard.part.of);
+        let is_there = |number: &u32| self.sources.iter().any(|s| s.shard.part.number == *number);
         let numbers = (1..=of).filter(|number| !is_there(number));
         numbers.map(|number| Part { number, of }).collect()
     }

@@ -188,7 +188,7 @@ fn shards_of_other_runs_are_refused() {
     let changes: [(&str, Change); 4] = [
         ("the profile", |run| run.profile = Profile::Paper),
         ("fathom's version", |run| run.fathom_version = "9".to_owned()),
-        ("the number of shards", |run| run.shard.as_mut().unwrap().of = 9),
+        ("the number of shards", |run| run.shard.as_mut().unwrap().part.of = 9),
         ("experiments, cells or parameters", |run| run.shard.as_mut().unwrap().plan.push('x')),
     ];
     for (what, change) in changes {
@@ -216,7 +216,7 @@ fn a_shard_that_cannot_be_is_refused() {
     for (number, of) in [(0, 3), (4, 3), (1, u32::MAX), (0, 0)] {
         let mut shards = Shards::new();
         let shard = shards.header(0).shard.as_mut().unwrap();
-        (shard.number, shard.of) = (number, of);
+        shard.part = Part { number, of };
         let error = shards.error(&shards.folders()[..1]);
         assert!(error.contains("there is no such shard"), "{error}");
     }
