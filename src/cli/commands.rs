@@ -9,7 +9,7 @@ use crate::experiments::Experiment;
 use crate::folder::{self, Folder};
 use crate::gpu::{self, Gpu};
 use crate::harness::catalog::Catalog;
-use crate::harness::figures::{self, Figure, FigureError, Rendered};
+use crate::harness::figures::{self, Figure, Rendered};
 use crate::harness::outcome::Counts;
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
@@ -357,7 +357,7 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
 fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     let figures = Figure::named(&catalog.figures, name)?;
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(FIGURES_FOLDER));
-    Folder::make(&folder).map_err(|source| FigureError::Folder { path: folder.clone(), source })?;
+    Folder::make(&folder).with_context(|| format!("cannot write to {}", folder.display()))?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let mut parts = Vec::new();
     for figure in &figures {
@@ -365,7 +365,7 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
         match figure.render(&gpu, &mut subjects, &args.set, args.samples) {
             Ok(panels) => parts.push(write_figure(&folder, figure, &panels)?),
             Err(error) if name == figures::ALL => tell::note(format!("error: {error}")),
-            Err(error) => return Err(error.into()),
+            Err(error) => return Err(error),
         }
     }
     if name == figures::ALL {
@@ -443,12 +443,12 @@ fn refuse_stand_ins(subject: &Subject, args: &QueryArgs) -> anyhow::Result<()> {
 }
 
 /// Hands answers to the user: to the file that is named, else to standard output.
-fn answer<E: std::error::Error + Send + Sync + 'static>(
+fn answer(
     args: &QueryArgs,
-    write: impl FnOnce(&str, &mut dyn std::io::Write) -> Result<(), E>,
+    write: impl FnOnce(&str, &mut dyn std::io::Write) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let Some(path) = &args.output else {
-        return Ok(write("standard output", &mut tell::Answer)?);
+        return write("standard output", &mut tell::Answer);
     };
     let name = path.display().to_string();
     let mut bytes = Vec::new();

@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 
 use crate::compare::build::{self, SetAside};
 use crate::compare::cells::Gates;
-use crate::compare::driver::{self, EnvironmentError, GivenEnvironment};
+use crate::compare::driver::{self, GivenEnvironment};
 use crate::compare::flow::{self, CompareOptions, Program};
 use crate::compare::launch::{Waiting, WorkerStart};
 use crate::compare::{files, tables};
@@ -120,11 +120,11 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
         out: args.out.clone(),
         resume: args.resume,
     };
-    Ok(flow::measure(&options, &INTERRUPT, &|text| tell::note(text))?)
+    flow::measure(&options, &INTERRUPT, &|text| tell::note(text))
 }
 
 /// What each side's processes alone are given.
-fn environments(args: &CompareArgs) -> Result<[GivenEnvironment; 2], EnvironmentError> {
+fn environments(args: &CompareArgs) -> anyhow::Result<[GivenEnvironment; 2]> {
     let of = driver::environment;
     Ok([
         of(Side::Base, &args.base_env, args.base_driver.as_deref())?,
@@ -145,7 +145,7 @@ fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {
     tell::note(format!("building {revision}"));
     let folder = std::env::current_dir().context("there is no current folder")?;
     let mut progress = |line: &str| tell::note(line);
-    Ok(build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)?)
+    build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)
 }
 
 fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathBuf> {

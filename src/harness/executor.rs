@@ -5,17 +5,17 @@ use std::fmt::Display;
 use std::path::Path;
 use std::time::{Instant, SystemTime};
 
+use anyhow::{Context, Result};
 use fathom_picture::RgbImage;
 
 use super::difference::References;
 use super::journal::{CellName, Journal};
 use super::outcome::{Findings, measured};
-use super::picture::PictureError;
 use super::plan::{PlannedCell, PlannedExperiment};
 use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
 use super::sample::{CellResult, Executor, Failure};
-use super::views::{Views, ViewsError};
+use super::views::Views;
 use super::{MAX_PASSES, picture};
 use fathom_base::folder::Folder;
 use fathom_clock::Samples;
@@ -258,10 +258,12 @@ impl<'a> CellExecutor<'a> {
         cell: usize,
         pipeline: &AnyPipeline,
         findings: &mut Findings,
-    ) -> Option<Result<RgbImage, PictureError>> {
+    ) -> Option<Result<RgbImage>> {
         let name = &self.experiment.views.as_ref()?.quantity;
         let Session { gpu, timer, .. } = &mut *self.session;
-        let others = self.cells[cell].views.as_ref().ok_or(ViewsError::NoSeed);
+        let others = self.cells[cell].views.as_ref();
+        let others =
+            others.context("the pipeline has no seed: what is noise cannot be told from the view");
         let views = others.and_then(|others| Views::of(gpu, timer, pipeline, others));
         let (spread, strip) = match views {
             Ok(Views { spread, strip }) => (spread, Some(strip)),
@@ -299,7 +301,7 @@ impl<'a> CellExecutor<'a> {
         &mut self,
         cell: usize,
         pipeline: &AnyPipeline,
-        views: Option<Result<RgbImage, PictureError>>,
+        views: Option<Result<RgbImage>>,
         findings: &mut Findings,
     ) {
         let later = std::mem::replace(&mut self.pictured, true);
@@ -323,7 +325,7 @@ impl<'a> CellExecutor<'a> {
         let saved = findings.noted(NoteKind::NoPicture, "no picture", saved);
         findings.pictures.extend(saved.map(|()| image));
         if self.experiment.error_picture {
-            let made = pipeline.error_picture(&mut self.judge(cell)).map_err(PictureError::from);
+            let made = pipeline.error_picture(&mut self.judge(cell)).map_err(anyhow::Error::from);
             let saved = made.and_then(|(picture, scale)| {
                 of_error.scale = Some(scale);
                 save(&picture, &of_error.path)

@@ -6,8 +6,8 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use anyhow::{Result, anyhow, bail};
 use serde_json::Value;
-use thiserror::Error;
 
 use super::catalog::Catalog;
 use super::repetitions::PlannedRepetitions;
@@ -20,16 +20,6 @@ use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_gpu::Capacity;
 use fathom_record as record;
 use fathom_record::{Outcome, Part, Profile, resume_key};
-
-#[derive(Debug, Error)]
-pub enum PlanError {
-    #[error(transparent)]
-    Experiment(#[from] ExperimentError),
-    #[error("{experiment}, cell {cell}: {source}")]
-    Cell { experiment: String, cell: String, source: SubjectError },
-    #[error("no chosen experiment has the cell `{name}`{}", did_you_mean(nearest))]
-    UnknownCell { name: String, nearest: Option<String> },
-}
 
 /// What to measure.
 #[derive(Clone, Debug, Default)]
@@ -67,7 +57,7 @@ impl Request {
     }
 
     /// Keeps the cells that were asked for by name. A name that no experiment has is an error.
-    fn choose(&self, expanded: &mut [Vec<CellPlan>]) -> Result<(), PlanError> {
+    fn choose(&self, expanded: &mut [Vec<CellPlan>]) -> Result<()> {
         if self.cells.is_empty() {
             return Ok(());
         }
@@ -75,7 +65,7 @@ impl Request {
         for name in &self.cells {
             if !names().any(|known| known == name) {
                 let nearest = nearest(name, names());
-                return Err(PlanError::UnknownCell { name: name.clone(), nearest });
+                bail!("no chosen experiment has the cell `{name}`{}", did_you_mean(&nearest));
             }
         }
         for plans in expanded {
@@ -130,7 +120,7 @@ pub fn expand(
     experiments: &[Experiment],
     request: &Request,
     profile: Profile,
-) -> Result<Vec<Vec<CellPlan>>, PlanError> {
+) -> Result<Vec<Vec<CellPlan>>> {
     let cells = experiments.iter().map(|experiment| {
         let axes = request.axes_of(experiment, experiments);
         experiment.cells(profile, &axes, &request.sets)
@@ -147,7 +137,7 @@ pub fn plan(
     profile: Profile,
     capacity: &Capacity,
     catalog: &Catalog,
-) -> Result<Vec<PlannedExperiment>, PlanError> {
+) -> Result<Vec<PlannedExperiment>> {
     let mut subjects = Subjects::of(catalog).within(capacity);
     let mut expanded = expand(&experiments, request, profile)?;
     if let Some(part) = request.part {
@@ -160,7 +150,7 @@ pub fn plan(
             .map(|plan| planned_cell(&mut subjects, plan, turns_deg, capacity))
             .collect()
     });
-    let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_, _>>()?;
+    let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_>>()?;
     let planned = experiments.into_iter().zip(cells);
     let planned = planned.map(|(experiment, cells)| PlannedExperiment { experiment, cells });
     let wanted =
@@ -173,12 +163,9 @@ fn planned_cell(
     plan: CellPlan,
     turns_deg: Option<&[f64]>,
     capacity: &Capacity,
-) -> Result<PlannedCell, PlanError> {
-    let error = |source| PlanError::Cell {
-        experiment: plan.experiment.clone(),
-        cell: plan.cell.clone(),
-        source,
-    };
+) -> Result<PlannedCell> {
+    let CellPlan { experiment, cell, .. } = &plan;
+    let error = |error: SubjectError| anyhow!("{experiment}, cell {cell}: {error}");
     let mut subject =
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
@@ -186,7 +173,7 @@ fn planned_cell(
     let views = turns_deg.and_then(|turns_deg| OtherViews::of(&of_cell, turns_deg));
     let mut repetitions = None;
     if let Some(runs) = &plan.repetitions {
-        let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_, _>>()?;
+        let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_>>()?;
         repetitions = Some(PlannedRepetitions { repeated, limit: subject(&runs.limit)? });
     }
     let skip = of_cell.beyond(capacity).map_err(error)?;

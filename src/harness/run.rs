@@ -4,23 +4,23 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use thiserror::Error;
+use anyhow::{Result, bail, ensure};
 
 use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, Output, Session, Spent};
 use super::journal::Journal;
 use super::outcome::Counts;
-use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
+use super::plan::{self, PlannedCell, PlannedExperiment, Request};
 use super::progress::Progress;
 use super::sample::{self, Settings};
 use super::{ceilings, memory, shard};
 use fathom_base::{quiet, tell};
-use fathom_experiments::{Experiment, ExperimentError};
+use fathom_experiments::Experiment;
 use fathom_gpu as gpu;
-use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError};
+use fathom_gpu::{Audit, ClockPlan, Gpu};
 use fathom_record as record;
 use fathom_record::calendar;
-use fathom_record::output::{Held, OutputError};
+use fathom_record::output::Held;
 use fathom_record::{
     Conditions, Definition, End, Note, NoteKind, Outcome, Part, PassKind, Profile, Record,
     RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks, Shard,
@@ -32,24 +32,6 @@ const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
 const GPU_GROUP_BYTES: u64 = 2 << 30;
 /// Kinds of passes that the audit chooses a clock for.
 const AUDITED: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
-
-#[derive(Debug, Error)]
-pub enum RunError {
-    #[error(transparent)]
-    Experiment(#[from] ExperimentError),
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-    #[error(transparent)]
-    Record(#[from] RecordError),
-    #[error("{name} must be a positive number, not {value}")]
-    NotPositive { name: &'static str, value: f64 },
-    #[error("{} holds {holds}, and not {asked}: resume it with the command that began it", folder.display())]
-    OtherShard { folder: PathBuf, holds: String, asked: String },
-}
 
 /// What to run and how. `None` means the profile's own value.
 #[derive(Clone, Debug, Default)]
@@ -107,7 +89,7 @@ const PAPER: Defaults =
 
 /// Measures what `options` ask for and writes records. When `interrupted` is set, what has been
 /// measured so far is written and the run ends.
-pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunError> {
+pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary> {
     let start = Instant::now();
     check(options)?;
     spread_references();
@@ -131,7 +113,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         None => Held::create(options.out.as_deref(), &gpu.adapter.name, profile)?,
     };
     let now = spent.since(now, SetUp::Scenes);
-    let audit = gpu::audit_all(&gpu).map_err(GpuError::from)?;
+    let audit = gpu::audit_all(&gpu)?;
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard, ..header(options, &gpu, &audit, profile, seed) };
@@ -165,19 +147,18 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
 }
 
 /// A folder is gone on with as the part of the run that it was begun as.
-fn same_shard(held: &Held, asked: Option<&Shard>) -> Result<(), RunError> {
+fn same_shard(held: &Held, asked: Option<&Shard>) -> Result<()> {
     let told = |shard: Option<&Shard>| match shard {
         Some(shard) => format!("shard {} of the plan {}", shard.part(), shard.plan),
         None => "a whole run".to_owned(),
     };
     let asked = told(asked);
     let runs = held.before.iter().filter_map(Record::try_as_run_ref);
-    match runs.map(|run| told(run.shard.as_ref())).find(|holds| *holds != asked) {
-        Some(holds) => {
-            Err(RunError::OtherShard { folder: held.output.folder.clone(), holds, asked })
-        }
-        None => Ok(()),
+    if let Some(holds) = runs.map(|run| told(run.shard.as_ref())).find(|holds| *holds != asked) {
+        let folder = held.output.folder.display();
+        bail!("{folder} holds {holds}, and not {asked}: resume it with the command that began it");
     }
+    Ok(())
 }
 
 /// A round that no sample of these records or samples has.
@@ -216,12 +197,11 @@ fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<Note> {
     (!plan.has_clocks_of(found)).then(|| Note::new(NoteKind::OtherClocks, text))
 }
 
-fn check(options: &Options) -> Result<(), RunError> {
+fn check(options: &Options) -> Result<()> {
     let given = [("--budget", options.budget_s), ("--precision", options.precision)];
     for (name, value) in given {
-        if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
-            return Err(RunError::NotPositive { name, value });
-        }
+        let value = value.unwrap_or(1.0);
+        ensure!(value.is_finite() && value > 0.0, "{name} must be a positive number, not {value}");
     }
     Ok(())
 }
@@ -298,7 +278,7 @@ struct Measurement<'a> {
 
 impl Measurement<'_> {
     /// Writes the header, and says what of an earlier run was damaged and what is gone on with.
-    fn begin(&mut self, damage: &[String], ids: &[String]) -> Result<(), RunError> {
+    fn begin(&mut self, damage: &[String], ids: &[String]) -> Result<()> {
         let Output { held, header, journal, .. } = &mut self.output;
         held.writer.write(&Record::Run(Box::new(header.clone())))?;
         held.notices.iter().chain(damage).for_each(tell::note);
@@ -309,7 +289,7 @@ impl Measurement<'_> {
         Ok(())
     }
 
-    fn measure(&mut self, planned: &[PlannedExperiment]) -> Result<(), RunError> {
+    fn measure(&mut self, planned: &[PlannedExperiment]) -> Result<()> {
         let start = Instant::now();
         let is_shard = self.output.header.shard.is_some();
         if is_shard {
@@ -378,7 +358,7 @@ impl Measurement<'_> {
         Ok(())
     }
 
-    fn end(self, start: Instant, kept: usize) -> Result<Summary, RunError> {
+    fn end(self, start: Instant, kept: usize) -> Result<Summary> {
         let parts_s = self.session.spent.set_up_s.clone();
         let set_up_s = parts_s.values().sum();
         let end = End {

@@ -1,14 +1,14 @@
 //! How much ambient occlusion at one surface point changes with the viewer: the variance over views, less that of the random
 //! numbers. VAO §6.1, Fig. 9.
 
+use anyhow::{Context, Result, ensure};
 use fathom_picture::RgbImage;
 use glam::{DQuat, DVec3};
-use thiserror::Error;
 
-use super::picture::{self, PictureError, explained};
+use super::picture::{self, explained};
 use super::subject::Subject;
 use fathom_base::statistics::mean;
-use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
+use fathom_gpu::{FrameTimer, Gpu, Pixels, read_texture};
 use fathom_pipelines::AnyPipeline;
 use fathom_reference::rays::PixelRays;
 use fathom_scene::Camera;
@@ -23,18 +23,6 @@ const LEAST_WEIGHT: f64 = 0.25;
 /// Cosine between the normals of a point and of what is taken for it in another view: a point beside an edge is not taken for
 /// one around it.
 const SAME_NORMAL: f64 = 0.9;
-
-#[derive(Debug, Error)]
-pub enum ViewsError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error("the pipeline computes no occlusion")]
-    NoOcclusion,
-    #[error("the pipeline has no seed: what is noise cannot be told from the view")]
-    NoSeed,
-    #[error("no point is seen in two views")]
-    Nothing,
-}
 
 /// The camera turned about the vertical through its target.
 pub fn turned(camera: &Camera, turn_deg: f64) -> Camera {
@@ -147,9 +135,9 @@ impl Spread {
 
 /// What several views of a cell show.
 pub struct Views {
-    pub spread: Result<Spread, ViewsError>,
+    pub spread: Result<Spread>,
     /// The views side by side in order of their angles, the cell's own at 0.
-    pub strip: Result<RgbImage, PictureError>,
+    pub strip: Result<RgbImage>,
 }
 
 impl Views {
@@ -162,12 +150,12 @@ impl Views {
         timer: &mut FrameTimer,
         cell: &AnyPipeline,
         others: &OtherViews,
-    ) -> Result<Self, ViewsError> {
+    ) -> Result<Self> {
         let own = Shot::new(gpu, cell)?;
         // One at a time, as the pictures of a view are large.
-        let mut draw = |subject: &Subject| -> Result<Box<AnyPipeline>, ViewsError> {
+        let mut draw = |subject: &Subject| -> Result<Box<AnyPipeline>> {
             let pipeline = subject.build(gpu)?;
-            timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
+            timer.untimed(gpu, &pipeline.stages())?;
             Ok(pipeline)
         };
         let mut pictures = vec![(0.0, picture::bare(gpu, cell))];
@@ -180,7 +168,7 @@ impl Views {
             seen.also_by([&first, &Shot::new(gpu, draw(second)?.as_ref())?]);
         }
         pictures.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let pictures: Result<Vec<RgbImage>, PictureError> =
+        let pictures: Result<Vec<RgbImage>> =
             pictures.into_iter().map(|(_, picture)| picture).collect();
         let side_by_side = |pictures: Vec<_>| explained(strip(&pictures), cell.shows_visibility());
         Ok(Self { spread: seen.spread(), strip: pictures.map(side_by_side) })
@@ -223,7 +211,7 @@ impl Seen {
         }
     }
 
-    fn spread(&self) -> Result<Spread, ViewsError> {
+    fn spread(&self) -> Result<Spread> {
         // Each draw by itself: their mean has half of the noise.
         let over_views = |draws: &[[f64; 2]]| {
             mean([0, 1].map(|k| variance(&draws.iter().map(|d| d[k]).collect::<Vec<_>>())))
@@ -232,9 +220,7 @@ impl Seen {
         let seen_twice = self.0.iter().map(|(_, draws)| draws).filter(|d| d.len() > 1);
         let (variances, noises): (Vec<f64>, Vec<f64>) =
             seen_twice.map(|draws| (over_views(draws), between_draws(draws))).unzip();
-        if variances.len() < 2 {
-            return Err(ViewsError::Nothing);
-        }
+        ensure!(variances.len() > 1, "no point is seen in two views");
         let differences: Vec<f64> = variances.iter().zip(&noises).map(|(a, b)| a - b).collect();
         Ok(Spread {
             points: differences.len(),
@@ -260,8 +246,8 @@ struct SeenPoint {
 }
 
 impl Shot {
-    fn new(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<Shot, ViewsError> {
-        let buffers = pipeline.occlusion().ok_or(ViewsError::NoOcclusion)?;
+    fn new(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<Shot> {
+        let buffers = pipeline.occlusion().context("the pipeline computes no occlusion")?;
         let depth = read_texture(gpu, &buffers.gbuffer.depth)?;
         let opening = 2.0 * (buffers.camera.fov_y_deg.to_radians() / 2.0).tan();
         Ok(Shot {

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use fathom::compare::build::{self, BuildError, Worktree};
+use anyhow::{Context, Result};
+use fathom::compare::build::{self, Worktree};
 use fathom::harness::catalog::CargoTarget;
 use fathom::tell;
 
@@ -26,7 +27,7 @@ pub struct Workshop {
 
 impl Workshop {
     /// A checkout of a commit of the repository.
-    pub fn open(repository: &Path, commit: &str) -> Result<Self, BuildError> {
+    pub fn open(repository: &Path, commit: &str) -> Result<Self> {
         let cache = repository.join(build::CACHE);
         Ok(Self {
             worktree: Worktree::add(repository, &cache, commit)?,
@@ -41,14 +42,10 @@ impl Workshop {
     }
 
     /// Builds with these files in place of the committed ones, and keeps the program.
-    pub fn build(
-        &self,
-        changes: &Changes,
-        compilation: Compilation,
-        program: &Path,
-    ) -> Result<(), BuildError> {
+    pub fn build(&self, changes: &Changes, compilation: Compilation, program: &Path) -> Result<()> {
         let committed = changes.keys().map(|file| Ok((file.clone(), self.read(file)?)));
-        let committed: Changes = committed.collect::<Result<_, _>>().map_err(failed)?;
+        let committed: Result<Changes, String> = committed.collect();
+        let committed = committed.map_err(anyhow::Error::msg).context("reading a source")?;
         self.put(changes)?;
         // So that cargo builds again what it would call fresh.
         self.touch("src/main.rs")?;
@@ -73,25 +70,21 @@ impl Workshop {
         build::keep(&built?, program)
     }
 
-    fn put(&self, changes: &Changes) -> Result<(), BuildError> {
+    fn put(&self, changes: &Changes) -> Result<()> {
         for (file, text) in changes {
             let path = self.worktree.path.join(file);
             let written = std::fs::write(&path, text);
-            written.map_err(|source| BuildError::Io { action: "write", path, source })?;
+            written.with_context(|| format!("cannot write {}", path.display()))?;
         }
         Ok(())
     }
 
-    fn touch(&self, file: &str) -> Result<(), BuildError> {
+    fn touch(&self, file: &str) -> Result<()> {
         let path = self.worktree.path.join(file);
         std::fs::File::options()
             .append(true)
             .open(&path)
             .and_then(|file| file.set_modified(SystemTime::now()))
-            .map_err(|source| BuildError::Io { action: "touch", path, source })
+            .with_context(|| format!("cannot touch {}", path.display()))
     }
-}
-
-fn failed(reason: String) -> BuildError {
-    BuildError::Command { command: "reading a source".to_owned(), reason }
 }

@@ -40,7 +40,7 @@ fn request(sets: &[(&str, Value)]) -> Request {
     Request { sets, ..Request::default() }
 }
 
-fn planned(request: &Request) -> Result<Vec<PlannedExperiment>, PlanError> {
+fn planned(request: &Request) -> Result<Vec<PlannedExperiment>> {
     let profile = fathom_record::Profile::Quick;
     plan(experiments(), request, profile, &wgpu::Limits::default().into(), &Catalog::builtin())
 }
