@@ -131,7 +131,8 @@ fn print_summary(summary: &Summary) {
     tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
-    let ratio = summary.efficiency().map(|ratio| format!(" (ratio {ratio:.2})"));
+    let ratio = end.measuring_wall_s / end.measured_gpu_s;
+    let ratio = (end.measured_gpu_s > 0.0).then(|| format!(" (ratio {ratio:.2})"));
     tell::done(format!(
         "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames{}",
         end.set_up_s,

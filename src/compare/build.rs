@@ -218,8 +218,6 @@ fn forget_old(builds: &Path, newest: &Path) {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
-    use std::sync::atomic::Ordering;
-    use std::time::Duration;
 
     use super::*;
 
@@ -304,34 +302,6 @@ mod tests {
         let (again, lines) = repository.build(&commit);
         assert_eq!(again.unwrap(), built);
         assert_eq!(lines, 0, "it comes from the cache");
-    }
-
-    /// Its build writes a file in the target folder, and ends only when that is gone.
-    const ENDLESS_BUILD: &str = "fn main() {\n    \
-        let begun = std::env::var(\"OUT_DIR\").unwrap() + \"/../../../../begun\";\n    \
-        std::fs::write(&begun, \"\").unwrap();\n    \
-        while std::path::Path::new(&begun).exists() {\n        \
-        std::thread::sleep(std::time::Duration::from_millis(50));\n    }\n}\n";
-
-    #[test]
-    fn an_interrupted_build_ends_at_once_and_leaves_no_worktree() {
-        let repository = Repository::new();
-        repository.write("build.rs", ENDLESS_BUILD);
-        repository.commit();
-        let begun = repository.cache().join("target/begun");
-        let interrupted = AtomicBool::new(false);
-        let built = std::thread::scope(|scope| {
-            let built = scope
-                .spawn(|| revision(&repository.path, TARGET, "HEAD", &interrupted, &mut |_| {}));
-            while !begun.exists() && !built.is_finished() {
-                std::thread::sleep(Duration::from_millis(20));
-            }
-            interrupted.store(true, Ordering::Relaxed);
-            built.join().unwrap()
-        });
-        assert_eq!(built.unwrap_err().to_string(), "building `HEAD` was interrupted");
-        assert!(begun.exists(), "it was interrupted in the midst of it");
-        assert!(repository.is_clean());
     }
 
     #[test]

@@ -54,14 +54,10 @@ pub struct Merged {
 
 /// Reads the shards and sorts them by adapter, in the order of the folders.
 pub fn sources(folders: &[PathBuf]) -> Result<Vec<OfAdapter>> {
+    let all = folders.iter().map(|folder| Source::read(folder)).collect::<Result<Vec<_>>>()?;
+    all.iter().try_for_each(|source| source.belongs_to(&all[0]))?;
     let mut groups: Vec<OfAdapter> = Vec::new();
-    let mut first: Option<(PathBuf, Run, Shard)> = None;
-    for folder in folders {
-        let source = Source::read(folder)?;
-        match &first {
-            Some((path, header, shard)) => source.belongs_to(path, header, shard)?,
-            None => first = Some((folder.clone(), source.header.clone(), source.shard.clone())),
-        }
+    for source in all {
         let adapter = &source.header.adapter;
         match groups.iter_mut().find(|group| same_adapter(&group.adapter, adapter)) {
             Some(group) => group.sources.push(source),
@@ -111,7 +107,8 @@ impl Source {
         Ok(Self { folder: folder.to_owned(), records, damaged, shard, header: *header })
     }
 
-    fn belongs_to(&self, first: &Path, header: &Run, shard: &Shard) -> Result<()> {
+    fn belongs_to(&self, first: &Self) -> Result<()> {
+        let Self { header, shard, .. } = first;
         let differs = [
             ("their format", header.schema != self.header.schema),
             ("fathom's version", header.fathom_version != self.header.fathom_version),
@@ -121,7 +118,7 @@ impl Source {
             ("experiments, cells or parameters", shard.plan != self.shard.plan),
         ];
         if let Some((what, _)) = differs.into_iter().find(|(_, differs)| *differs) {
-            let (first, other) = (first.display(), self.folder.display());
+            let (first, other) = (first.folder.display(), self.folder.display());
             bail!("{first} and {other} are shards of different runs: they differ in {what}");
         }
         Ok(())

@@ -143,19 +143,16 @@ pub fn plan(
     if let Some(part) = request.part {
         shard::keep(part, &experiments, &mut expanded);
     }
-    let cells = expanded.into_iter().zip(&experiments).map(|(plans, experiment)| {
+    let mut planned = Vec::new();
+    for (experiment, plans) in experiments.into_iter().zip(expanded) {
         let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
-        plans
-            .into_iter()
-            .map(|plan| planned_cell(&mut subjects, plan, turns_deg, capacity))
-            .collect()
-    });
-    let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_>>()?;
-    let planned = experiments.into_iter().zip(cells);
-    let planned = planned.map(|(experiment, cells)| PlannedExperiment { experiment, cells });
-    let wanted =
-        |planned: &PlannedExperiment| request.cells.is_empty() || !planned.cells.is_empty();
-    Ok(planned.filter(wanted).collect())
+        let cell = |plan| planned_cell(&mut subjects, plan, turns_deg, capacity);
+        let cells: Vec<_> = plans.into_iter().map(cell).collect::<Result<_>>()?;
+        if request.cells.is_empty() || !cells.is_empty() {
+            planned.push(PlannedExperiment { experiment, cells });
+        }
+    }
+    Ok(planned)
 }
 
 fn planned_cell(
@@ -182,13 +179,11 @@ fn planned_cell(
 
 /// Drops the cells that `finished` (resume keys) holds; how many they were.
 pub fn drop_finished(planned: &mut [PlannedExperiment], finished: &BTreeSet<String>) -> usize {
-    let count =
-        |planned: &[PlannedExperiment]| planned.iter().map(|e| e.cells.len()).sum::<usize>();
-    let before = count(planned);
-    for experiment in planned.iter_mut() {
-        experiment.cells.retain(|cell| !finished.contains(&cell.resume_key()));
-    }
-    before - count(planned)
+    let of_experiment = |experiment: &mut PlannedExperiment| {
+        let cells = &mut experiment.cells;
+        cells.extract_if(.., |cell| finished.contains(&cell.resume_key())).count()
+    };
+    planned.iter_mut().map(of_experiment).sum()
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, Output, Session, Spent};
 use super::journal::Journal;
 use super::outcome::Counts;
-use super::plan::{self, PlannedCell, PlannedExperiment, Request};
+use super::plan::{self, PlannedExperiment, Request};
 use super::progress::Progress;
 use super::sample::{self, Settings};
 use super::{ceilings, memory, shard};
@@ -67,26 +67,6 @@ pub struct Summary {
     pub end: End,
 }
 
-impl Summary {
-    /// Wall time after set-up over the GPU time measured in it, if there is any.
-    pub fn efficiency(&self) -> Option<f64> {
-        let gpu_s = self.end.measured_gpu_s;
-        (gpu_s > 0.0).then(|| self.end.measuring_wall_s / gpu_s)
-    }
-}
-
-/// What a profile asks when the command line does not.
-struct Defaults {
-    precision: f64,
-    budget_per_cell_s: f64,
-    most_budget_s: f64,
-}
-
-/// Quick: all experiments within eight minutes, set-up included.
-const QUICK: Defaults = Defaults { precision: 0.02, budget_per_cell_s: 6.0, most_budget_s: 500.0 };
-const PAPER: Defaults =
-    Defaults { precision: 0.01, budget_per_cell_s: 20.0, most_budget_s: 1_800.0 };
-
 /// Measures what `options` ask for and writes records. When `interrupted` is set, what has been
 /// measured so far is written and the run ends.
 pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary> {
@@ -123,9 +103,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary> {
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
     journal.settle(finished.iter().map(|key| SampleLine::id(&header, key)));
     let ids = ids(&planned, &header);
-    let plan = clock_plan(audit.plan, &mut journal, &ids);
-    header.notes.extend(other_clocks(&audit.plan, &plan));
-    header.clocks = AUDITED.map(|kind| (kind, plan.clock(kind))).into();
+    let plan = clock_plan(&mut header, audit.plan, &mut journal, &ids);
     let now = Instant::now();
     if !options.no_ceilings {
         header.ceilings = ceilings::of_run(&gpu, plan, &header, &held.before)?;
@@ -183,18 +161,23 @@ fn ids(planned: &[PlannedExperiment], header: &Run) -> Vec<String> {
     cells.map(|cell| executor::name(header, cell).id).collect()
 }
 
-/// The audit's plan, but by the clocks of the samples that are gone on with.
-fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockPlan {
+/// The audit's plan, but by the clocks of the samples that are gone on with. The header says by which, and where they are not those
+/// that this run's audit found.
+fn clock_plan(
+    header: &mut Run,
+    found: ClockPlan,
+    journal: &mut Journal,
+    ids: &[String],
+) -> ClockPlan {
     let clocks = AUDITED.map(|kind| (kind, found.clock(kind)));
     let chosen = journal.choose_clocks(ids, clocks.into());
-    chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock))
-}
-
-/// Says so where passes are timed by another clock than this run's audit found.
-fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<Note> {
-    let text =
-        "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
-    (!plan.has_clocks_of(found)).then(|| Note::new(NoteKind::OtherClocks, text))
+    let plan = chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock));
+    header.clocks = AUDITED.map(|kind| (kind, plan.clock(kind))).into();
+    if !plan.has_clocks_of(&found) {
+        let text = "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
+        header.notes.push(Note::new(NoteKind::OtherClocks, text));
+    }
+    plan
 }
 
 fn check(options: &Options) -> Result<()> {
@@ -245,15 +228,15 @@ fn settings(
     seed: u64,
     software: bool,
 ) -> Settings {
-    let defaults = match profile {
-        Profile::Quick => QUICK,
-        Profile::Paper => PAPER,
+    let (precision, per_cell_s, most_s): (f64, f64, f64) = match profile {
+        // All experiments within eight minutes, set-up included.
+        Profile::Quick => (0.02, 6.0, 500.0),
+        Profile::Paper => (0.01, 20.0, 1_800.0),
     };
     let cells: f64 = planned.iter().map(weight).sum();
-    let default_budget_s = (cells * defaults.budget_per_cell_s).min(defaults.most_budget_s);
     Settings {
-        precision: options.precision.unwrap_or(defaults.precision),
-        budget_s: options.budget_s.unwrap_or(default_budget_s),
+        precision: options.precision.unwrap_or(precision),
+        budget_s: options.budget_s.unwrap_or((cells * per_cell_s).min(most_s)),
         first_round: 0,
         group_bytes: if software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
         seed,
@@ -307,7 +290,6 @@ impl Measurement<'_> {
             if !is_shard {
                 self.define(&planned.experiment)?;
             }
-            self.skip(&planned.cells)?;
             let left_s = self.settings.budget_s - start.elapsed().as_secs_f64();
             let settings = Settings {
                 budget_s: (left_s * weight(planned) / weight_left.max(1e-9)).max(0.0),
@@ -315,7 +297,7 @@ impl Measurement<'_> {
                 first_round: self.round,
                 ..self.settings
             };
-            self.sample(planned, &settings)?;
+            self.cells(planned, &settings)?;
             self.session.gpu.forget_pipelines();
             weight_left -= weight(planned);
         }
@@ -335,25 +317,17 @@ impl Measurement<'_> {
         self.output.held.writer.write(&definition)
     }
 
-    fn skip(&mut self, cells: &[PlannedCell]) -> Result<(), RecordError> {
-        for cell in cells {
-            if let Some(reason) = cell.skip.clone() {
-                self.output.finish(&cell.record(Outcome::Skipped { reason }))?;
+    /// Records the cells that are skipped, and samples the others.
+    fn cells(&mut self, planned: &PlannedExperiment, settings: &Settings) -> Result<()> {
+        let mut due = Vec::new();
+        for (index, cell) in planned.cells.iter().enumerate() {
+            match cell.skip.clone() {
+                None => due.push(index),
+                Some(reason) => self.output.finish(&cell.record(Outcome::Skipped { reason }))?,
             }
         }
-        Ok(())
-    }
-
-    fn sample(
-        &mut self,
-        planned: &PlannedExperiment,
-        settings: &Settings,
-    ) -> Result<(), RecordError> {
         let (session, output) = (&mut self.session, &mut self.output);
         let mut executor = CellExecutor::new(session, output, planned, settings.precision);
-        let cells = planned.cells.iter().enumerate();
-        let due: Vec<usize> =
-            cells.filter(|(_, cell)| cell.skip.is_none()).map(|(index, _)| index).collect();
         self.round = sample::sample(&mut executor, &due, settings, self.interrupted)?;
         Ok(())
     }
