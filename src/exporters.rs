@@ -12,8 +12,8 @@ use crate::gates::store::{StoreError, StoredComparison, holds_comparison};
 use crate::gates::tables::on_page;
 use crate::gates::verdict::Verdicts;
 use crate::record::output::RECORDS;
-use crate::record::{self, Reading, Record};
-use crate::report::page::{self, ComparisonOnPage, Page};
+use crate::record::{self, Reading};
+use crate::report::page::{self, Page};
 use crate::report::{
     Artifact, Exported, Exporter, FrameChoice, LeftOut, OF_RUNS, OfRun, ReportError, ReportView,
     RunExporter, Written,
@@ -152,13 +152,21 @@ pub fn page_of(folders: &[PathBuf]) -> Result<Artifact, ExportError> {
     let (mut runs, mut comparisons) = (Vec::new(), Vec::new());
     let (mut left_out, mut errors) = (Vec::new(), Vec::new());
     for folder in folders {
-        match content(folder, &mut left_out) {
-            Ok(Content::Run(records)) => runs.push((folder, records)),
-            Ok(Content::Comparison(comparison)) => comparisons.push(comparison),
-            Err(error) => {
-                left_out.push(LeftOut::new(folder.display(), &error));
-                errors.push(error);
+        let mut add = || -> Result<(), ExportError> {
+            let path = folder.join(RECORDS);
+            let reading = record::read_good(&path).map_err(StoreError::from)?;
+            left_out.extend(LeftOut::lines(&path, &reading.damaged));
+            if holds_comparison(&reading.records) {
+                let comparison = StoredComparison::of(reading, &path)?;
+                comparisons.push(on_page(&Verdicts::of(&comparison)));
+            } else {
+                runs.push((folder, reading.records));
             }
+            Ok(())
+        };
+        if let Err(error) = add() {
+            left_out.push(LeftOut::new(folder.display(), &error));
+            errors.push(error);
         }
     }
     if runs.is_empty() && comparisons.is_empty() {
@@ -169,23 +177,6 @@ pub fn page_of(folders: &[PathBuf]) -> Result<Artifact, ExportError> {
         .map(|(folder, records)| (folder.as_path(), ReportView::new(records, Some(folder))))
         .collect();
     Ok(Page { comparisons, left_out, ..Page::new(page::labelled(&views)) }.file())
-}
-
-/// What a folder gives to a page.
-enum Content {
-    Run(Vec<Record>),
-    Comparison(ComparisonOnPage),
-}
-
-fn content(folder: &Path, left_out: &mut Vec<LeftOut>) -> Result<Content, ExportError> {
-    let path = folder.join(RECORDS);
-    let reading = record::read_good(&path).map_err(StoreError::from)?;
-    left_out.extend(LeftOut::lines(&path, &reading.damaged));
-    if !holds_comparison(&reading.records) {
-        return Ok(Content::Run(reading.records));
-    }
-    let comparison = StoredComparison::of(reading, &path)?;
-    Ok(Content::Comparison(on_page(&Verdicts::of(&comparison))))
 }
 
 /// Writes files into a folder, which is made if need be, and gives their paths.

@@ -18,13 +18,13 @@ use crate::harness::{
     ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
-use crate::parameter::{self, Allowed};
+use crate::parameter::{self, Allowed, Field};
 use crate::picture::RgbImage;
-use crate::record::Reading;
 use crate::record::output::{OutputFolder, RECORDS};
+use crate::record::{Adapter, Reading};
 use crate::report::{self, ReportView};
 use crate::scene::{SceneFile, assets};
-use crate::{exporters, private, quiet, record, stages, tell, text};
+use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
 
@@ -184,62 +184,53 @@ fn check_options(args: &ListArgs) -> anyhow::Result<()> {
 }
 
 fn print_listing(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<()> {
-    let rows = match what {
-        Listing::Experiments => experiment_rows(catalog)?,
-        Listing::Figures => figure_rows(catalog)?,
-        Listing::Scenes => scene_rows(catalog)?,
-        Listing::Stages => stage_rows(catalog, args.pipeline.as_deref())?,
-        Listing::Parameters => parameter_rows(catalog, args)?,
-        Listing::Adapters => adapter_rows(),
-        Listing::Exporters => exporter_rows(),
-        Listing::Pipelines => {
-            catalog.kinds.iter().map(|kind| (kind.name.to_owned(), kind.about.to_owned())).collect()
+    let sourced = |about: &str, source: &str| format!("{about} ({source})");
+    let mut rows = Vec::new();
+    match what {
+        Listing::Experiments => {
+            for id in Experiment::ids(&catalog.experiments) {
+                let experiment = Experiment::load_from(&catalog.experiments, &id)?;
+                rows.push([id, sourced(&experiment.title, &experiment.source)]);
+            }
         }
-    };
-    let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    for (name, about) in rows {
-        tell::answer(text::line(&format!("  {name:width$}  {about}")));
+        Listing::Figures => {
+            let figures = Figure::named(&catalog.figures, figures::ALL)?.into_iter();
+            rows.extend(figures.map(|f| [f.id, sourced(&f.title, &f.source)]));
+        }
+        Listing::Scenes => {
+            for name in catalog.scenes.stems(".toml") {
+                let scene = SceneFile::load_from(&catalog.scenes, &name)?;
+                rows.push([name, scene.description]);
+            }
+        }
+        Listing::Stages => {
+            let stages = match &args.pipeline {
+                Some(name) => catalog.stages_of(name)?,
+                None => catalog.stages(),
+            };
+            let stages = stages.into_iter();
+            rows.extend(stages.map(|s| [s.name.to_owned(), sourced(s.about, s.source)]));
+        }
+        Listing::Parameters => print_rows(&parameter_rows(catalog, args)?),
+        Listing::Adapters => rows.extend(Gpu::list().into_iter().enumerate().map(adapter_row)),
+        Listing::Exporters => print_rows(&exporters::listing()),
+        Listing::Pipelines => {
+            let kinds = catalog.kinds.iter();
+            rows.extend(kinds.map(|kind| [kind.name, kind.about].map(str::to_owned)));
+        }
     }
+    print_rows(&rows);
     Ok(())
 }
 
-type Rows = Vec<(String, String)>;
-
-fn experiment_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
-    let row = |id: String| {
-        let experiment = Experiment::load_from(&catalog.experiments, &id)?;
-        Ok((id, format!("{} ({})", experiment.title, experiment.source)))
-    };
-    Experiment::ids(&catalog.experiments).into_iter().map(row).collect()
-}
-
-fn figure_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
-    let row = |figure: Figure| (figure.id, format!("{} ({})", figure.title, figure.source));
-    Ok(Figure::named(&catalog.figures, figures::ALL)?.into_iter().map(row).collect())
-}
-
-fn scene_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
-    let row = |name: String| {
-        let description = SceneFile::load_from(&catalog.scenes, &name)?.description;
-        Ok((name, description))
-    };
-    catalog.scenes.stems(".toml").map(row).collect()
-}
-
-fn stage_rows(catalog: &Catalog, pipeline: Option<&str>) -> anyhow::Result<Rows> {
-    let stages: Vec<&stages::StageInfo> = match pipeline {
-        Some(name) => catalog.stages_of(name)?,
-        None => catalog.stages(),
-    };
-    let row = |stage: &stages::StageInfo| {
-        let about = format!("{} ({})", stage.about, stage.source);
-        (stage.name.to_owned(), about)
-    };
-    Ok(stages.into_iter().map(row).collect())
+fn print_rows<const N: usize>(rows: &[[String; N]]) {
+    for row in text::columns(rows) {
+        tell::answer(text::line(&format!("  {row}")));
+    }
 }
 
 /// Each parameter with the value that the scene gives it, its unit, what it may be, and its description.
-fn parameter_rows(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Rows> {
+fn parameter_rows(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Vec<[String; 5]>> {
     let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
     let scene = args.scene.as_deref().unwrap_or(super::SCENE);
     let subject = Subjects::of(catalog).subject(pipeline, scene, &args.set)?;
@@ -247,12 +238,11 @@ fn parameter_rows(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Rows> {
         let value = parameter::get(&subject.params, path);
         value.map_or_else(String::new, ToString::to_string)
     };
-    let fields = (subject.kind.fields)();
-    let cells = fields.iter().map(|field| {
-        [value(&field.path), field.unit.to_owned(), allowed(&field.allowed), field.about.clone()]
-    });
-    let about = text::columns(&cells.collect::<Vec<_>>());
-    Ok(fields.iter().map(|field| field.path.clone()).zip(about).collect())
+    let row = |field: Field| {
+        let (value, allowed) = (value(&field.path), allowed(&field.allowed));
+        [field.path, value, field.unit.to_owned(), allowed, field.about]
+    };
+    Ok((subject.kind.fields)().into_iter().map(row).collect())
 }
 
 fn allowed(allowed: &Allowed) -> String {
@@ -264,24 +254,10 @@ fn allowed(allowed: &Allowed) -> String {
     }
 }
 
-fn adapter_rows() -> Rows {
-    let rows = Gpu::list().into_iter().enumerate();
-    rows.map(|(index, adapter)| {
-        let kind = if adapter.software { "software" } else { "hardware" };
-        let about =
-            format!("{} ({}, {kind}) {}", adapter.name, adapter.backend, adapter.driver_info);
-        (index.to_string(), about)
-    })
-    .collect()
-}
-
-fn exporter_rows() -> Rows {
-    let rows = exporters::listing();
-    let about = rows.iter().map(|[_, of, file, written, about]| {
-        [of.clone(), file.clone(), written.clone(), about.clone()]
-    });
-    let about = text::columns(&about.collect::<Vec<_>>());
-    rows.iter().map(|[name, ..]| name.clone()).zip(about).collect()
+fn adapter_row((index, adapter): (usize, Adapter)) -> [String; 2] {
+    let kind = if adapter.software { "software" } else { "hardware" };
+    let about = format!("{} ({}, {kind}) {}", adapter.name, adapter.backend, adapter.driver_info);
+    [index.to_string(), about]
 }
 
 pub fn audit(catalog: &Catalog, args: AdapterArgs) -> Outcome {
@@ -407,8 +383,7 @@ pub fn query(catalog: &Catalog, args: QueryArgs) -> Outcome {
 }
 
 fn query_occlusion(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
-    let subject = Subjects::of(catalog).subject("volume_ao", &args.scene, &args.set)?;
-    refuse_stand_ins(&subject, args)?;
+    let subject = queried(catalog, "volume_ao", args)?;
     let rows = querying::read(&args.points)?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let occlusion = querying::occlusion(&gpu, &subject, &rows)?;
@@ -421,8 +396,7 @@ fn query_photons(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
     if let Some(Some(rays)) = args.reference {
         anyhow::bail!("--reference {rays}: a photon has one exact answer; leave the number out");
     }
-    let subject = Subjects::of(catalog).subject("underwater", &args.scene, &args.set)?;
-    refuse_stand_ins(&subject, args)?;
+    let subject = queried(catalog, "underwater", args)?;
     let starts = querying::photons::read(&args.points)?;
     let query = querying::photons::Query::new(&subject, starts)?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
@@ -431,16 +405,16 @@ fn query_photons(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
     answer(args, |name, writer| query.write(name, writer, &answers, exact.as_deref()))
 }
 
-/// Answers are asked of the assets themselves.
-fn refuse_stand_ins(subject: &Subject, args: &QueryArgs) -> anyhow::Result<()> {
-    if !subject.scene.stand_ins.is_empty() && !args.allow_stand_ins {
-        anyhow::bail!(
-            "scene `{}` has stand-ins, whose answers are not those of the asset: {}; or use --allow-stand-ins",
-            args.scene,
-            subject.scene.stand_ins.join("; ")
-        );
-    }
-    Ok(())
+/// What is asked of a pipeline is asked of the assets themselves.
+fn queried(catalog: &Catalog, pipeline: &str, args: &QueryArgs) -> anyhow::Result<Subject> {
+    let subject = Subjects::of(catalog).subject(pipeline, &args.scene, &args.set)?;
+    anyhow::ensure!(
+        subject.scene.stand_ins.is_empty() || args.allow_stand_ins,
+        "scene `{}` has stand-ins, whose answers are not those of the asset: {}; or use --allow-stand-ins",
+        args.scene,
+        subject.scene.stand_ins.join("; ")
+    );
+    Ok(subject)
 }
 
 /// Hands answers to the user: to the file that is named, else to standard output.

@@ -62,14 +62,20 @@ fn settings(args: &CompareArgs) -> GateSettings {
 
 fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
-    check_selection(catalog, args)?;
+    // A wrong selection is told before minutes are spent on building.
+    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
+    if let Some(filter) = &args.cells {
+        gates.filtered(filter)?;
+    }
     if let Some(folder) = &args.out {
-        // Found out before minutes are spent on building.
         flow::taken(folder, args.resume)?;
     }
     let this = || std::env::current_exe().context("cannot tell where this program lies");
     let gpu = gpu_options(catalog, &args.adapter);
-    let environments = environments(args)?;
+    let environments = [
+        driver::environment(Side::Base, &args.base_env, args.base_driver.as_deref())?,
+        driver::environment(Side::Head, &args.head_env, args.head_driver.as_deref())?,
+    ];
     let is_named = args.base.is_some() || args.base_bin.is_some();
     if !is_named && environments.iter().all(GivenEnvironment::is_empty) {
         anyhow::bail!(
@@ -121,24 +127,6 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
         resume: args.resume,
     };
     flow::measure(&options, &INTERRUPT, &|text| tell::note(text))
-}
-
-/// What each side's processes alone are given.
-fn environments(args: &CompareArgs) -> anyhow::Result<[GivenEnvironment; 2]> {
-    let of = driver::environment;
-    Ok([
-        of(Side::Base, &args.base_env, args.base_driver.as_deref())?,
-        of(Side::Head, &args.head_env, args.head_driver.as_deref())?,
-    ])
-}
-
-/// A wrong selection is told before minutes are spent on building.
-fn check_selection(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<()> {
-    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
-    if let Some(filter) = &args.cells {
-        gates.filtered(filter)?;
-    }
-    Ok(())
 }
 
 fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {

@@ -52,20 +52,13 @@ fn run_arguments(catalog: &Catalog, command: &[String]) -> anyhow::Result<Vec<St
     let Command::Run(args) = parsed.command else {
         anyhow::bail!("after `--` stands `run` with its arguments");
     };
-    if let Some(option) = own_option(&args) {
+    let RunArgs { shard, out, resume, .. } = &args;
+    let own = [("--shard", shard.is_some()), ("--out", out.is_some()), ("--resume", *resume)];
+    if let Some((option, _)) = own.iter().find(|(_, is_given)| *is_given) {
         anyhow::bail!("{option} is not for the run: `fathom fleet` sets it for each shard");
     }
     request(args).load(catalog)?;
     Ok(command[1..].to_vec())
-}
-
-fn own_option(args: &RunArgs) -> Option<&'static str> {
-    match args {
-        RunArgs { shard: Some(_), .. } => Some("--shard"),
-        RunArgs { out: Some(_), .. } => Some("--out"),
-        RunArgs { resume: true, .. } => Some("--resume"),
-        _ => None,
-    }
 }
 
 /// Merges what was measured and says what was not.

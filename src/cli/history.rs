@@ -20,7 +20,15 @@ use crate::{exporters, folder, tell};
 #[derive(Subcommand)]
 pub enum HistoryCommand {
     /// Store runs with their commit, branch and machine; what is stored already is left as it is
-    Add(AddArgs),
+    Add {
+        /// Folders of runs
+        #[arg(required = true, value_name = "DIR")]
+        folders: Vec<PathBuf>,
+        #[command(flatten)]
+        said: Said,
+        #[command(flatten)]
+        place: PlaceArgs,
+    },
     /// List the runs
     List {
         #[command(flatten)]
@@ -69,24 +77,6 @@ pub enum HistoryCommand {
 }
 
 #[derive(Args)]
-pub struct AddArgs {
-    /// Folders of runs
-    #[arg(required = true, value_name = "DIR")]
-    pub folders: Vec<PathBuf>,
-    /// Commit that was measured [default: GITHUB_SHA, CI_COMMIT_SHA, or git's HEAD here]
-    #[arg(long, value_name = "SHA")]
-    pub commit: Option<String>,
-    /// Branch of the commit [default: GITHUB_REF_NAME, CI_COMMIT_REF_NAME, or git's HEAD here]
-    #[arg(long, value_name = "NAME")]
-    pub branch: Option<String>,
-    /// Machine that measured [default: as the records name it, else this host]
-    #[arg(long, value_name = "NAME")]
-    pub machine: Option<String>,
-    #[command(flatten)]
-    pub place: PlaceArgs,
-}
-
-#[derive(Args)]
 pub struct PlaceArgs {
     /// File of SQLite, or URL of a PostgreSQL database [default: FATHOM_HISTORY, or reports/history.sqlite]
     #[arg(long, value_name = "PATH|URL")]
@@ -130,7 +120,7 @@ impl SelectionArgs {
 
 pub fn history(command: HistoryCommand) -> Outcome {
     match command {
-        HistoryCommand::Add(args) => add(args),
+        HistoryCommand::Add { folders, said, place } => add(&folders, said, &place.location()?),
         HistoryCommand::List { selection } => {
             let (mut history, selection) = selection.open(None)?;
             answered(tables::runs(&history.runs(&selection)?))
@@ -159,14 +149,13 @@ fn answered(answer: String) -> Outcome {
 }
 
 /// All folders are read before the first is stored, so that a damaged one is told at once.
-fn add(args: AddArgs) -> Outcome {
-    let AddArgs { folders, commit, branch, machine, place } = args;
-    let origin = history::origin(Said { commit, branch, machine })?;
-    for folder in &folders {
+fn add(folders: &[PathBuf], said: Said, location: &Location) -> Outcome {
+    let origin = history::origin(said)?;
+    for folder in folders {
         NewRun::read(folder, RECORDS)?;
     }
-    let mut history = History::open_or_make(&place.location()?)?;
-    for folder in &folders {
+    let mut history = History::open_or_make(location)?;
+    for folder in folders {
         let run = NewRun::read(folder, RECORDS)?;
         let name = format!("{}: run {}", folder.display(), &run.digest[..10]);
         let told = match history.add(&run, &origin)? {

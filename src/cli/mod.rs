@@ -33,11 +33,14 @@ const COULD_NOT_RUN: u8 = 2;
 /// of one's own.
 pub fn main(catalog: &Catalog) -> ExitCode {
     quiet_driver_layers();
-    let command = match parse() {
-        Ok(command) => command,
-        Err(status) => return status,
-    };
-    let result = match command {
+    match Cli::try_parse() {
+        Ok(cli) => exit_status(obey(catalog, cli.command)),
+        Err(error) => not_parsed(&error),
+    }
+}
+
+fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
+    match command {
         Command::Run(args) => commands::run(catalog, args),
         Command::List(args) => commands::list(catalog, args),
         Command::Audit(args) => commands::audit(catalog, args),
@@ -56,8 +59,7 @@ pub fn main(catalog: &Catalog) -> ExitCode {
         Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
         Command::History { command } => history::history(command),
         Command::Worker(args) => commands::worker(catalog, args),
-    };
-    exit_status(result)
+    }
 }
 
 /// Keeps Mesa's device-select layer out of the run: it looks for a Wayland display, complains on standard error where
@@ -469,23 +471,20 @@ fn parse_share(text: &str) -> Result<f64, String> {
     }
 }
 
-/// The command, or the status to exit with: help was asked for, or the line is wrong.
-pub fn parse() -> Result<Command, ExitCode> {
-    Cli::try_parse().map(|cli| cli.command).map_err(|error| match error.kind() {
-        ErrorKind::DisplayHelp
-        | ErrorKind::DisplayVersion
-        | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-            tell::failed_if(error.print());
-            match error.exit_code() {
-                0 => exit_status(Ok(ExitCode::SUCCESS)),
-                _ => ExitCode::from(COULD_NOT_RUN),
-            }
-        }
-        _ => {
-            tell::note(one_line(&error.render().to_string()));
-            ExitCode::from(COULD_NOT_RUN)
-        }
-    })
+/// Help was asked for, or the line is wrong.
+fn not_parsed(error: &clap::Error) -> ExitCode {
+    if let ErrorKind::DisplayHelp
+    | ErrorKind::DisplayVersion
+    | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand = error.kind()
+    {
+        tell::failed_if(error.print());
+    } else {
+        tell::note(one_line(&error.render().to_string()));
+    }
+    match error.exit_code() {
+        0 => exit_status(Ok(ExitCode::SUCCESS)),
+        _ => ExitCode::from(COULD_NOT_RUN),
+    }
 }
 
 /// clap's message without its usage: up to the first empty line, and its tips.
@@ -499,17 +498,7 @@ fn one_line(message: &str) -> String {
 /// The status of a command. Prints its error on one line, with the causes that it does not tell of itself. A command that
 /// did well but could not write its answer could not do what it was asked for.
 pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
-    let status = of_command(result);
-    match tell::unanswered() {
-        Some(error) if status == ExitCode::SUCCESS => {
-            fail(&format!("cannot write to standard output: {error}"))
-        }
-        _ => status,
-    }
-}
-
-fn of_command(result: anyhow::Result<ExitCode>) -> ExitCode {
-    result.unwrap_or_else(|error| {
+    let status = result.unwrap_or_else(|error| {
         let mut message = String::new();
         for cause in error.chain().map(ToString::to_string) {
             if message.is_empty() {
@@ -519,7 +508,13 @@ fn of_command(result: anyhow::Result<ExitCode>) -> ExitCode {
             }
         }
         fail(&message)
-    })
+    });
+    match tell::unanswered() {
+        Some(error) if status == ExitCode::SUCCESS => {
+            fail(&format!("cannot write to standard output: {error}"))
+        }
+        _ => status,
+    }
 }
 
 /// Prints an error on one line.

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 
 use super::protocol::GateConfiguration;
 use fathom_base::text::{did_you_mean, nearest};
-use fathom_experiments::Experiment;
+use fathom_experiments::{Experiment, ExperimentError};
 use fathom_record::Profile;
 use fathom_record::comparison::CellId;
 
@@ -31,22 +31,19 @@ impl Gates {
     }
 
     fn of(experiment: &Experiment) -> Result<Self> {
-        let file = &experiment.id;
+        let invalid = |fault: String| ExperimentError::of(&experiment.id, &fault);
         let plans = experiment.cells(PROFILE, &[], &[])?;
         let configurations: Vec<GateConfiguration> = plans.into_iter().map(Into::into).collect();
-        if let Some(GateConfiguration { id, .. }) =
-            configurations.iter().find(|cell| cell.stages.is_empty())
-        {
-            bail!("experiment `{file}`: cell `{id}` lists no `stages` to compare");
+        if let Some(cell) = configurations.iter().find(|cell| cell.stages.is_empty()) {
+            return Err(invalid(format!("cell `{}` lists no `stages` to compare", cell.id)).into());
         }
         let asked = experiment.control.as_deref();
         let control = configurations
             .iter()
             .flat_map(GateConfiguration::cells)
             .find(|cell| asked.is_none_or(|asked| asked == cell.as_str()));
-        let control = control.with_context(|| {
-            format!("experiment `{file}`: the control `{}` is no cell", asked.unwrap_or(""))
-        })?;
+        let control = control
+            .ok_or_else(|| invalid(format!("the control `{}` is no cell", asked.unwrap_or(""))))?;
         Ok(Self { control, configurations })
     }
 

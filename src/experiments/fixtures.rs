@@ -7,7 +7,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
 
-use crate::{CellPlan, Experiment, StageName, lookup, parse_axis};
+use crate::{CellPlan, Experiment, StageName, parse_axis};
+use fathom_base::parameter::get;
 use fathom_base::statistics;
 use fathom_record::{
     Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Named,
@@ -157,7 +158,7 @@ fn tree(plan: &CellPlan) -> Value {
 /// Figures of a cell: of an underwater one by a cost model, of others invented.
 pub fn measure(experiment: &Experiment, plan: &CellPlan, random: &mut Pcg64) -> Measured {
     let params = tree(plan);
-    let number = |path: &str| lookup(&params, path).and_then(Value::as_f64).unwrap();
+    let number = |path: &str| get(&params, path).and_then(Value::as_f64).unwrap();
     let mut stages = match plan.pipeline.as_str() {
         "underwater" => underwater(&params, random),
         _ => vec![invented("scene/gbuffer", 1.0, random)],
@@ -179,9 +180,9 @@ pub fn measure(experiment: &Experiment, plan: &CellPlan, random: &mut Pcg64) -> 
 
 /// `fixed + work × rate` per stage.
 fn underwater(params: &Value, random: &mut Pcg64) -> Vec<StageRecord> {
-    let number = |path: &str| lookup(params, path).and_then(Value::as_f64).unwrap();
+    let number = |path: &str| get(params, path).and_then(Value::as_f64).unwrap();
     let area = |path: &str| -> f64 {
-        let sides = lookup(params, path).unwrap().as_array().unwrap();
+        let sides = get(params, path).unwrap().as_array().unwrap();
         let area: f64 = sides.iter().map(|side| side.as_f64().unwrap()).product();
         area.max(1.0)
     };

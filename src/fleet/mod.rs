@@ -98,11 +98,11 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Followed, Flee
     }
     let mut fleet = Fleet::open(options, interrupted)?;
     let looked = fleet.look();
-    if !interrupted.load(Ordering::Relaxed) {
+    if !fleet.is_interrupted() {
         looked?;
     }
-    fleet.follow(interrupted)?;
-    Ok(fleet.end(interrupted))
+    fleet.follow()?;
+    Ok(fleet.end())
 }
 
 struct Fleet<'a> {
@@ -114,6 +114,7 @@ struct Fleet<'a> {
     program: &'a str,
     shards: Vec<Shard>,
     progress: Progress,
+    interrupted: &'a AtomicBool,
     _lock: FolderLock,
 }
 
@@ -121,7 +122,7 @@ impl<'a> Fleet<'a> {
     fn open(options: &'a Options, interrupted: &'a AtomicBool) -> Result<Self, FleetError> {
         let [out, program] = [&options.out, &options.program].map(|path| usable(path));
         let (out, program) = (out?, program?);
-        let lock = FolderLock::take(&options.out, &fathom_record::output::holder())?;
+        let _lock = FolderLock::take(&options.out, &fathom_record::output::holder())?;
         // The same folder has the same jobs under each of its names.
         let folder = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
         let mut slurm = Slurm::find(&options.slurm, &folder)?;
@@ -137,7 +138,11 @@ impl<'a> Fleet<'a> {
         let shard = |number| Shard::new(Folder::of(&options.out, number), number);
         let shards = (1..=options.shards).map(shard).collect();
         let progress = Progress::default();
-        Ok(Self { options, slurm, stored, out, program, shards, progress, _lock: lock })
+        Ok(Self { options, slurm, stored, out, program, shards, progress, interrupted, _lock })
+    }
+
+    fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
     }
 
     /// Takes over what queue and folders say, and submits the shards that are neither done nor in the queue.
@@ -171,21 +176,23 @@ impl<'a> Fleet<'a> {
     }
 
     /// Looks until every shard is done or given up, or the fleet is interrupted. Slurm may fail for a while.
-    fn follow(&mut self, interrupted: &AtomicBool) -> Result<(), FleetError> {
+    fn follow(&mut self) -> Result<(), FleetError> {
         let mut heard = Instant::now();
-        while !interrupted.load(Ordering::Relaxed) {
+        while !self.is_interrupted() {
             match self.look() {
                 Ok(()) => heard = Instant::now(),
-                Err(_) if interrupted.load(Ordering::Relaxed) => break,
+                Err(_) if self.is_interrupted() => break,
                 Err(error) if heard.elapsed() > LONGEST_SILENCE => return Err(error),
                 Err(error) => self.progress.say(&format!("{error}; trying again")),
             }
             self.progress.show(&mut self.shards);
-            let going = |shard: &Shard| !shard.is_over(self.options.retries);
-            if !self.shards.iter().any(going) {
+            if self.shards.iter().all(|shard| shard.is_over(self.options.retries)) {
                 return Ok(());
             }
-            wait(LOOK_INTERVAL, interrupted);
+            let start = Instant::now();
+            while start.elapsed() < LOOK_INTERVAL && !self.is_interrupted() {
+                std::thread::sleep(Duration::from_millis(100));
+            }
         }
         self.cancel()
     }
@@ -207,8 +214,8 @@ impl<'a> Fleet<'a> {
         Ok(self.slurm.cancel(&[])?)
     }
 
-    fn end(mut self, interrupted: &AtomicBool) -> Followed {
-        self.progress.end();
+    fn end(mut self) -> Followed {
+        self.progress.bar.finish_and_clear();
         for shard in &mut self.shards {
             shard.read_ending();
         }
@@ -217,7 +224,7 @@ impl<'a> Fleet<'a> {
         Followed {
             folders: with_records.map(|shard| shard.folder.path()).collect(),
             failed,
-            interrupted: interrupted.load(Ordering::Relaxed),
+            interrupted: self.is_interrupted(),
         }
     }
 }
@@ -234,14 +241,6 @@ fn write(out: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf, FleetError> {
     let path = out.join(name);
     let written = folder::write(&path, bytes);
     written.map(|()| path.clone()).map_err(|source| FleetError::Write { path, source })
-}
-
-/// Sleeps, but no longer than until an interrupt.
-fn wait(time: Duration, interrupted: &AtomicBool) {
-    let start = Instant::now();
-    while start.elapsed() < time && !interrupted.load(Ordering::Relaxed) {
-        std::thread::sleep(Duration::from_millis(100));
-    }
 }
 
 /// The folder holds the fleet that is asked for.

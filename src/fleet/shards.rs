@@ -1,7 +1,7 @@
 //! What is known of each shard: from the queue, from its folder, and told to the user.
 
 use std::fs::File;
-use std::io::{self, BufReader, IsTerminal, Read, Seek, SeekFrom, stderr};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -68,8 +68,10 @@ impl Folder {
         format!("{}.{ending}", self.name)
     }
 
-    fn bytes_beside(&self, ending: &str, limit: u64) -> io::Result<Vec<u8>> {
-        folder::Folder::open(&self.out)?.bytes(self.beside(ending), limit)
+    /// The text of such a file.
+    fn text_beside(&self, ending: &str, limit: u64) -> Option<String> {
+        let bytes = folder::Folder::open(&self.out).ok()?.bytes(self.beside(ending), limit).ok()?;
+        Some(String::from_utf8_lossy(&bytes).into_owned())
     }
 
     fn records(&self) -> io::Result<File> {
@@ -79,16 +81,15 @@ impl Folder {
     /// The exit status that its task wrote last. Of a job that is known, only that job's counts: an earlier one's may still be
     /// there when the next begins.
     fn status(&self, job: Option<JobId>) -> Option<i32> {
-        let bytes = self.bytes_beside(STATUS, MOST_STATUS_BYTES).ok()?;
-        let (status, of) = str::from_utf8(&bytes).ok()?.trim().split_once(' ')?;
+        let text = self.text_beside(STATUS, MOST_STATUS_BYTES)?;
+        let (status, of) = text.trim().split_once(' ')?;
         let of = JobId(of.parse().ok()?);
         job.is_none_or(|job| job == of).then_some(status)?.parse().ok()
     }
 
     /// The last line that its task printed.
     fn last_line(&self) -> Option<String> {
-        let bytes = self.bytes_beside(LOG, MOST_LOG_BYTES).ok()?;
-        let text = String::from_utf8_lossy(&bytes);
+        let text = self.text_beside(LOG, MOST_LOG_BYTES)?;
         let line = text.lines().rev().find(|line| !line.trim().is_empty());
         line.map(|line| text::line(line.trim()))
     }
@@ -273,25 +274,26 @@ impl Shard {
 
 /// How far all shards are, in one line.
 pub struct Progress {
-    bar: Option<ProgressBar>,
+    /// Hidden where there is no terminal.
+    pub bar: ProgressBar,
     last: (Instant, String),
 }
 
 impl Default for Progress {
     fn default() -> Self {
-        let bar = stderr().is_terminal().then(|| {
-            let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cells  {msg}");
-            ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-        });
-        Self { bar, last: (Instant::now(), String::new()) }
+        let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cells  {msg}");
+        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+        let last = (Instant::now(), String::new());
+        Self { bar: ProgressBar::new(0).with_style(style), last }
     }
 }
 
 impl Progress {
     pub fn say(&self, message: &str) {
-        match &self.bar {
-            Some(bar) => bar.println(message),
-            None => tell::note(message),
+        if self.bar.is_hidden() {
+            tell::note(message);
+        } else {
+            self.bar.println(message);
         }
     }
 
@@ -301,10 +303,10 @@ impl Progress {
         let known: usize = counts.iter().filter_map(|(_, cells)| *cells).sum();
         let unknown = counts.iter().filter(|(_, cells)| cells.is_none()).count();
         let message = states(shards);
-        if let Some(bar) = &self.bar {
-            bar.set_length(known as u64);
-            bar.set_position(done as u64);
-            bar.set_message(message);
+        if !self.bar.is_hidden() {
+            self.bar.set_length(known as u64);
+            self.bar.set_position(done as u64);
+            self.bar.set_message(message);
             return;
         }
         let of = if unknown > 0 { format!("at least {known}") } else { known.to_string() };
@@ -312,12 +314,6 @@ impl Progress {
         if line != self.last.1 && self.last.0.elapsed() >= LINE_INTERVAL {
             tell::note(&line);
             self.last = (Instant::now(), line);
-        }
-    }
-
-    pub fn end(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
         }
     }
 }

@@ -259,7 +259,7 @@ mod tests {
                     parameter::set(&mut tree, &path, value)
                         .unwrap_or_else(|error| panic!("{place}: {error}"));
                 }
-                let read = (kind.configure)(&tree);
+                let read = (kind.checked)(&tree);
                 read.unwrap_or_else(|error| panic!("{place}: {error}"));
             }
         }

@@ -14,13 +14,14 @@ use rayon::prelude::*;
 use super::subject::Subject;
 use fathom_base::input::{self, Limited};
 use fathom_gpu::{Gpu, GpuError};
+use fathom_pipelines::occlusion::exact as attenuation;
 use fathom_pipelines::settings::Deform;
 use fathom_pipelines::volume_ao::{VolumeAo, occlusion_at, point_query};
-use fathom_reference::occlusion::{self as exact, Attenuation};
+use fathom_reference::occlusion as exact;
 use fathom_reference::rays::Tracer;
 use fathom_stages::ao::query::SurfacePoint;
 use fathom_stages::kit::Resources;
-use fathom_stages::marching::{self, Occluder};
+use fathom_stages::marching::Occluder;
 use table::SHORT;
 
 /// Columns that a file of points must have, in any order and among others.
@@ -81,10 +82,10 @@ pub fn occlusion(gpu: &Gpu, subject: &Subject, rows: &[SurfaceRow]) -> Result<Ve
     };
     let points: Vec<SurfacePoint> = rows.iter().map(point).collect();
     let plan = |resources: &Resources<'_>| {
-        point_query(resources, &subject.scene, params, &points).map(drop)
+        point_query(resources, &subject.scene, &params, &points).map(drop)
     };
     check(gpu, plan)?;
-    Ok(gpu.scoped(|| occlusion_at(gpu, &subject.scene, params, &points))?)
+    Ok(gpu.scoped(|| occlusion_at(gpu, &subject.scene, &params, &points))?)
 }
 
 /// Holds what `plan` makes against the adapter, before anything is allocated.
@@ -109,10 +110,7 @@ pub fn reference(subject: &Subject, rows: &[SurfaceRow], rays: u32) -> Result<Ve
         "--reference: with ao.occluder=opacity rays pass through transparent objects, those of the reference do not"
     );
     let marching = params.marching(&subject.scene);
-    let attenuation = match marching.attenuation {
-        marching::Attenuation::Linear => Attenuation::Linear,
-        marching::Attenuation::Hard => Attenuation::Hard,
-    };
+    let attenuation = attenuation(marching.attenuation);
     let tracer = Tracer::new(&subject.scene.objects)?;
     let answer = |row: &SurfaceRow| {
         let normal = row.normal.normalize();

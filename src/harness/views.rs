@@ -65,8 +65,8 @@ const PAN_PX: f64 = 0.5;
 /// The subject drawn anew: other random numbers, and its pixels moved over the scene by half of their size.
 fn drawn_anew(subject: &Subject) -> Option<Subject> {
     let height_px = subject.params.pointer("/view/height")?.as_f64()?;
-    let moved = panned(&subject.configuration.camera(), PAN_PX / height_px);
-    subject.seen_from(moved).reseeded(OTHER_SEED)
+    let moved = panned(&subject.camera(), PAN_PX / height_px);
+    subject.seen_from(&moved).reseeded(OTHER_SEED)
 }
 
 /// The camera turned on its place so that the picture moves by a share of its height, to the side and down.
@@ -83,9 +83,9 @@ fn panned(camera: &Camera, share: f64) -> Camera {
 impl OtherViews {
     /// The camera turned about its target by these angles; none for pipelines without random numbers.
     pub fn of(cell: &Subject, turns_deg: &[f64]) -> Option<Self> {
-        let camera = cell.configuration.camera();
+        let camera = cell.camera();
         let turned = turns_deg.iter().map(|&turn_deg| {
-            let seen = cell.seen_from(turned(&camera, turn_deg));
+            let seen = cell.seen_from(&turned(&camera, turn_deg));
             let again = drawn_anew(&seen)?;
             Some(Turned { turn_deg, subjects: [seen, again] })
         });
@@ -95,7 +95,7 @@ impl OtherViews {
     /// Cameras of the turned views.
     #[cfg(test)]
     pub(super) fn cameras(&self) -> Vec<Camera> {
-        self.turned.iter().map(|view| view.subjects[0].configuration.camera()).collect()
+        self.turned.iter().map(|view| view.subjects[0].camera()).collect()
     }
 }
 

@@ -1,8 +1,10 @@
 //! The changes of all series of a history, and how sure each is among so many.
 
+use std::iter::once;
+
 use rayon::prelude::*;
 
-use super::changes::{self, ChangePoint, LEAST_RUNS};
+use super::changes::{LEAST_RUNS, change_points};
 use super::scores::Scores;
 use super::shift::shift;
 use super::stored::{Series, StoredRuns};
@@ -101,11 +103,8 @@ impl Findings {
         tell_false_share(&mut changes, searched);
         changes.sort_by(|a, b| {
             let by_size = b.size.magnitude().total_cmp(&a.size.magnitude());
-            b.is_sure()
-                .cmp(&a.is_sure())
-                .then(by_size)
-                .then(a.series.cmp(&b.series))
-                .then(a.at.cmp(&b.at))
+            let by_place = (a.series, a.at).cmp(&(b.series, b.at));
+            b.is_sure().cmp(&a.is_sure()).then(by_size).then(by_place)
         });
         Findings { changes, searched, too_short: stored.series.len() - searched }
     }
@@ -124,25 +123,21 @@ impl Findings {
 
 fn of_series(place: usize, series: &Series, scores: &mut Scores) -> Vec<Change> {
     let values: Vec<f64> = series.points.iter().map(|point| point.value.median).collect();
-    let points = changes::change_points(&values, scores);
-    let bounds = |at: usize| match at.checked_sub(1) {
-        None => 0,
-        Some(before) => points.get(before).map_or(values.len(), |point: &ChangePoint| point.at),
-    };
-    let change = |(number, point): (usize, &ChangePoint)| {
-        let (before, after) =
-            (&values[bounds(number)..point.at], &values[point.at..bounds(number + 2)]);
-        Change {
-            series: place,
-            at: point.at,
-            runs: [point.at - 1, point.at].map(|at| series.points[at].run),
-            size: Size::of(before, after),
-            n: [before.len(), after.len()],
-            p: point.p,
-            false_share: 1.0,
-        }
-    };
-    points.iter().enumerate().map(change).collect()
+    let points = change_points(&values, scores);
+    let inner = points.iter().map(|point| point.at);
+    let bounds: Vec<usize> = once(0).chain(inner).chain([values.len()]).collect();
+    let levels = bounds.windows(2).map(|level| &values[level[0]..level[1]]);
+    let changes = points.iter().zip(levels.clone().zip(levels.skip(1)));
+    let change = changes.map(|(point, (before, after))| Change {
+        series: place,
+        at: point.at,
+        runs: [point.at - 1, point.at].map(|at| series.points[at].run),
+        size: Size::of(before, after),
+        n: [before.len(), after.len()],
+        p: point.p,
+        false_share: 1.0,
+    });
+    change.collect()
 }
 
 /// Each series is searched once, and both sides of each change once more.

@@ -19,8 +19,6 @@ mod sqlite;
 mod store;
 mod stored;
 pub mod tables;
-#[cfg(feature = "postgres")]
-mod tls;
 
 pub use database::Location;
 pub use findings::{Change, Findings, Size};
@@ -51,8 +49,8 @@ pub enum HistoryError {
     NoRun { folder: PathBuf, name: String },
     #[error("cannot read {}: {source}", path.display())]
     Read { path: PathBuf, source: std::io::Error },
-    #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: std::io::Error },
+    #[error("cannot write a series as CSV: {0}")]
+    Csv(#[from] csv::Error),
     #[error("{} is damaged, so it was not stored: {first}{}", path.display(), more(*.count))]
     Damaged { path: PathBuf, first: Damage, count: usize },
     #[error("{} holds a comparison, and a history stores runs only", path.display())]

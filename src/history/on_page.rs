@@ -1,47 +1,78 @@
-//! A history in the words and numbers of a page's section.
+//! A history as a section of a page: what changed where, and a small chart for each series.
 
 use itertools::Itertools;
+use maud::{Markup, html};
 
 use super::changes::LEAST_RUNS;
 use super::findings::{Change, Findings};
 use super::run::FRAME;
-use super::stored::{Series, StoredRuns};
+use super::stored::{Point, Series, StoredRuns};
 use super::tables;
 use fathom_experiments::words;
-use fathom_report::format::NS_PER_MS;
-use fathom_report::page::{
-    ChangeRow, HistoryChart, HistoryMark, HistoryOnPage, HistoryPoint, Tone,
-};
+use fathom_report::axis::{Axis, tenth};
+use fathom_report::page::Tone;
+use fathom_report::page::table::{self, table};
+use fathom_report::svg;
 
 /// Charts of a page. A page of as many charts of as many points stays below 5 MB.
 const MOST_CHARTS: usize = 60;
 /// Latest runs of a chart.
 const MOST_POINTS: usize = 200;
+const SIZE_PX: [f64; 2] = [324.0, 150.0];
+const LEFT_PX: f64 = 48.0;
+const RIGHT_PX: f64 = 318.0;
+const TOP_PX: f64 = 8.0;
+const BOTTOM_PX: f64 = 126.0;
 
-pub fn on_page(stored: &StoredRuns, findings: &Findings) -> HistoryOnPage {
+/// Sure changes first, each kind by size; charts of series with changes first.
+pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Markup {
     let changed = findings.changes.iter().map(|change| change.series);
     let shown = changed.chain(0..stored.series.len()).unique().take(MOST_CHARTS);
-    HistoryOnPage {
-        headline: tables::headline(stored, findings),
-        rows: findings.changes.iter().map(|change| row(stored, change)).collect(),
-        charts: shown.map(|place| chart(stored, findings, place)).collect(),
-        not_shown: stored.series.len().saturating_sub(MOST_CHARTS),
+    let not_shown = stored.series.len().saturating_sub(MOST_CHARTS);
+    let (sure, possible): (Vec<&Change>, Vec<&Change>) =
+        findings.changes.iter().partition(|change| change.is_sure());
+    html! {
+        p.lead { (tables::headline(stored, findings)) }
+        @if !sure.is_empty() { (changes("Changes", stored, &sure)) }
+        @if !possible.is_empty() {
+            details {
+                summary { (possible.len()) " possible changes" }
+                (changes("Possible changes", stored, &possible))
+            }
+        }
+        h3 { "Figures over commits" }
+        p.lead {
+            "A point is the median of a run, a bar its 95 % interval. Runs stand in the order of their commits' dates, equally far apart. "
+            "A dashed line is a change, named below the chart. The vertical axis does not begin at 0."
+        }
+        div.multiples { @for place in shown { (chart(stored, findings, place)) } }
+        @if not_shown > 0 {
+            p.faint { (not_shown) " more series are not drawn; fathom history show FILTER --out DIR draws those whose names hold FILTER." }
+        }
     }
 }
 
-fn row(stored: &StoredRuns, change: &Change) -> ChangeRow {
+fn changes(about: &str, stored: &StoredRuns, changes: &[&Change]) -> Markup {
+    let heads = table::words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
+    let rows = html! { @for change in changes { (row(stored, change)) } };
+    table(about, "sortable changes", &heads, &rows)
+}
+
+fn row(stored: &StoredRuns, change: &Change) -> Markup {
     let series = &stored.series[change.series];
     let [before, after] = change.runs.map(|run| &stored.runs[run]);
-    ChangeRow {
-        size: tables::size(change, series),
-        value: change.size.estimate().median,
-        tone: tone(series, change),
-        sure: change.is_sure(),
-        commits: tables::commits(before, after),
-        days: format!("{} → {}", before.day(), after.day()),
-        n: change.n,
-        name: name(series),
-        place: series.key.place(),
+    html! {
+        tr {
+            th scope="row" { (name(series)) }
+            td data-v=(change.size.estimate().median) {
+                (tone(series, change).chip(&tables::size(change, series)))
+                @if !change.is_sure() { " " span.faint { "possible" } }
+            }
+            td { (tables::commits(before, after)) }
+            td { (before.day()) " → " (after.day()) }
+            td { (change.n[0]) " + " (change.n[1]) }
+            td.faint.where { (series.key.place()) }
+        }
     }
 }
 
@@ -71,41 +102,92 @@ fn name(series: &Series) -> String {
     format!("{} {told}", figure.cell)
 }
 
-fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> HistoryChart {
+/// A change in a chart.
+struct Mark {
+    /// The first point of the new level.
+    at: usize,
+    tone: Tone,
+    /// The two commits and the size.
+    told: String,
+}
+
+fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> Markup {
     let series = &stored.series[place];
-    let first = series.points.len().saturating_sub(MOST_POINTS);
-    let factor = if series.key.is_time() { 1.0 / NS_PER_MS } else { 1.0 };
-    let points = series.points[first..].iter().map(|point| {
-        let run = &stored.runs[point.run];
-        HistoryPoint {
-            commit: run.short_commit(),
-            told: format!(
-                "{} of {}: {} {}, n = {}",
-                run.short_commit(),
-                run.day(),
-                tables::value(series, &point.value),
-                tables::unit(series),
-                point.value.n
-            ),
-            value: point.value.scaled(factor),
-        }
-    });
-    let changes = findings.of_series(place).into_iter().filter(|change| change.at > first);
+    let earlier = series.points.len().saturating_sub(MOST_POINTS);
+    let points = &series.points[earlier..];
+    let changes = findings.of_series(place).into_iter().filter(|change| change.at > earlier);
     let marks = changes.map(|change| {
         let [before, after] = change.runs.map(|run| &stored.runs[run]);
-        HistoryMark {
-            at: change.at - first,
-            tone: tone(series, change),
-            told: format!("{}: {}", tables::commits(before, after), tables::size(change, series)),
-        }
+        let told = format!("{}: {}", tables::commits(before, after), tables::size(change, series));
+        Mark { at: change.at - earlier, tone: tone(series, change), told }
     });
-    HistoryChart {
-        name: name(series),
-        place: series.key.place(),
-        unit: tables::unit(series),
-        earlier: first,
-        too_short: (series.points.len() < LEAST_RUNS).then_some(LEAST_RUNS),
-        marks: marks.collect(),
-        points: points.collect(),
+    let marks: Vec<Mark> = marks.collect();
+    let (name, unit) = (name(series), tables::unit(series));
+    let about = format!("{name} ({unit}) over {} runs", points.len());
+    html! {
+        figure.multiple {
+            figcaption { b { (name) } br; span.faint { (series.key.place()) } }
+            p.axis-title { "↑ " @if unit.is_empty() { "value" } @else { (unit) } }
+            @match drawing(stored, series, points, &marks) {
+                Some(content) => (svg::chart(SIZE_PX, &about, &content)),
+                None => { p.faint { "No value can be drawn." } }
+            }
+            @if earlier > 0 { p.faint { (earlier) " earlier runs are not drawn." } }
+            @if series.points.len() < LEAST_RUNS {
+                p.faint { "Too short to be searched: " (points.len()) " runs, and " (LEAST_RUNS) " are needed." }
+            }
+            @if !marks.is_empty() {
+                ul.fits { @for mark in &marks { li { span.(mark.tone.class()) { "┆ " } (mark.told) } } }
+            }
+        }
     }
+}
+
+/// None where no value is finite.
+fn drawing(
+    stored: &StoredRuns,
+    series: &Series,
+    points: &[Point],
+    marks: &[Mark],
+) -> Option<Markup> {
+    let factor = series.key.shown();
+    let values = points.iter().flat_map(|point| point.value.scaled(factor).ends());
+    let y = Axis::tight(values, [BOTTOM_PX, TOP_PX])?;
+    let last = points.len().saturating_sub(1).max(1) as f64;
+    let x = |at: f64| tenth(LEFT_PX + 6.0 + at / last * (RIGHT_PX - LEFT_PX - 12.0));
+    let commit = |point: &Point| stored.runs[point.run].short_commit();
+    Some(html! {
+        (svg::y_axis(&y, [LEFT_PX, RIGHT_PX], ""))
+        g.axis aria-hidden="true" {
+            @if let Some(point) = points.first() { text x=(LEFT_PX) y=(BOTTOM_PX + 18.0) { (commit(point)) } }
+            @if let [_, .., point] = points {
+                text x=(RIGHT_PX) y=(BOTTOM_PX + 18.0) text-anchor="end" { (commit(point)) }
+            }
+        }
+        @for mark in marks {
+            line.change.(mark.tone.class()) x1=(x(mark.at as f64 - 0.5)) x2=(x(mark.at as f64 - 0.5)) y1=(TOP_PX) y2=(BOTTOM_PX) {
+                title { (mark.told) }
+            }
+        }
+        @for (at, point) in points.iter().enumerate() {
+            @let value = point.value.scaled(factor);
+            @let [low, high] = value.ends().map(|end| y.px_within(end));
+            @let told = told(stored, series, point);
+            line.whisker.run x1=(x(at as f64)) x2=(x(at as f64)) y1=(low) y2=(high) {}
+            circle.mark.ink cx=(x(at as f64)) cy=(y.px_within(value.median)) r="2.5" data-tip=(told) { title { (told) } }
+        }
+    })
+}
+
+/// Commit, day, value.
+fn told(stored: &StoredRuns, series: &Series, point: &Point) -> String {
+    let run = &stored.runs[point.run];
+    format!(
+        "{} of {}: {} {}, n = {}",
+        run.short_commit(),
+        run.day(),
+        tables::value(series, &point.value),
+        tables::unit(series),
+        point.value.n
+    )
 }

@@ -7,10 +7,16 @@ use fathom_base::private;
 use fathom_base::process;
 
 /// What the user says. The rest is found out.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, clap::Args)]
 pub struct Said {
+    /// Commit that was measured [default: GITHUB_SHA, CI_COMMIT_SHA, or git's HEAD here]
+    #[arg(long, value_name = "SHA")]
     pub commit: Option<String>,
+    /// Branch of the commit [default: GITHUB_REF_NAME, CI_COMMIT_REF_NAME, or git's HEAD here]
+    #[arg(long, value_name = "NAME")]
     pub branch: Option<String>,
+    /// Machine that measured [default: as the records name it, else this host]
+    #[arg(long, value_name = "NAME")]
     pub machine: Option<String>,
 }
 

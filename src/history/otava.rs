@@ -49,16 +49,12 @@ fn test_of(series: &Series, path: &str) -> serde_json::Value {
 
 fn csv_of(stored: &StoredRuns, series: &Series) -> Result<Vec<u8>, HistoryError> {
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let fault = |error: csv::Error| HistoryError::Write {
-        path: series.key.name().into(),
-        source: error.into(),
-    };
-    writer.write_record(["time", "commit", METRIC]).map_err(fault)?;
+    writer.write_record(["time", "commit", METRIC])?;
     for point in &series.points {
         let run = &stored.runs[point.run];
         let time = Timestamp::from_second(run.committed_at).unwrap_or_default().to_string();
         let row = [time, text::spreadsheet(&run.commit), point.value.median.to_string()];
-        writer.write_record(row).map_err(fault)?;
+        writer.write_record(row)?;
     }
-    writer.into_inner().map_err(|error| fault(error.into_error().into()))
+    writer.into_inner().map_err(|error| csv::Error::from(error.into_error()).into())
 }

@@ -2,7 +2,6 @@
 
 use std::net::IpAddr;
 use std::str::FromStr;
-use std::sync::Arc;
 use std::sync::mpsc::{self, SyncSender};
 use std::time::Duration;
 
@@ -11,10 +10,10 @@ use postgres::config::{Host, SslMode};
 use postgres::fallible_iterator::FallibleIterator;
 use postgres::types::{ToSql, Type};
 use postgres::{Client, Config, NoTls, Row};
+use tokio_postgres_rustls::MakeRustlsConnect;
 
 use super::HistoryError;
 use super::database::{Database, Dialect, Value, counted};
-use super::tls;
 
 /// How long a server may take to be reached, and to greet.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -110,13 +109,28 @@ impl Postgres {
 
 /// The client; or why there is none.
 fn connect(config: &Config, encrypted: bool) -> Result<Client, String> {
-    let connected = if encrypted { config.connect(tls::checked()?) } else { config.connect(NoTls) };
+    let connected = if encrypted { config.connect(checked()?) } else { config.connect(NoTls) };
     let limited = connected.and_then(|mut client| {
         let limit = STATEMENT.as_millis();
         client.batch_execute(&format!("SET statement_timeout = {limit}"))?;
         Ok(client)
     });
     limited.map_err(|error| with_cause(&error))
+}
+
+/// Checks the server's certificate and its name against the certificates that the system trusts, or that `SSL_CERT_FILE` or
+/// `SSL_CERT_DIR` names.
+///
+/// # Errors
+/// Says that there are none.
+fn checked() -> Result<MakeRustlsConnect, String> {
+    let trusting = MakeRustlsConnect::with_native_certs().map_err(|errors| {
+        let why = errors.first().map_or_else(String::new, |error| format!(" ({error})"));
+        format!(
+            "no certificate is trusted on this system{why}: name a file of them by SSL_CERT_FILE"
+        )
+    });
+    Ok(trusting?.0)
 }
 
 /// To another host it is, and to this one where the URL asks for it.
@@ -175,20 +189,16 @@ fn bound(value: &Value) -> &(dyn ToSql + Sync) {
         Value::Integer(integer) => integer,
         Value::Real(real) => real,
         Value::Text(text) => text,
-        Value::Bytes(bytes) => &**bytes,
+        Value::Blob(bytes) => bytes,
     }
 }
 
 fn value(row: &Row, column: usize) -> Result<Value, postgres::Error> {
-    let kind = row.columns()[column].type_();
-    Ok(match *kind {
-        Type::INT8 => row.try_get::<_, Option<i64>>(column)?.map_or(Value::Null, Value::Integer),
-        Type::FLOAT8 => row.try_get::<_, Option<f64>>(column)?.map_or(Value::Null, Value::Real),
-        Type::BYTEA => {
-            let bytes = row.try_get::<_, Option<Vec<u8>>>(column)?;
-            bytes.map_or(Value::Null, |bytes| Value::Bytes(Arc::new(bytes)))
-        }
-        _ => row.try_get::<_, Option<String>>(column)?.map_or(Value::Null, Value::Text),
+    Ok(match *row.columns()[column].type_() {
+        Type::INT8 => row.try_get::<_, Option<i64>>(column)?.into(),
+        Type::FLOAT8 => row.try_get::<_, Option<f64>>(column)?.into(),
+        Type::BYTEA => row.try_get::<_, Option<Vec<u8>>>(column)?.into(),
+        _ => row.try_get::<_, Option<String>>(column)?.into(),
     })
 }
 

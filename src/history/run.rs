@@ -1,13 +1,11 @@
 //! A run as a history takes it: the bytes of its records, and the figures of each cell.
 
-use std::collections::HashMap;
 use std::io::{self, ErrorKind, Read, Write};
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use indexmap::IndexSet;
+use indexmap::{IndexMap, IndexSet};
 use sha2::{Digest, Sha256};
 
 use super::HistoryError;
@@ -49,7 +47,7 @@ pub struct NewRun {
     /// SHA-256 of the records, hexadecimal.
     pub digest: String,
     /// The lines of its records as they lie in the folder, compressed by gzip.
-    pub packed: Arc<Vec<u8>>,
+    pub packed: Vec<u8>,
     /// RFC 3339, UTC: of the first header.
     pub started_at: String,
     pub adapter: String,
@@ -84,21 +82,22 @@ impl NewRun {
                 }
                 _ => HistoryError::Read { path: path.clone(), source },
             })?;
-        let mut copied = Copied::new(source);
+        let packer = GzEncoder::new(Vec::new(), Compression::default());
+        let mut copied = Copied { source, sum: Sha256::new(), packer };
         let mut found = Found::default();
         let damaged = record::each_good(&path, &mut copied, |record| found.take(record))?;
         let header = found.check(&path, &damaged)?;
         let unwritten = |source| HistoryError::Read { path: path.clone(), source };
-        let (digest, packed) = copied.end().map_err(unwritten)?;
+        let of_figure = |(key, (host, value))| NewFigure { key, host, value };
         Ok(NewRun {
-            digest,
-            packed: Arc::new(packed),
+            digest: hex::encode(copied.sum.finalize()),
+            packed: copied.packer.finish().map_err(unwritten)?,
             started_at: header.started_at.clone(),
             adapter: header.adapter.name.clone(),
             driver: driver(&header),
             hosts: found.hosts.into_iter().collect(),
             cells: found.cells,
-            figures: found.figures,
+            figures: found.figures.into_iter().map(of_figure).collect(),
         })
     }
 }
@@ -108,18 +107,6 @@ struct Copied<R> {
     source: R,
     sum: Sha256,
     packer: GzEncoder<Vec<u8>>,
-}
-
-impl<R> Copied<R> {
-    fn new(source: R) -> Self {
-        let packer = GzEncoder::new(Vec::new(), Compression::default());
-        Self { source, sum: Sha256::new(), packer }
-    }
-
-    /// Digest, hexadecimal, and compressed bytes.
-    fn end(self) -> io::Result<(String, Vec<u8>)> {
-        Ok((hex::encode(self.sum.finalize()), self.packer.finish()?))
-    }
 }
 
 impl<R: Read> Read for Copied<R> {
@@ -141,9 +128,8 @@ struct Found {
     is_comparison: bool,
     hosts: IndexSet<Option<String>>,
     cells: usize,
-    figures: Vec<NewFigure>,
-    /// Where the figure of a key is, by its digest.
-    places: HashMap<KeyDigest, usize>,
+    /// With the machine that measured them.
+    figures: IndexMap<FigureKey, (Option<Name>, Estimate)>,
 }
 
 impl Found {
@@ -158,9 +144,12 @@ impl Found {
                 self.header = Some(*run);
             }
             Record::Cell(cell) => {
-                if let Some(measured) = cell.measured() {
-                    self.cells += 1;
-                    self.add(&cell, measured);
+                let Some(measured) = cell.measured() else { return };
+                self.cells += 1;
+                if let Some(run) = &self.header {
+                    let host = run.conditions.host.as_deref().map(Name::from);
+                    let figures = of_cell(run, &cell, measured).into_iter();
+                    self.figures.extend(figures.map(|(key, value)| (key, (host.clone(), value))));
                 }
             }
             Record::Comparison(_) => self.is_comparison = true,
@@ -168,50 +157,23 @@ impl Found {
         }
     }
 
-    fn add(&mut self, cell: &Cell, measured: &Measured) {
-        let Some(run) = &self.header else { return };
-        let host = run.conditions.host.as_deref().map(Name::from);
-        for (key, value) in of_cell(run, cell, measured) {
-            let place = *self.places.entry(key.digest()).or_insert(self.figures.len());
-            let figure = NewFigure { key, host: host.clone(), value };
-            match self.figures.get_mut(place) {
-                Some(earlier) => *earlier = figure,
-                None => self.figures.push(figure),
-            }
-        }
-    }
-
     /// The first header of sound records of a run.
     fn check(&mut self, path: &Path, damaged: &Damaged) -> Result<Run, HistoryError> {
-        let path = || -> PathBuf { path.to_owned() };
+        let path = path.to_owned();
         if let Some(first) = damaged.first() {
             let (count, first) = (damaged.count(), first.clone());
-            return Err(HistoryError::Damaged { path: path(), first, count });
+            return Err(HistoryError::Damaged { path, first, count });
         }
         if self.is_comparison {
-            return Err(HistoryError::Comparison { path: path() });
+            return Err(HistoryError::Comparison { path });
         }
-        self.first.take().ok_or_else(|| HistoryError::NoHeader { path: path() })
+        self.first.take().ok_or(HistoryError::NoHeader { path })
     }
 }
 
 fn driver(run: &Run) -> String {
     let adapter = &run.adapter;
     format!("{} {}, {}", adapter.driver, adapter.driver_info, adapter.backend)
-}
-
-/// Beginning of a SHA-256: 128 bits tell all keys apart that a run may have.
-pub type KeyDigest = [u8; 16];
-
-/// Digest of names, each told from the next.
-pub fn digest_of<'a>(names: impl IntoIterator<Item = &'a str>) -> KeyDigest {
-    let mut sum = Sha256::new();
-    for name in names {
-        sum.update((name.len() as u64).to_le_bytes());
-        sum.update(name);
-    }
-    let sum = sum.finalize();
-    std::array::from_fn(|i| sum[i])
 }
 
 impl FigureKey {
@@ -225,10 +187,6 @@ impl FigureKey {
     pub fn names(&self) -> [&str; 8] {
         let Self { adapter, driver, profile, cell, configuration, figure, unit, clock } = self;
         [adapter, driver, profile, cell, configuration, figure, unit, clock].map(|name| &**name)
-    }
-
-    fn digest(&self) -> KeyDigest {
-        digest_of(self.names())
     }
 }
 

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use rusqlite::config::DbConfig;
 use rusqlite::limits::Limit;
-use rusqlite::types::{ToSqlOutput, Value as Stored, ValueRef};
-use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, params_from_iter};
+use rusqlite::types::ValueRef;
+use rusqlite::{Connection, ErrorCode, OpenFlags, params_from_iter};
 
 use super::HistoryError;
 use super::database::{Database, Dialect, MOST_BYTES, MOST_ROWS, Value, counted};
@@ -90,18 +90,6 @@ fn fault(path: &Path) -> impl Fn(rusqlite::Error) -> HistoryError + use<> {
     }
 }
 
-impl ToSql for Value {
-    fn to_sql(&self) -> rusqlite::Result<ToSqlOutput<'_>> {
-        Ok(match self {
-            Value::Null => ToSqlOutput::Owned(Stored::Null),
-            Value::Integer(integer) => ToSqlOutput::Owned(Stored::Integer(*integer)),
-            Value::Real(real) => ToSqlOutput::Owned(Stored::Real(*real)),
-            Value::Text(text) => ToSqlOutput::Borrowed(ValueRef::Text(text.as_bytes())),
-            Value::Bytes(bytes) => ToSqlOutput::Borrowed(ValueRef::Blob(bytes)),
-        })
-    }
-}
-
 impl Database for Sqlite {
     fn dialect(&self) -> Dialect {
         Dialect {
@@ -131,19 +119,16 @@ impl Database for Sqlite {
         let mut count = 0;
         while let Some(row) = rows.next().map_err(&fault)? {
             counted(&mut count)?;
-            let values = (0..columns).map(|column| row.get_ref(column).map(value));
+            let values = (0..columns).map(|column| value(row.get_ref(column)?));
             take(values.collect::<rusqlite::Result<_>>().map_err(&fault)?)?;
         }
         Ok(())
     }
 }
 
-fn value(stored: ValueRef<'_>) -> Value {
+fn value(stored: ValueRef<'_>) -> rusqlite::Result<Value> {
     match stored {
-        ValueRef::Null => Value::Null,
-        ValueRef::Integer(integer) => Value::Integer(integer),
-        ValueRef::Real(real) => Value::Real(real),
-        ValueRef::Text(text) => Value::Text(String::from_utf8_lossy(text).into_owned()),
-        ValueRef::Blob(bytes) => Value::Bytes(Arc::new(bytes.to_owned())),
+        ValueRef::Text(text) => Ok(Value::Text(String::from_utf8_lossy(text).into_owned())),
+        other => Ok(other.try_into()?),
     }
 }

@@ -2,14 +2,13 @@
 
 use std::collections::HashMap;
 use std::io::Read;
-use std::sync::Arc;
 
 use flate2::read::GzDecoder;
 use itertools::Itertools;
 use jiff::Timestamp;
 
-use super::database::{self, Database, Dialect, Location, Value};
-use super::run::{FigureKey, KeyDigest, MAX_RECORDS, NewFigure, NewRun, digest_of};
+use super::database::{self, Database, Dialect, Location, Value, integer, keep, stored_name, text};
+use super::run::{MAX_RECORDS, NewFigure, NewRun};
 use super::{FORMAT, HistoryError, Origin};
 use fathom_base::input::{self, Limited};
 use fathom_record::Estimate;
@@ -32,8 +31,6 @@ pub(super) const RUN_COLUMNS: &str = "id, digest, commit_name, committed_at, bra
 pub struct History {
     pub(super) database: Box<dyn Database>,
     place: String,
-    /// Its tables are there.
-    is_made: bool,
 }
 
 /// What became of a run that was to be added.
@@ -50,8 +47,8 @@ impl History {
     /// # Errors
     /// Where there is none, it cannot be reached, is another program's, or has a newer format.
     pub fn open(location: &Location) -> Result<History, HistoryError> {
-        let history = Self::connect(location, false)?;
-        if history.is_made {
+        let mut history = Self::connect(location, false)?;
+        if history.is_made()? {
             Ok(history)
         } else {
             Err(HistoryError::NoHistory { place: history.place })
@@ -60,7 +57,9 @@ impl History {
 
     /// The same to add to it. What is not there yet is made with the first run.
     pub fn open_or_make(location: &Location) -> Result<History, HistoryError> {
-        Self::connect(location, true)
+        let mut history = Self::connect(location, true)?;
+        history.is_made()?;
+        Ok(history)
     }
 
     fn connect(location: &Location, writable: bool) -> Result<History, HistoryError> {
@@ -69,32 +68,23 @@ impl History {
             Location::File(path) => path.display().to_string(),
             Location::Server { .. } => "the PostgreSQL database".to_owned(),
         };
-        let mut history = History { database, place, is_made: false };
-        history.look()?;
-        Ok(history)
+        Ok(History { database, place })
     }
 
     /// Whether the tables are there, in this build's format.
-    fn look(&mut self) -> Result<(), HistoryError> {
-        let place = || self.place.clone();
+    fn is_made(&mut self) -> Result<bool, HistoryError> {
+        let place = self.place.clone();
         let Dialect { count_of_table, count_of_all, .. } = self.database.dialect();
-        if self.database.integer(count_of_table, &[Value::Text(MARK.to_owned())])? == 0 {
-            let others = count_of_all.map(|all| self.database.integer(all, &[])).transpose()?;
-            return match others {
-                Some(1..) => Err(HistoryError::Foreign { place: place() }),
-                _ => Ok(()),
-            };
+        if self.database.integer(count_of_table, vec![MARK.to_owned().into()])? == 0 {
+            let others =
+                count_of_all.map_or(Ok(0), |all| self.database.integer(all, Vec::new()))?;
+            return if others == 0 { Ok(false) } else { Err(HistoryError::Foreign { place }) };
         }
-        let rows = self.database.rows("SELECT format FROM fathom_history", &[])?;
+        let rows = self.database.rows("SELECT format FROM fathom_history", Vec::new())?;
         match rows.first().and_then(|row| row.first()) {
-            Some(Value::Integer(FORMAT)) => {
-                self.is_made = true;
-                Ok(())
-            }
-            Some(Value::Integer(found)) => {
-                Err(HistoryError::Format { place: place(), found: *found })
-            }
-            _ => Err(HistoryError::Foreign { place: place() }),
+            Some(Value::Integer(FORMAT)) => Ok(true),
+            Some(Value::Integer(found)) => Err(HistoryError::Format { place, found: *found }),
+            _ => Err(HistoryError::Foreign { place }),
         }
     }
 
@@ -105,8 +95,7 @@ impl History {
     pub fn add(&mut self, run: &NewRun, origin: &Origin) -> Result<Added, HistoryError> {
         self.database.begin()?;
         // Another process may have made them meanwhile.
-        self.look()?;
-        if !self.is_made {
+        if !self.is_made()? {
             self.make()?;
         } else if self.has(run, origin)? {
             self.database.commit()?;
@@ -117,23 +106,22 @@ impl History {
         let machines: Vec<&str> = machines.collect::<Result<_, _>>()?;
         let committed_at = self.commit_time(run, origin)?;
         let row = vec![
-            Value::Integer(id),
-            Value::Text(run.digest.clone()),
-            Value::name(&origin.commit),
-            Value::Integer(committed_at),
-            Value::name(&origin.branch),
-            Value::name(&machines.iter().unique().join(", ")),
-            Value::name(&run.adapter),
-            Value::name(&run.driver),
-            Value::name(&run.started_at),
-            Value::Integer(run.cells as i64),
-            Value::Integer(run.figures.len() as i64),
-            Value::Bytes(Arc::clone(&run.packed)),
+            id.into(),
+            run.digest.clone().into(),
+            stored_name(&origin.commit).into(),
+            committed_at.into(),
+            stored_name(&origin.branch).into(),
+            stored_name(&machines.iter().unique().join(", ")).into(),
+            stored_name(&run.adapter).into(),
+            stored_name(&run.driver).into(),
+            stored_name(&run.started_at).into(),
+            (run.cells as i64).into(),
+            (run.figures.len() as i64).into(),
+            run.packed.clone().into(),
         ];
         self.insert("fathom_run", &format!("{RUN_COLUMNS}, records"), vec![row])?;
         self.add_figures(id, run, origin)?;
         self.database.commit()?;
-        self.is_made = true;
         Ok(Added::New)
     }
 
@@ -161,21 +149,22 @@ impl History {
             self.database.execute(&statement, Vec::new())?;
         }
         let statement = "INSERT INTO fathom_history (format) VALUES ($1)";
-        self.database.execute(statement, vec![Value::Integer(FORMAT)])
+        self.database.execute(statement, vec![FORMAT.into()])
     }
 
     /// The run is stored as one of this commit, on this branch.
     fn has(&mut self, run: &NewRun, origin: &Origin) -> Result<bool, HistoryError> {
         let statement = "SELECT commit_name, branch FROM fathom_run WHERE digest = $1";
-        let found = self.database.rows(statement, &[Value::Text(run.digest.clone())])?;
+        let found = self.database.rows(statement, vec![run.digest.clone().into()])?;
         let Some(row) = found.first() else { return Ok(false) };
-        if row[0] == Value::name(&origin.commit) && row[1] == Value::name(&origin.branch) {
+        let [commit, branch] = [text(&row[0])?, text(&row[1])?];
+        if commit == stored_name(&origin.commit) && branch == stored_name(&origin.branch) {
             return Ok(true);
         }
         Err(HistoryError::OtherOrigin {
             digest: run.digest.clone(),
-            stored_commit: row[0].text()?.to_owned(),
-            stored_branch: row[1].text()?.to_owned(),
+            stored_commit: commit.to_owned(),
+            stored_branch: branch.to_owned(),
             commit: origin.commit.clone(),
             branch: origin.branch.clone(),
         })
@@ -187,9 +176,9 @@ impl History {
             return Ok(time);
         }
         let statement = "SELECT committed_at FROM fathom_run WHERE commit_name = $1 ORDER BY id";
-        let earlier = self.database.rows(statement, &[Value::name(&origin.commit)])?;
+        let earlier = self.database.rows(statement, vec![stored_name(&origin.commit).into()])?;
         if let Some(row) = earlier.first() {
-            return row[0].integer();
+            return integer(&row[0]);
         }
         let started: Result<Timestamp, _> = run.started_at.parse();
         let unknown = |_| HistoryError::NoTime { commit: origin.commit.clone() };
@@ -198,21 +187,22 @@ impl History {
 
     fn next_id(&mut self, table: &str) -> Result<i64, HistoryError> {
         let statement = format!("SELECT COALESCE(MAX(id), 0) FROM {table}");
-        Ok(self.database.integer(&statement, &[])? + 1)
+        Ok(self.database.integer(&statement, Vec::new())? + 1)
     }
 
     fn add_figures(&mut self, run: i64, new: &NewRun, origin: &Origin) -> Result<(), HistoryError> {
         let mut known = HashMap::new();
         for host in &new.hosts {
-            self.add_known(origin.machine(host.as_deref())?, &mut known)?;
+            self.add_known(stored_name(origin.machine(host.as_deref())?), &mut known)?;
         }
         let mut next = self.next_id("fathom_series")?;
         for chunk in new.figures.chunks(ROWS_AT_ONCE) {
             let (mut series, mut figures) = (Vec::new(), Vec::new());
             for NewFigure { key, host, value } in chunk {
-                let names = names(origin.machine(host.as_deref())?, key);
-                let id = *known.entry(digest_of_row(&names)?).or_insert_with(|| {
-                    series.push(std::iter::once(Value::Integer(next)).chain(names).collect());
+                let names = std::iter::once(origin.machine(host.as_deref())?).chain(key.names());
+                let names: Vec<Value> = names.map(|name| stored_name(name).into()).collect();
+                let id = *known.entry(joined(&names)?).or_insert_with(|| {
+                    series.push(std::iter::once(next.into()).chain(names).collect());
                     next += 1;
                     next - 1
                 });
@@ -224,17 +214,19 @@ impl History {
         Ok(())
     }
 
-    /// Adds a machine's series by the digest of their names.
+    /// Adds a machine's series by their names.
     fn add_known(
         &mut self,
-        machine: &str,
-        known: &mut HashMap<KeyDigest, i64>,
+        machine: String,
+        known: &mut HashMap<String, i64>,
     ) -> Result<(), HistoryError> {
         let statement =
             format!("SELECT {SERIES_COLUMNS}, id FROM fathom_series WHERE machine = $1");
-        self.database.each(&statement, vec![Value::name(machine)], &mut |row| {
+        let mut bytes = 0;
+        self.database.each(&statement, vec![machine.into()], &mut |row| {
+            keep(&mut bytes, &row)?;
             let [names @ .., id] = row.as_slice() else { return Err(HistoryError::Type) };
-            known.insert(digest_of_row(names)?, id.integer()?);
+            known.insert(joined(names)?, integer(id)?);
             Ok(())
         })
     }
@@ -265,40 +257,37 @@ impl History {
             return Err(unknown());
         }
         let statement = "SELECT digest FROM fathom_run WHERE digest LIKE $1";
-        let pattern = Value::Text(format!("{}%", name.to_ascii_lowercase()));
-        let found = self.database.rows(statement, &[pattern])?;
+        let pattern = format!("{}%", name.to_ascii_lowercase());
+        let found = self.database.rows(statement, vec![pattern.into()])?;
         let digest = match found.as_slice() {
             [] => return Err(unknown()),
-            [row] => row[0].text()?.to_owned(),
+            [row] => text(&row[0])?.to_owned(),
             _ => return Err(HistoryError::SeveralRuns { name: name.to_owned() }),
         };
         let statement = "SELECT records FROM fathom_run WHERE digest = $1";
-        let rows = self.database.rows(statement, &[Value::Text(digest.clone())])?;
-        let packed = rows.first().map(|row| row[0].bytes()).transpose()?;
-        let records = packed.and_then(|packed| unpacked(packed, &digest, MAX_RECORDS));
+        let rows = self.database.rows(statement, vec![digest.clone().into()])?;
+        let records = match rows.first().map(|row| &row[0]) {
+            Some(Value::Blob(packed)) => unpacked(packed, &digest, MAX_RECORDS),
+            Some(_) => return Err(HistoryError::Type),
+            None => None,
+        };
         records.map(|records| (digest.clone(), records)).ok_or(HistoryError::Altered { digest })
     }
 }
 
-fn digest_of_row(names: &[Value]) -> Result<KeyDigest, HistoryError> {
-    let names: Vec<&str> = names.iter().map(Value::text).collect::<Result<_, _>>()?;
-    Ok(digest_of(names))
-}
-
-/// A series' names as they are stored.
-fn names(machine: &str, key: &FigureKey) -> Vec<Value> {
-    std::iter::once(machine).chain(key.names()).map(Value::name).collect()
+/// One name for a row of stored names, none of which holds a line's end.
+fn joined(names: &[Value]) -> Result<String, HistoryError> {
+    names.iter().map(text).process_results(|mut names| names.join("\n"))
 }
 
 fn figure_row(series: i64, run: i64, value: &Estimate) -> Vec<Value> {
-    let bound = |bound: Option<f64>| bound.map_or(Value::Null, Value::Real);
     vec![
-        Value::Integer(series),
-        Value::Integer(run),
-        Value::Real(value.median),
-        bound(value.interval.map(|interval| interval.low)),
-        bound(value.interval.map(|interval| interval.high)),
-        Value::Integer(value.n as i64),
+        series.into(),
+        run.into(),
+        value.median.into(),
+        value.interval.map(|interval| interval.low).into(),
+        value.interval.map(|interval| interval.high).into(),
+        (value.n as i64).into(),
     ]
 }
 

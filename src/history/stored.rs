@@ -7,12 +7,13 @@ use jiff::Timestamp;
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 
-use super::database::{Value, keep};
+use super::database::{Value, integer, keep, stored_name, text};
 use super::run::{FigureKey, NANOSECONDS};
 use super::store::{FIGURE_COLUMNS, RUN_COLUMNS, SERIES_COLUMNS};
 use super::{History, HistoryError};
-use fathom_base::text;
+use fathom_base::text::line;
 use fathom_record::{Estimate, Interval, Name};
+use fathom_report::format::NS_PER_MS;
 
 /// Digits of a commit or a run that people read.
 const SHORT: usize = 10;
@@ -56,7 +57,7 @@ impl StoredRun {
 }
 
 fn shortened(name: &str) -> String {
-    text::line(name).chars().take(SHORT).collect()
+    line(name).chars().take(SHORT).collect()
 }
 
 /// What makes values comparable.
@@ -70,18 +71,23 @@ pub struct SeriesKey {
 impl SeriesKey {
     /// `CELL FIGURE`.
     pub fn name(&self) -> String {
-        text::line(&format!("{} {}", self.figure.cell, self.figure.figure))
+        line(&format!("{} {}", self.figure.cell, self.figure.figure))
     }
 
     /// Branch, machine, adapter, driver and profile in words.
     pub fn place(&self) -> String {
         let Self { branch, machine, figure } = self;
         let FigureKey { adapter, driver, profile, .. } = figure;
-        text::line(&format!("{branch} on {machine}: {adapter}, {driver}; {profile}"))
+        line(&format!("{branch} on {machine}: {adapter}, {driver}; {profile}"))
     }
 
     pub fn is_time(&self) -> bool {
         self.figure.unit == NANOSECONDS
+    }
+
+    /// What turns a value into the unit that people read.
+    pub fn shown(&self) -> f64 {
+        if self.is_time() { 1.0 / NS_PER_MS } else { 1.0 }
     }
 }
 
@@ -126,16 +132,15 @@ impl History {
     pub fn runs(&mut self, selection: &Selection) -> Result<Vec<StoredRun>, HistoryError> {
         let statement =
             format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
-        let rows = self.database.rows(&statement, &[])?;
+        let rows = self.database.rows(&statement, Vec::new())?;
         let mut runs: Vec<StoredRun> = rows.iter().map(|row| of_row(row)).try_collect()?;
         if let Some(since) = &selection.since {
             let since = moment(since, &runs)?;
             runs.retain(|run| run.committed_at >= since);
         }
-        let branch = selection.branch.as_deref().map(Value::name);
-        runs.retain(|run| {
-            branch.as_ref().is_none_or(|branch| branch.text().is_ok_and(|name| name == run.branch))
-        });
+        if let Some(branch) = selection.branch.as_deref().map(stored_name) {
+            runs.retain(|run| run.branch == branch);
+        }
         Ok(runs)
     }
 
@@ -166,13 +171,13 @@ impl History {
         let (mut keys, mut bytes) = (HashMap::new(), 0);
         self.database.each(&statement, Vec::new(), &mut |row| {
             let names: Vec<Name> =
-                row[1..].iter().map(|name| name.text().map(Name::from)).try_collect()?;
+                row[1..].iter().map(|name| text(name).map(Name::from)).try_collect()?;
             let names: [Name; 9] = names.try_into().map_err(|_| HistoryError::Type)?;
             let [machine, key @ ..] = names;
             let key = FigureKey::of_names(key);
             if format!("{} {}", key.cell, key.figure).contains(filter) {
                 keep(&mut bytes, &row)?;
-                keys.insert(row[0].integer()?, (machine, key));
+                keys.insert(integer(&row[0])?, (machine, key));
             }
             Ok(())
         })?;
@@ -197,15 +202,11 @@ impl History {
             statement = format!("{statement} WHERE series IN ({places})");
         }
         self.database.each(&statement, asked, &mut |row| {
-            let Ok([series, run, median, low, high, n]) = <[Value; 6]>::try_from(row) else {
+            let [Value::Integer(series), Value::Integer(run), value @ ..] = row.as_slice() else {
                 return Err(HistoryError::Type);
             };
-            let (Value::Integer(series), Value::Integer(run)) = (series, run) else {
-                return Err(HistoryError::Type);
-            };
-            if let (Some(points), Some(run)) = (values.get_mut(&series), places.get(&run)) {
-                let value = estimate([median, low, high, n]).ok_or(HistoryError::Type)?;
-                points.push(Point { run: *run, value });
+            if let (Some(points), Some(run)) = (values.get_mut(series), places.get(run)) {
+                points.push(Point { run: *run, value: estimate(value)? });
             }
             Ok(())
         })?;
@@ -214,27 +215,31 @@ impl History {
 }
 
 fn of_row(row: &[Value]) -> Result<StoredRun, HistoryError> {
-    let name = |column: usize| row[column].text().map(str::to_owned);
+    let name = |column: usize| text(&row[column]).map(str::to_owned);
     Ok(StoredRun {
-        id: row[0].integer()?,
+        id: integer(&row[0])?,
         digest: name(1)?,
         commit: name(2)?,
-        committed_at: row[3].integer()?,
+        committed_at: integer(&row[3])?,
         branch: name(4)?,
         machine: name(5)?,
         adapter: name(6)?,
         driver: name(7)?,
         started_at: name(8)?,
-        cells: row[9].integer()?,
-        figures: row[10].integer()?,
+        cells: integer(&row[9])?,
+        figures: integer(&row[10])?,
     })
 }
 
-fn estimate(row: [Value; 4]) -> Option<Estimate> {
-    let [Value::Real(median), low, high, Value::Integer(n)] = row else { return None };
-    let bound = |value| if let Value::Real(real) = value { Some(real) } else { None };
-    let interval = bound(low).zip(bound(high)).map(|(low, high)| Interval { low, high });
-    Some(Estimate { median, interval, n: n.try_into().unwrap_or(0) })
+fn estimate(row: &[Value]) -> Result<Estimate, HistoryError> {
+    let [Value::Real(median), low, high, Value::Integer(n)] = row else {
+        return Err(HistoryError::Type);
+    };
+    let interval = match (low, high) {
+        (Value::Real(low), Value::Real(high)) => Some(Interval { low: *low, high: *high }),
+        _ => None,
+    };
+    Ok(Estimate { median: *median, interval, n: (*n).try_into().unwrap_or(0) })
 }
 
 /// A series for each branch that has values of it.

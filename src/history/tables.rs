@@ -8,7 +8,7 @@ use super::run::NANOSECONDS;
 use super::stored::{Series, StoredRun, StoredRuns};
 use fathom_base::text;
 use fathom_record::Estimate;
-use fathom_report::format::{NS_PER_MS, three, trim_zeros};
+use fathom_report::format::{three, trim_zeros};
 
 /// Unit in records of errors that have none.
 const WITHOUT_UNIT: &str = "1";
@@ -108,8 +108,7 @@ pub fn size(change: &Change, series: &Series) -> String {
 
 /// A value in the unit that people read.
 pub fn value(series: &Series, value: &Estimate) -> String {
-    let factor = if series.key.is_time() { 1.0 / NS_PER_MS } else { 1.0 };
-    let Estimate { median, interval, .. } = value.scaled(factor);
+    let Estimate { median, interval, .. } = value.scaled(series.key.shown());
     match interval {
         Some(i) => format!("{} ({} – {})", three(median), three(i.low), three(i.high)),
         None => three(median),

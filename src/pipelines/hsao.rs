@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use super::lighting::{Composed, Seen};
 use super::occlusion::{Model, OcclusionBuffers};
-use super::{Drawing, Pipeline, settings};
+use super::{Drawing, Pipeline, named, settings};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::geometry::Geometry;
@@ -81,12 +81,11 @@ impl Drawing for Hsao {
         let pixels = f64::from(self.uniforms.size_px.x) * f64::from(self.uniforms.size_px.y);
         let covered = counts.fragments as f64;
         let most = self.uniforms.samples_per_pixel() as f64;
-        let figures = [
+        Ok(named([
             ("samples_per_pixel_most", most),
             ("samples_per_pixel", counts.samples as f64 / covered.max(1.0)),
             ("covered_share", covered / pixels),
-        ];
-        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+        ]))
     }
 
     fn occlusion(&self) -> Option<&OcclusionBuffers> {

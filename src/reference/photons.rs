@@ -107,6 +107,12 @@ impl Landing {
     }
 }
 
+/// Normalised device coordinates of a photon of a plain grid of columns and rows.
+pub fn place_in_grid(number: u32, [columns, rows]: [u32; 2]) -> [f64; 2] {
+    let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
+    [ndc(number % columns, columns), ndc(number / columns, rows)]
+}
+
 /// Follows the photon through point `ndc` of the light's screen: air, refraction at the surface, water.
 pub fn land(frame: &LightFrame, water: &Water, tracer: &Tracer, ndc: [f64; 2]) -> Landing {
     let (origin, incident) = frame.ray(ndc[0], ndc[1]);

@@ -2,7 +2,7 @@
 //!
 //! A [`RunExporter`] turns a [`ReportView`] of a run's records into files.
 
-mod axis;
+pub mod axis;
 pub mod bencher;
 pub mod ceilings;
 mod cells_csv;
@@ -17,7 +17,7 @@ pub mod page;
 mod plots;
 mod series;
 mod summary;
-mod svg;
+pub mod svg;
 mod timed;
 mod trust;
 mod view;

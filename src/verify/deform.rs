@@ -57,9 +57,7 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
 
 fn moved(object: &Object, motion: Motion, cycles: f64) -> Vec<Vertex> {
     let mesh = &object.mesh;
-    let bounds = mesh.bounds();
-    let (foot_m, height_m) = (bounds.center().with_y(bounds.min.y), bounds.size().y);
-    let moment = Moment { motion, foot_m, height_m, cycles, amplitude: AMPLITUDE };
+    let moment = Moment::of(mesh, motion, cycles, AMPLITUDE);
     let vertex = |(position, normal): (&[f32; 3], &[f32; 3])| {
         let [position, normal] = [position, normal].map(|v| Vec3::from(*v).as_dvec3());
         let normal = normal.normalize();

@@ -26,6 +26,8 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run --budget 0", "--budget must be a positive number"),
         ("rum", "'run'"),
         ("render tnk", "did you mean `tank`"),
+        ("render no/such/file.toml", "no/such/file.toml"),
+        ("verify cuastics", "caustics/trace"),
         ("render tank --pipeline underwatr", "did you mean `underwater`"),
         ("render --figure uw6", "unknown figure `uw6`; did you mean `uw-6`?"),
         ("render tank --samples 3", "samples of a pixel are 1, 4, 9 or 16"),

@@ -59,9 +59,14 @@ fn comparison(lines: Vec<Compared>) -> StoredComparison {
     StoredComparison::from_records(stored.collect::<Vec<_>>()).unwrap()
 }
 
+/// What a configuration's errors are on both sides.
+fn errors(base: &[(&str, f64)], head: &[(&str, f64)]) -> Vec<Compared> {
+    vec![figures(Side::Base, base), figures(Side::Head, head)]
+}
+
 /// Who is charged with the errors that grew, in a pipeline of these stages.
 fn charged_with(stages: &[&str], base: &[(&str, f64)], head: &[(&str, f64)]) -> Vec<String> {
-    let mut comparison = comparison(vec![figures(Side::Base, base), figures(Side::Head, head)]);
+    let mut comparison = comparison(errors(base, head));
     comparison.header.cells = stages.iter().map(|stage| CellId::new("c", stage)).collect();
     let charged = |difference: Difference| {
         assert!(difference.worse, "{difference:?}");
@@ -99,11 +104,7 @@ fn what_a_filter_is_handed_is_not_its_error() {
 #[test]
 fn an_error_that_is_no_number_is_worse_than_any() {
     let of = |base: f64, head: f64| {
-        let lines = vec![
-            figures(Side::Base, &[("a_error", base)]),
-            figures(Side::Head, &[("a_error", head)]),
-        ];
-        let found = judge(&comparison(lines));
+        let found = judge(&comparison(errors(&[("a_error", base)], &[("a_error", head)])));
         found.first().map(|difference| difference.worse)
     };
     assert_eq!(of(0.1, f64::NAN), Some(true));
@@ -113,14 +114,11 @@ fn an_error_that_is_no_number_is_worse_than_any() {
 
 #[test]
 fn what_the_head_lacks_is_its_fault_and_what_the_base_lacks_is_new() {
-    let lines = vec![
-        figures(Side::Base, &[("a_error", 0.1)]),
-        figures(Side::Head, &[("b_error", 0.1)]),
-        check(Side::Base, "kept"),
-        check(Side::Base, "gone"),
-        check(Side::Head, "kept"),
-        check(Side::Head, "new"),
-    ];
+    let mut lines = errors(&[("a_error", 0.1)], &[("b_error", 0.1)]);
+    use Side::{Base, Head};
+    for (side, what) in [(Base, "kept"), (Base, "gone"), (Head, "kept"), (Head, "new")] {
+        lines.push(check(side, what));
+    }
     let mut comparison = comparison(lines);
     let reasons = |comparison: &StoredComparison| {
         let faults = missing(comparison).into_iter();
@@ -135,13 +133,9 @@ fn what_the_head_lacks_is_its_fault_and_what_the_base_lacks_is_new() {
 #[test]
 fn a_counter_that_one_side_lacks_is_0_where_that_side_counts() {
     let found = |head: &[(&str, u64)]| {
-        let lines = vec![
-            counters(Side::Base, &[("vertices", 3), ("clips", 2)]),
-            counters(Side::Head, head),
-        ];
-        let found = judge(&comparison(lines));
-        let changes = found.iter();
-        changes.map(|change| (change.figure.clone(), change.base, change.head)).collect::<Vec<_>>()
+        let base = counters(Side::Base, &[("vertices", 3), ("clips", 2)]);
+        let found = judge(&comparison(vec![base, counters(Side::Head, head)])).into_iter();
+        found.map(|change| (change.figure, change.base, change.head)).collect::<Vec<_>>()
     };
     assert_eq!(found(&[]), []);
     let expected = [("clips".to_owned(), 2.0, 0.0), ("fragments".to_owned(), 0.0, 9.0)];
@@ -150,15 +144,9 @@ fn a_counter_that_one_side_lacks_is_0_where_that_side_counts() {
 
 #[test]
 fn of_lines_that_were_stored_twice_the_last_holds() {
-    let lines = vec![
-        figures(Side::Base, &[("a_error", 0.1)]),
-        figures(Side::Head, &[("a_error", 0.3)]),
-        figures(Side::Base, &[("a_error", 0.1)]),
-        figures(Side::Head, &[("a_error", 0.2)]),
-    ];
-    let found = judge(&comparison(lines));
-    assert_eq!(found.len(), 1);
-    assert_eq!(found[0].head, 0.2);
+    let lines = [0.3, 0.2].map(|head| errors(&[("a_error", 0.1)], &[("a_error", head)]));
+    let found = judge(&comparison(lines.concat()));
+    assert_eq!(found.iter().map(|difference| difference.head).collect::<Vec<_>>(), [0.2]);
 }
 
 #[test]

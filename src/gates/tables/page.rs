@@ -1,11 +1,21 @@
 //! A comparison on the HTML page, alone or beside runs.
 
+use maud::{Markup, html};
+
 use super::rows;
+use crate::time::CellTime;
 use crate::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
-use fathom_report::page::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Page, Tone};
+use fathom_report::axis::{Axis, ScaleKind, tenth};
+use fathom_report::format::trim_zeros;
+use fathom_report::page::table::{table, words};
+use fathom_report::page::{ComparisonOnPage, Page, Tone};
 
 /// Columns of [`rows::cell`] that the page shows as text: all but cell and verdict.
 const FIGURES: usize = 2;
+const WIDTH_PX: f64 = 200.0;
+const HEIGHT_PX: f64 = 26.0;
+/// Changes are shown up to this share, or to the largest of the comparison.
+const LEAST_SHOWN: f64 = 0.1;
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {
     let mut page = Page::new(Vec::new());
@@ -13,35 +23,44 @@ pub fn export(verdicts: &Verdicts<'_>) -> String {
     page.html()
 }
 
-/// What the page shows of a comparison.
+/// What the page shows of a comparison, regressions first.
 pub fn on_page(verdicts: &Verdicts<'_>) -> ComparisonOnPage {
     let [sides, adapter] = rows::sides(verdicts);
     let mut cells: Vec<&JudgedCell> = verdicts.cells.iter().collect();
     cells.sort_by_key(|cell| cell.verdict);
-    ComparisonOnPage {
-        headline: rows::headline(verdicts),
-        tone: match verdicts.status {
-            Status::NoRegression => Tone::Good,
-            Status::Regression => Tone::Bad,
-            Status::CouldNotMeasure | Status::Inconclusive => Tone::Open,
-        },
-        sides,
-        adapter,
-        threshold: verdicts.comparison.header.settings.threshold,
-        columns: rows::HEADER[FIGURES..].to_vec(),
-        rows: cells.into_iter().map(row).collect(),
-        notes: rows::notes(verdicts),
-    }
+    let tone = match verdicts.status {
+        Status::NoRegression => Tone::Good,
+        Status::Regression => Tone::Bad,
+        Status::CouldNotMeasure | Status::Inconclusive => Tone::Open,
+    };
+    let (threshold, reach) = (verdicts.comparison.header.settings.threshold, reach(&cells));
+    let markup = html! {
+        h3 { (sides) }
+        p { (tone.chip(&rows::headline(verdicts))) }
+        p.faint { (adapter) }
+        p.lead {
+            "Change of the head's time against the base's, with its interval. Within the shaded part, "
+            (percent(-threshold)) " to " (percent(threshold)) ", a change counts as none."
+        }
+        @let heads = html! { (words(&["Cell", "Verdict", "Change"])) (words(&rows::HEADER[FIGURES..])) };
+        @let rows = html! { @for cell in cells { (row(cell, threshold, reach)) } };
+        (table("Compared cells", "sortable", &heads, &rows))
+        details { summary { "Notes" } ul { @for note in rows::notes(verdicts) { li { (note) } } } }
+    };
+    ComparisonOnPage { sides, markup }
 }
 
-fn row(cell: &JudgedCell) -> ComparisonRow {
-    let change = cell.time.as_ref();
-    ComparisonRow {
-        cell: cell.cell.to_string(),
-        verdict: cell.verdict.to_string(),
-        tone: tone(cell.verdict),
-        change: change.map(|time| ChangeOnPage { share: time.change, interval: time.interval }),
-        figures: rows::cell(cell)[FIGURES..].to_vec(),
+fn row(cell: &JudgedCell, threshold: f64, reach: f64) -> Markup {
+    html! {
+        tr {
+            th scope="row" { (cell.cell.to_string()) }
+            td { (tone(cell.verdict).chip(&cell.verdict.to_string())) }
+            @match &cell.time {
+                Some(time) => { td data-v=(time.change) { (picture(time, threshold, reach)) } }
+                None => { td.faint { "no time" } }
+            }
+            @for figure in &rows::cell(cell)[FIGURES..] { td { (figure) } }
+        }
     }
 }
 
@@ -53,4 +72,48 @@ fn tone(verdict: CellVerdict) -> Tone {
         NotJudged | New => Tone::Neutral,
         Faster | Cheaper | Same => Tone::Good,
     }
+}
+
+/// The largest change that the comparison's axes show.
+fn reach(cells: &[&JudgedCell]) -> f64 {
+    let times = cells.iter().filter_map(|cell| cell.time.as_ref());
+    let ends = times.flat_map(|time| {
+        let (low, high) = time.interval.unwrap_or((time.change, time.change));
+        [time.change.abs(), low.abs(), high.abs()]
+    });
+    ends.filter(|end| end.is_finite()).fold(LEAST_SHOWN, f64::max)
+}
+
+/// A change of time on an axis that all cells share.
+fn picture(time: &CellTime, threshold: f64, reach: f64) -> Markup {
+    let axis = Axis::spanning(ScaleKind::Linear, [-reach, reach], [6.0, WIDTH_PX - 6.0]);
+    let Some(axis) = axis else { return html! {} };
+    let middle = HEIGHT_PX / 2.0;
+    let [start, end, zero, at] =
+        [-threshold, threshold, 0.0, time.change].map(|value| axis.px_within(value));
+    let tip = match time.interval {
+        Some((low, high)) => {
+            format!("{} ({} … {})", percent(time.change), percent(low), percent(high))
+        }
+        None => format!("{}, too few launches for an interval", percent(time.change)),
+    };
+    html! {
+        svg.claim-axis role="img" aria-label=(tip) width=(WIDTH_PX) height=(HEIGHT_PX) {
+            title { (tip) }
+            rect.band x=(start) y="3" width=(tenth(end - start)) height=(HEIGHT_PX - 6.0) {}
+            line.rule x1=(zero) x2=(zero) y1="0" y2=(HEIGHT_PX) {}
+            @if let Some((low, high)) = time.interval {
+                line.interval x1=(axis.px_within(low)) x2=(axis.px_within(high)) y1=(middle) y2=(middle) {}
+            }
+            circle.value cx=(at) cy=(middle) r="4" {}
+        }
+    }
+}
+
+/// `+5.1 %`, `0 %`.
+fn percent(share: f64) -> String {
+    let text = format!("{:.1}", 100.0 * share);
+    let text = trim_zeros(&text);
+    let sign = if share > 0.0 && text != "0" { "+" } else { "" };
+    format!("{sign}{} %", if text == "-0" { "0" } else { text })
 }

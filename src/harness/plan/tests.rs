@@ -143,7 +143,7 @@ fn every_view_is_seen_from_within_its_scene() {
             planned.iter().flat_map(|e| e.cells.iter().map(|c| (&e.experiment, c)))
         {
             let turns_deg = &experiment.views.as_ref().unwrap().turns_deg;
-            let own = cell.subject.configuration.camera();
+            let own = cell.subject.camera();
             let tracer = Tracer::new(&cell.subject.scene.objects).unwrap();
             for turn_deg in turns_deg {
                 let met = met_on_path(&tracer, &own, *turn_deg);

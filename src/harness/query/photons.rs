@@ -97,7 +97,7 @@ pub struct Query {
 
 impl Query {
     pub fn new(subject: &Subject, starts: Vec<Start>) -> Result<Query> {
-        let params = subject.parameters::<Underwater>()?.clone();
+        let params = subject.parameters::<Underwater>()?;
         let view = underwater::view(&params, &subject.scene);
         let light = view.light_frame();
         let query = Query { starts, params, view, light };

@@ -1,3 +1,5 @@
+use std::ops::Range;
+
 use proptest::prelude::*;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -31,32 +33,28 @@ fn a_constant_series_has_no_change() {
     }
 }
 
+/// The same values, higher by a step in some of the runs.
+fn raised(mut values: Vec<f64>, runs: Range<usize>, step: f64) -> Vec<f64> {
+    values[runs].iter_mut().for_each(|value| *value += step);
+    values
+}
+
 #[test]
-fn a_planted_step_is_found_where_it_is() {
+fn steps_are_found_where_they_are() {
     let mut random = Pcg64::seed_from_u64(1);
-    for (n, at) in [(24, 12), (60, 20), (60, 52), (1_000, 700)] {
-        let mut values = noise(&mut random, n);
-        values[at..].iter_mut().for_each(|value| *value += 6.0);
-        assert_eq!(points(&values), [at], "of {n}");
+    for (n, runs, expected) in [
+        (24, 12..24, vec![12]),
+        (60, 20..60, vec![20]),
+        (60, 52..60, vec![52]),
+        (1_000, 700..1_000, vec![700]),
+        // A slowdown that was repaired.
+        (1_000, 480..495, vec![480, 495]),
+    ] {
+        assert_eq!(points(&raised(noise(&mut random, n), runs, 6.0)), expected, "of {n}");
     }
-}
-
-#[test]
-fn an_exact_figure_changes_where_it_does() {
-    let mut values = vec![0.25; 40];
-    values[31..].fill(0.26);
-    assert_eq!(points(&values), [31]);
-    let mut values = vec![0.25; 40];
-    values[38..].fill(0.26);
-    assert_eq!(points(&values), [0_usize; 0]);
-}
-
-#[test]
-fn a_slowdown_that_was_repaired_is_two_changes() {
-    let mut random = Pcg64::seed_from_u64(2);
-    let mut values = noise(&mut random, 1_000);
-    values[480..495].iter_mut().for_each(|value| *value += 6.0);
-    assert_eq!(points(&values), [480, 495]);
+    for (first, expected) in [(31, vec![31]), (38, Vec::new())] {
+        assert_eq!(points(&raised(vec![0.25; 40], first..40, 0.01)), expected, "without noise");
+    }
 }
 
 #[test]
@@ -74,26 +72,19 @@ fn least_runs_are_the_fewest_that_reach_the_level() {
     assert_eq!(points(&step(16)), [8]);
 }
 
-/// False points in so many stable series.
-fn false_points(
-    seed: u64,
-    n: usize,
-    series: usize,
-    draw: fn(&mut Pcg64, usize) -> Vec<f64>,
-) -> usize {
+type Draw = fn(&mut Pcg64, usize) -> Vec<f64>;
+
+/// False points in 1,000 stable series.
+fn false_points(seed: u64, n: usize, draw: Draw) -> usize {
     let mut random = Pcg64::seed_from_u64(seed);
     let mut scores = Scores::default();
-    (0..series).map(|_| change_points(&draw(&mut random, n), &mut scores).len()).sum()
+    (0..1_000).map(|_| change_points(&draw(&mut random, n), &mut scores).len()).sum()
 }
 
 #[test]
 fn stable_series_have_few_false_points_whatever_their_noise() {
-    for (n, draw) in [
-        (30, noise as fn(&mut Pcg64, usize) -> Vec<f64>),
-        (30, with_outliers),
-        (120, with_outliers),
-    ] {
-        let found = false_points(3, n, 1_000, draw);
+    for (n, draw) in [(30, noise as Draw), (30, with_outliers), (120, with_outliers)] {
+        let found = false_points(3, n, draw);
         // At most the level of 1,000, and three standard deviations.
         assert!(found <= 128, "{found} of 1,000 series of {n} runs");
     }
@@ -103,7 +94,7 @@ fn stable_series_have_few_false_points_whatever_their_noise() {
 #[ignore = "measures what docs/history.md tells: cargo test --release --lib -- --ignored --nocapture history::changes"]
 fn false_points_of_the_documentation() {
     for n in [15, 30, 60, 120, 250, 1_000] {
-        let of = |draw| false_points(11, n, 1_000, draw);
+        let of = |draw| false_points(11, n, draw);
         println!("n = {n}: normal {}, outliers {} of 1,000", of(noise), of(with_outliers));
     }
 }
@@ -129,8 +120,7 @@ proptest! {
     #[test]
     fn units_and_logarithms_change_nothing(seed in 0_u64..500, factor in 1e-9_f64..1e9) {
         let mut random = Pcg64::seed_from_u64(seed);
-        let mut values = noise(&mut random, 50);
-        values[30..].iter_mut().for_each(|value| *value += 1.5);
+        let values = raised(noise(&mut random, 50), 30..50, 1.5);
         let times: Vec<f64> = values.iter().map(|value| (0.01 * value).exp()).collect();
         let scaled: Vec<f64> = times.iter().map(|time| factor * time).collect();
         prop_assert_eq!(points(&values), points(&times));
@@ -140,8 +130,7 @@ proptest! {
     #[test]
     fn backwards_in_time_the_changes_are_the_same(seed in 0_u64..200) {
         let mut random = Pcg64::seed_from_u64(seed);
-        let mut values = noise(&mut random, 60);
-        values[25..].iter_mut().for_each(|value| *value += 5.0);
+        let mut values = raised(noise(&mut random, 60), 25..60, 5.0);
         let forwards = points(&values);
         values.reverse();
         let backwards: Vec<usize> = points(&values).iter().rev().map(|at| 60 - at).collect();

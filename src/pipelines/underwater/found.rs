@@ -2,7 +2,7 @@
 
 use super::Underwater;
 use super::parameters::CausticsUnit;
-use crate::caustics_image::{FoundCaustics, first_channel};
+use crate::caustics_image::{FoundCaustics, channel};
 use crate::settings::Animation;
 use crate::{Judge, JudgeError};
 use fathom_gpu::read_texture;
@@ -18,7 +18,7 @@ impl Underwater {
         &self,
         judge: &mut Judge<'_>,
     ) -> Result<FoundCaustics, JudgeError> {
-        let texels = first_channel(&read_texture(judge.gpu, self.caustics.texture())?)?;
+        let texels = channel(&read_texture(judge.gpu, self.caustics.texture())?, 0)?;
         let scale = f64::from(self.plan.compose.caustics_scale);
         let irradiance = match self.params.caustics.buffer_holds() {
             CausticsUnit::PhotonFlux | CausticsUnit::Irradiance => {

@@ -6,9 +6,7 @@
 mod ceilings;
 mod cells;
 mod claims;
-mod compared;
 mod data;
-mod history;
 mod overview;
 mod pictures;
 mod plots;
@@ -16,14 +14,14 @@ mod published;
 mod quality;
 mod scaling;
 mod setting;
-mod table;
+pub mod table;
 #[cfg(test)]
 mod testing;
 mod time;
+mod tone;
 mod trust;
 
-pub use compared::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Tone};
-pub use history::{ChangeRow, HistoryChart, HistoryMark, HistoryOnPage, HistoryPoint};
+pub use tone::Tone;
 
 use std::path::Path;
 
@@ -65,10 +63,18 @@ const SCRIPTS: [&str; 7] = [
 pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
-    pub history: Option<HistoryOnPage>,
+    /// What a history says, as it stands in its section.
+    pub history: Option<Markup>,
     pub left_out: Vec<LeftOut>,
     /// Of every stage of every run.
     pub colors: StageColors,
+}
+
+/// What a comparison says, as it stands in its section.
+pub struct ComparisonOnPage {
+    /// What was compared.
+    pub sides: String,
+    pub markup: Markup,
 }
 
 /// A run with the name that tells it from the others of the page.
@@ -101,11 +107,23 @@ struct PageSection {
     write: fn(&Page<'_>) -> Option<Markup>,
 }
 
+const HISTORY: PageSection =
+    PageSection { id: "history", title: "History", write: |page| page.history.clone() };
+
+const COMPARED: PageSection = PageSection {
+    id: "compared",
+    title: "Comparison",
+    write: |page| {
+        let all = html! { @for comparison in &page.comparisons { (comparison.markup) } };
+        (!page.comparisons.is_empty()).then_some(all)
+    },
+};
+
 /// In the order in which a reader asks.
 const SECTIONS: [PageSection; 13] = [
     overview::SECTION,
-    history::SECTION,
-    compared::SECTION,
+    HISTORY,
+    COMPARED,
     claims::SECTION,
     time::SECTION,
     scaling::SECTION,
