@@ -13,7 +13,7 @@ use super::catalog::Catalog;
 use super::repetitions::PlannedRepetitions;
 use super::shard;
 use super::subject::{Subject, SubjectError, Subjects};
-use super::views::OtherViews;
+use super::views::View;
 use fathom_base::private;
 use fathom_base::text::{did_you_mean, nearest};
 use fathom_experiments::{CellPlan, Experiment, ExperimentError};
@@ -88,8 +88,8 @@ pub struct PlannedCell {
     pub skip: Option<String>,
     /// What its result is held against; see [`CellPlan::reference`].
     pub reference: Option<Subject>,
-    /// The same seen from elsewhere, where the experiment asks for views.
-    pub views: Option<OtherViews>,
+    /// The same and seen from elsewhere, where the experiment asks for views.
+    pub views: Option<Vec<View>>,
     pub repetitions: Option<PlannedRepetitions>,
 }
 
@@ -167,7 +167,7 @@ fn planned_cell(
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
     let reference = plan.reference.as_ref().map(|run| subject(&run.overrides)).transpose()?;
-    let views = turns_deg.and_then(|turns_deg| OtherViews::of(&of_cell, turns_deg));
+    let views = turns_deg.and_then(|turns_deg| View::all(&of_cell, turns_deg));
     let mut repetitions = None;
     if let Some(runs) = &plan.repetitions {
         let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_>>()?;
