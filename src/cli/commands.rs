@@ -23,7 +23,8 @@ use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Adapter, Reading};
 use crate::report::{self, ReportView};
-use crate::scene::{SceneFile, assets};
+use crate::scene::SceneFile;
+use crate::scene::assets::{self, AssetStatus};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
@@ -296,11 +297,11 @@ pub fn fetch(names: &[String]) -> Outcome {
     let mut failed = false;
     for result in assets::fetch(names) {
         match result {
-            Ok(asset) => {
-                tell::done(format!("{}: {} ({})", asset.name, asset.origin, asset.about));
+            Ok(AssetStatus { asset, origin, .. }) => {
+                tell::done(format!("{}: {origin} ({})", asset.name, asset.about));
             }
             Err(error) => {
-                super::fail(&error.to_string());
+                super::fail(&error);
                 failed = true;
             }
         }
@@ -401,7 +402,7 @@ fn query_photons(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
     let query = querying::photons::Query::new(&subject, starts)?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let answers = query.answers(&gpu, &subject)?;
-    let exact = args.reference.map(|_| query.reference(&subject)).transpose()?;
+    let exact = args.reference.map(|_| query.reference(&subject));
     answer(args, |name, writer| query.write(name, writer, &answers, exact.as_deref()))
 }
 

@@ -182,7 +182,7 @@ impl RequestServer<'_> {
             fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
             adapter: device.gpu.adapter.clone(),
             parts: PARTS.map(str::to_owned).to_vec(),
-            cores: quiet::cores(),
+            cores: Some(quiet::allowed_cores()).filter(|cores| !cores.is_empty()),
             randomized: quiet::randomized(),
             notes: device.gpu.notes.clone(),
         })))

@@ -204,15 +204,9 @@ mod tests {
     fn measured(texel_fetches: u64) -> Measured {
         let work = Work { texel_fetches, ..Work::default() };
         let stage = StageRecord {
-            stage: "caustics/trace".into(),
-            clock: Clock::Timestamp,
-            samples_ns: vec![1e6; 8],
             time: estimate(1e6),
-            fenced: None,
             work,
-            least_work: None,
-            counters: Default::default(),
-            ceiling: None,
+            ..StageRecord::of("caustics/trace", Clock::Timestamp, vec![1e6; 8])
         };
         Measured { stages: vec![stage], ..Measured::default() }
     }

@@ -111,7 +111,7 @@ pub fn reference(subject: &Subject, rows: &[SurfaceRow], rays: u32) -> Result<Ve
     );
     let marching = params.marching(&subject.scene);
     let attenuation = attenuation(marching.attenuation);
-    let tracer = Tracer::new(&subject.scene.objects)?;
+    let tracer = Tracer::new(&subject.scene.objects);
     let answer = |row: &SurfaceRow| {
         let normal = row.normal.normalize();
         exact::occlusion(&tracer, row.position_m, normal, marching.r_max_m, attenuation, rays)

@@ -30,8 +30,6 @@ use fathom_record::{
 /// which is to stay below 2 GiB.
 const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
 const GPU_GROUP_BYTES: u64 = 2 << 30;
-/// Kinds of passes that the audit chooses a clock for.
-const AUDITED: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
 
 /// What to run and how. `None` means the profile's own value.
 #[derive(Clone, Debug, Default)]
@@ -169,10 +167,10 @@ fn clock_plan(
     journal: &mut Journal,
     ids: &[String],
 ) -> ClockPlan {
-    let clocks = AUDITED.map(|kind| (kind, found.clock(kind)));
+    let clocks = PassKind::TIMED.map(|kind| (kind, found.clock(kind)));
     let chosen = journal.choose_clocks(ids, clocks.into());
     let plan = chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock));
-    header.clocks = AUDITED.map(|kind| (kind, plan.clock(kind))).into();
+    header.clocks = PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into();
     if !plan.has_clocks_of(&found) {
         let text = "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
         header.notes.push(Note::new(NoteKind::OtherClocks, text));
@@ -213,7 +211,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
         clocks: record::Clocks::new(),
         shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
-        submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
+        submit_cost_ns: PassKind::TIMED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
         loop_turns: None,
         ceilings: Vec::new(),
         shard: None,

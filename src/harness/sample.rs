@@ -320,8 +320,8 @@ impl<X: Executor> Sampler<'_, X> {
                 self.executor.untimed(cell)?
             });
         }
-        added.warm_up_frames = warm_up.frames();
-        added.unsteady = !warm_up.is_steady();
+        added.warm_up_frames = warm_up.frames;
+        added.unsteady = !warm_up.steady;
         self.live.entry(cell).and_modify(|live| live.warm = true);
         Ok(())
     }

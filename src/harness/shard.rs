@@ -100,7 +100,7 @@ fn digest(experiments: &[Experiment], expanded: &[Vec<CellPlan>], profile: Profi
         hash.update((text.len() as u64).to_le_bytes());
         hash.update(text);
     };
-    add(profile.name());
+    add(&profile.to_string());
     for (experiment, plans) in experiments.iter().zip(expanded) {
         add(&experiment.text);
         for CellPlan { experiment, cell, pipeline, scene, overrides, .. } in plans {

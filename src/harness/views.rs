@@ -333,7 +333,7 @@ mod tests {
 
     /// Of two views whose occlusion differs by `offset`; the draws of each lie `noise` apart from one point to the next.
     fn spread_of(offset: f64, noise: f64) -> Spread {
-        let tracer = Tracer::new(&corner()).unwrap();
+        let tracer = Tracer::new(&corner());
         let draw = |position: [f64; 3], offset: f64, seed: u32| {
             shot(&tracer, position, |at| {
                 let place = (at * 1e4).floor();
@@ -396,7 +396,7 @@ mod tests {
 
     #[test]
     fn a_wall_that_hides_a_point_is_not_taken_for_it() {
-        let tracer = Tracer::new(&corner()).unwrap();
+        let tracer = Tracer::new(&corner());
         let own = shot(&tracer, [4.0, 3.0, 2.0], |_| 0.0);
         // From behind the wall the floor is hidden, and the wall's normal points away from what is asked for.
         let behind = shot(&tracer, [-4.0, 3.0, 2.0], |_| 0.0);

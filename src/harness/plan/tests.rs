@@ -144,7 +144,7 @@ fn every_view_is_seen_from_within_its_scene() {
         {
             let turns_deg = &experiment.views.as_ref().unwrap().turns_deg;
             let own = cell.subject.camera();
-            let tracer = Tracer::new(&cell.subject.scene.objects).unwrap();
+            let tracer = Tracer::new(&cell.subject.scene.objects);
             for turn_deg in turns_deg {
                 let met = met_on_path(&tracer, &own, *turn_deg);
                 assert_eq!(met, None, "{} turned by {turn_deg}", cell.plan.cell);
@@ -171,7 +171,7 @@ fn met_on_path(tracer: &Tracer, camera: &Camera, turn_deg: f64) -> Option<f64> {
 #[test]
 fn a_camera_that_leaves_its_room_is_found() {
     let scene = fathom_scene::Scene::load("robot_room").unwrap();
-    let tracer = Tracer::new(&scene.objects).unwrap();
+    let tracer = Tracer::new(&scene.objects);
     // As the scene has it, the camera stands in a corner.
     assert!(met_on_path(&tracer, &scene.camera, 20.0).is_some());
     assert_eq!(met_on_path(&tracer, &scene.camera, 1.0), None);

@@ -129,12 +129,12 @@ impl Query {
     }
 
     /// Exact refraction and ray casting from the same starts.
-    pub fn reference(&self, subject: &Subject) -> Result<Vec<Landing>> {
-        let tracer = Tracer::new(&subject.scene.objects)?;
+    pub fn reference(&self, subject: &Subject) -> Vec<Landing> {
+        let tracer = Tracer::new(&subject.scene.objects);
         let land = |start: &Start| {
             land_ray(&self.view.water, &tracer, start.position_m, self.incident(start))
         };
-        Ok(self.starts.par_iter().map(land).collect())
+        self.starts.par_iter().map(land).collect()
     }
 
     /// What enters the water of the energy of the photon that lands so.
