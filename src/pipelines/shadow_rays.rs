@@ -148,7 +148,7 @@ impl ShadowRays {
 
     /// An even selection of pixels against ray casting.
     fn compared(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Shadows, JudgeError> {
-        let tracer = Tracer::new(&objects_of(scene, Part::Opaque))?;
+        let tracer = Tracer::new(&objects_of(scene, Part::Opaque));
         let view = &self.view;
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);

@@ -43,7 +43,6 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use fathom_gpu::{Gpu, GpuError};
-use fathom_reference::ReferenceError;
 use fathom_scene::SceneError;
 use rig::Rig;
 
@@ -54,8 +53,6 @@ pub enum VerifyError {
     Gpu(#[from] GpuError),
     #[error(transparent)]
     Scene(#[from] SceneError),
-    #[error(transparent)]
-    Reference(#[from] ReferenceError),
     #[error("no check matches `{filter}`; there are checks for: {known}")]
     NoMatch { filter: String, known: String },
     #[error("{stage}: {what}")]

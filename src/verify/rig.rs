@@ -83,7 +83,7 @@ impl<'g> Rig<'g> {
         Ok(Stand {
             shared: Shared::new(self, &view),
             geometry: Geometry::new(self, &scene),
-            tracer: Tracer::new(&scene.objects)?,
+            tracer: Tracer::new(&scene.objects),
             rays: rays(&view),
             view,
             scene,
@@ -111,7 +111,7 @@ impl<'g> Rig<'g> {
 
     /// One channel of a texture in f64.
     pub fn channel(&self, texture: &wgpu::Texture, channel: usize) -> Result<Image> {
-        Ok(caustics_image::channel(&read_texture(self.gpu, texture)?, channel)?)
+        Ok(caustics_image::channel(&read_texture(self.gpu, texture)?, channel))
     }
 
     /// Three channels of a texture as vectors, in rows.

@@ -214,7 +214,7 @@ impl Setup {
         ];
         if self.floor == Floor::Covered {
             let traced = self.trace(rig, CONTROL_DEG, SECANT)?;
-            let level = Tracer::new(&Floor::Level.objects())?;
+            let level = Tracer::new(&Floor::Level.objects());
             let bare = Ends::new(&traced, &traced.exact(&traced.stand.scene.water, &level));
             checks.push(
                 check("largest share that counts as converged and is off")

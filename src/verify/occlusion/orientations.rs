@@ -146,7 +146,7 @@ impl Turned {
         let mut scene = Scene::load("plane")?;
         scene.objects = vec![Object::new("body", mesh)];
         let r_max_m = R_MAX_SHARE * scene.solid_bounds().size().max_element();
-        let tracer = Tracer::new(&scene.objects)?;
+        let tracer = Tracer::new(&scene.objects);
         let (mut points, mut exact) = (Vec::new(), Vec::new());
         for (p, n) in &body.points {
             let (p, n) = (turn * *p, turn * *n);

@@ -1,7 +1,7 @@
 //! `scalar/direct` and `scalar/positional` against closed forms and f64 marching.
 
 use super::*;
-use fathom_reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
+use fathom_reference::media::{self, Marching, in_ball, on_ramp, under_face};
 
 const DIRECT: &str = "scalar/direct";
 const POSITIONAL: &str = "scalar/positional";
@@ -273,7 +273,7 @@ fn pyramid(rig: &Rig<'_>) -> Result<Check> {
     let marching = twin(&scalar, &volume);
     let error = |volume: &Volume| (a - marching.positional(volume, ROUGH_POINT, TWIN_RAYS)).abs();
     Ok(Check::of(rig, "A_P from the next coarser level against f64 marching of means")
-        .within((TOLERANCE, "1"), error(&halved(&volume)))
+        .within((TOLERANCE, "1"), error(&volume.clone().reduced(2)))
         .control("the level below", error(&volume))
         .with("occlusion", a))
 }
