@@ -251,19 +251,6 @@ pub struct ListArgs {
     pub set: Vec<(String, Value)>,
 }
 
-/// A pipeline on a scene.
-#[derive(Args)]
-pub struct SubjectArgs {
-    #[arg(long, default_value = PIPELINE)]
-    pub pipeline: String,
-    /// Name of a scene, or path of a scene file
-    #[arg(long, default_value = SCENE)]
-    pub scene: String,
-    /// Set a parameter; see `fathom list parameters`
-    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
-    pub set: Vec<(String, Value)>,
-}
-
 #[derive(Args)]
 pub struct RenderArgs {
     /// Name of a scene, or path of a scene file
@@ -291,8 +278,14 @@ pub struct RenderArgs {
 pub struct DumpArgs {
     /// Name of a stage; see `fathom list stages`
     pub stage: String,
-    #[command(flatten)]
-    pub subject: SubjectArgs,
+    #[arg(long, default_value = PIPELINE)]
+    pub pipeline: String,
+    /// Name of a scene, or path of a scene file
+    #[arg(long, default_value = SCENE)]
+    pub scene: String,
+    /// Set a parameter; see `fathom list parameters`
+    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub set: Vec<(String, Value)>,
     /// Folder to write to
     #[arg(short, long, value_name = "DIR", default_value = ".")]
     pub output: PathBuf,

@@ -62,6 +62,35 @@ pub struct CellTime {
 }
 
 impl CellTime {
+    /// What the pairs of one cell say alone; [`together`] adds what they say among others.
+    fn of(cell: &CellId, second: bool, pairs: &[&Pair], settings: &GateSettings) -> Self {
+        let mut ratios: BTreeMap<u32, [Vec<f64>; 2]> = BTreeMap::new();
+        for pair in pairs {
+            let of_launch = ratios.entry(pair.launch).or_default();
+            of_launch[pair.first as usize].push((pair.head_ns / pair.base_ns).ln());
+        }
+        let launches: Vec<f64> = ratios.values().map(middle).collect();
+        let median = |ns: fn(&&Pair) -> f64| median(&pairs.iter().map(ns).collect::<Vec<_>>());
+        let centre = rank::centre(&launches, settings.alpha);
+        let bound = (1.0 + settings.threshold).ln();
+        let is_same = centre.interval.is_some_and(|i| -bound <= i.low && i.high <= bound);
+        let slower = rank::above(&launches, bound);
+        let faster = rank::below(&launches, -bound);
+        Self {
+            cell: cell.clone(),
+            verdict: if is_same { TimeVerdict::Same } else { TimeVerdict::Inconclusive },
+            second,
+            base_ns: median(|pair| pair.base_ns),
+            head_ns: median(|pair| pair.head_ns),
+            change: centre.map(f64::exp_m1),
+            p: (2.0 * slower.min(faster)).min(1.0),
+            adjusted_p: 1.0,
+            detectable: None,
+            throttled: ThrottledLaunches::of(pairs),
+            launches,
+        }
+    }
+
     /// Clocks were held down more often on the side that was slower: the change may be the machine's.
     pub fn may_be_throttling(&self) -> bool {
         self.throttled.as_ref().is_some_and(|launches| match self.verdict {
@@ -141,37 +170,6 @@ fn middle([a, b]: &[Vec<f64>; 2]) -> f64 {
     let (a, b) = (a.iter().take(MOST_SAMPLES), b.iter().take(MOST_SAMPLES));
     let means = a.flat_map(|x| b.clone().map(move |y| (x + y) / 2.0));
     median(&means.collect::<Vec<_>>())
-}
-
-impl CellTime {
-    /// What the pairs of one cell say alone; [`together`] adds what they say among others.
-    fn of(cell: &CellId, second: bool, pairs: &[&Pair], settings: &GateSettings) -> Self {
-        let mut ratios: BTreeMap<u32, [Vec<f64>; 2]> = BTreeMap::new();
-        for pair in pairs {
-            let of_launch = ratios.entry(pair.launch).or_default();
-            of_launch[pair.first as usize].push((pair.head_ns / pair.base_ns).ln());
-        }
-        let launches: Vec<f64> = ratios.values().map(middle).collect();
-        let median = |ns: fn(&&Pair) -> f64| median(&pairs.iter().map(ns).collect::<Vec<_>>());
-        let centre = rank::centre(&launches, settings.alpha);
-        let bound = (1.0 + settings.threshold).ln();
-        let is_same = centre.interval.is_some_and(|i| -bound <= i.low && i.high <= bound);
-        let slower = rank::above(&launches, bound);
-        let faster = rank::below(&launches, -bound);
-        Self {
-            cell: cell.clone(),
-            verdict: if is_same { TimeVerdict::Same } else { TimeVerdict::Inconclusive },
-            second,
-            base_ns: median(|pair| pair.base_ns),
-            head_ns: median(|pair| pair.head_ns),
-            change: centre.map(f64::exp_m1),
-            p: (2.0 * slower.min(faster)).min(1.0),
-            adjusted_p: 1.0,
-            detectable: None,
-            throttled: ThrottledLaunches::of(pairs),
-            launches,
-        }
-    }
 }
 
 /// Measurements that a cell may go through.
