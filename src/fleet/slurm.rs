@@ -41,6 +41,8 @@ pub enum SlurmError {
 
 /// Where and how tasks run.
 #[derive(Clone, Debug, Default, clap::Args)]
+// The options around it have the same name.
+#[group(skip)]
 pub struct Options {
     /// The only nodes to use, as Slurm writes a list of them: `gpu[1-4]`
     #[arg(long, value_name = "LIST")]
