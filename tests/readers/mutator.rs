@@ -40,6 +40,14 @@ const WORDS: &[&[u8]] = &[
 /// A unit that is repeated until it is long.
 const UNITS: &[&[u8]] = &[b"[", b"{\"a\":", b"a.", b" ", b"9", b"x", b"f 1\n", b"\n", b",", b"[["];
 
+/// One change; the place is taken modulo the length. A splice is a piece of another seed. The place of a number is its number
+/// among those of the text.
+#[derive(Clone, Debug)]
+struct Change {
+    place: usize,
+    edit: Edit,
+}
+
 #[derive(Clone, Debug)]
 enum Edit {
     Byte(u8),
@@ -53,47 +61,55 @@ enum Edit {
     Long { unit: usize, times: usize },
 }
 
-/// A change and its place, which is taken modulo the length. A splice is a piece of another seed. The place of a number is its number
-/// among those of the text.
-type Change = (usize, Edit);
-
 fn change() -> impl Strategy<Value = Change> {
     let place = any::<usize>;
-    let edit = prop_oneof![
-        2 => any::<u8>().prop_map(Edit::Byte),
-        2 => (0u8..8).prop_map(Edit::Bit),
-        1 => Just(Edit::CutOff),
-        2 => (1usize..64).prop_map(Edit::Remove),
-        2 => (1usize..200, 1usize..40).prop_map(|(length, times)| Edit::Repeat { length, times }),
-        2 => (place(), place(), 1usize..200)
-            .prop_map(|(seed, from, length)| Edit::Splice { seed, from, length }),
-        6 => (0..numbers().count()).prop_map(Edit::Number),
-        2 => (0..WORDS.len()).prop_map(Edit::Word),
-        1 => (0..UNITS.len(), 1usize..20_000).prop_map(|(unit, times)| Edit::Long { unit, times }),
-    ];
-    (place(), edit)
+    prop_oneof![
+        2 => (place(), any::<u8>()).prop_map(|(place, byte)| (place, Edit::Byte(byte))),
+        2 => (place(), 0u8..8).prop_map(|(place, bit)| (place, Edit::Bit(bit))),
+        1 => place().prop_map(|place| (place, Edit::CutOff)),
+        2 => (place(), 1usize..64).prop_map(|(place, length)| (place, Edit::Remove(length))),
+        2 => (place(), 1usize..200, 1usize..40)
+            .prop_map(|(place, length, times)| (place, Edit::Repeat { length, times })),
+        2 => (place(), place(), place(), 1usize..200)
+            .prop_map(|(place, seed, from, length)| (place, Edit::Splice { seed, from, length })),
+        6 => (place(), 0..numbers().count()).prop_map(|(place, by)| (place, Edit::Number(by))),
+        2 => (place(), 0..WORDS.len()).prop_map(|(place, word)| (place, Edit::Word(word))),
+        1 => (place(), 0..UNITS.len(), 1usize..20_000)
+            .prop_map(|(place, unit, times)| (place, Edit::Long { unit, times })),
+    ]
+    .prop_map(|(place, edit)| Change { place, edit })
 }
 
-fn apply(&(place, ref edit): &Change, bytes: &mut Vec<u8>, seeds: &[Vec<u8>]) {
-    let start = place % (bytes.len() + 1);
-    let end = |length: usize| (start + length).min(bytes.len());
-    match *edit {
-        Edit::Byte(byte) => bytes.iter_mut().skip(start).take(1).for_each(|old| *old = byte),
-        Edit::Bit(bit) => bytes.iter_mut().skip(start).take(1).for_each(|old| *old ^= 1 << bit),
-        Edit::CutOff => bytes.truncate(start),
-        Edit::Remove(length) => drop(bytes.drain(start..end(length))),
-        Edit::Repeat { length, times } => {
-            let piece = bytes[start..end(length)].repeat(times);
-            insert(bytes, start, &piece);
+impl Change {
+    fn made(&self, bytes: &mut Vec<u8>, seeds: &[Vec<u8>]) {
+        let start = self.place % (bytes.len() + 1);
+        let end = |length: usize| (start + length).min(bytes.len());
+        match self.edit {
+            Edit::Byte(byte) => {
+                if let Some(old) = bytes.get_mut(start) {
+                    *old = byte;
+                }
+            }
+            Edit::Bit(bit) => {
+                if let Some(old) = bytes.get_mut(start) {
+                    *old ^= 1 << bit;
+                }
+            }
+            Edit::CutOff => bytes.truncate(start),
+            Edit::Remove(length) => drop(bytes.drain(start..end(length))),
+            Edit::Repeat { length, times } => {
+                let piece = bytes[start..end(length)].repeat(times);
+                insert(bytes, start, &piece);
+            }
+            Edit::Splice { seed, from, length } => {
+                let other = &seeds[seed % seeds.len()];
+                let from = from % (other.len() + 1);
+                insert(bytes, start, &other[from..(from + length).min(other.len())]);
+            }
+            Edit::Number(by) => number(bytes, self.place, by),
+            Edit::Word(word) => insert(bytes, start, WORDS[word]),
+            Edit::Long { unit, times } => insert(bytes, start, &UNITS[unit].repeat(times)),
         }
-        Edit::Splice { seed, from, length } => {
-            let other = &seeds[seed % seeds.len()];
-            let from = from % (other.len() + 1);
-            insert(bytes, start, &other[from..(from + length).min(other.len())]);
-        }
-        Edit::Number(by) => number(bytes, place, by),
-        Edit::Word(word) => insert(bytes, start, WORDS[word]),
-        Edit::Long { unit, times } => insert(bytes, start, &UNITS[unit].repeat(times)),
     }
 }
 
@@ -138,7 +154,7 @@ pub fn mutated(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = Input> {
     (0..seeds.len(), changes).prop_map(move |(seed, changes)| {
         let mut bytes = seeds[seed].clone();
         for change in changes {
-            apply(&change, &mut bytes, &seeds);
+            change.made(&mut bytes, &seeds);
         }
         Input(bytes)
     })
@@ -154,7 +170,7 @@ pub fn mutated_or_packed(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = (Input, b
         let mut bytes = gzip(&input.0);
         if let Some(damage) = damage {
             let seeds = [bytes.clone()];
-            apply(&damage, &mut bytes, &seeds);
+            damage.made(&mut bytes, &seeds);
         }
         (Input(bytes), true)
     })
