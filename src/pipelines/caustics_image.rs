@@ -9,7 +9,6 @@ use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
 use fathom_gpu::Pixels;
 use fathom_picture::RgbImage;
 use fathom_record::{ErrorSpan, PictureScale};
-use fathom_reference::ReferenceError;
 use fathom_reference::image::Image;
 use fathom_reference::kept::Content;
 use fathom_reference::photon_map::{Lighting, PhotonMap};
@@ -43,10 +42,10 @@ pub struct FoundCaustics {
 }
 
 /// One channel of a texture that was read.
-pub fn channel(pixels: &Pixels, channel: usize) -> Result<Image, ReferenceError> {
+pub fn channel(pixels: &Pixels, channel: usize) -> Image {
     let values = pixels.data.iter().skip(channel).step_by(pixels.channels as usize);
     let values = values.map(|value| f64::from(*value)).collect();
-    Image::from_data(pixels.width, pixels.height, values)
+    Image::from_data([pixels.width, pixels.height], values)
 }
 
 /// Irradiance that was found and that of the photon map, over the same blocks of pixels.
@@ -168,7 +167,7 @@ fn map(
         frame: &frame,
         intensity_w_sr: view.light.intensity_w_sr,
         water: &view.water,
-        tracer: &*occlusion.tracer(judge.scene, &Animation::default())?,
+        tracer: &occlusion.tracer(judge.scene, &Animation::default()),
         camera: &view.camera,
     };
     let gather = || PhotonMap::new(&lighting, size, columns).in_blocks(block_px);
@@ -182,7 +181,7 @@ mod tests {
     use super::*;
 
     fn compared(found: [f64; 4]) -> Judged {
-        let image = |data: [f64; 4]| Image::from_data(2, 2, data.into()).unwrap();
+        let image = |data: [f64; 4]| Image::from_data([2, 2], data.into());
         let exact = image([1.0, 3.0, 0.0, 4.0]);
         Compared { found: image(found), exact, stage: "a/b", block_px: 1, noise: 0.01 }.judged()
     }

@@ -33,7 +33,6 @@ use fathom_base::parameter::{self, Field, ParamError, Setting};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
 use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, PictureScale, Work};
-use fathom_reference::ReferenceError;
 use fathom_reference::kept::KeptAnswers;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
 use fathom_stages::geometry::Part;
@@ -264,8 +263,6 @@ impl Known {
 pub enum JudgeError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Reference(#[from] ReferenceError),
     #[error("no surface is seen")]
     Nothing,
     #[error("pipeline {0} has no caustics")]

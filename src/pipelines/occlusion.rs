@@ -12,7 +12,6 @@ use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
 use fathom_gpu::{Pixels, read_texture};
 use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
-use fathom_reference::ReferenceError;
 use fathom_reference::deform::{Moment, Motion};
 use fathom_reference::kept::Content;
 use fathom_reference::occlusion::{self as reference, occlusion, occlusion_through};
@@ -148,7 +147,7 @@ impl OcclusionBuffers {
         if let Some(points) = known.points.get(&key) {
             return Ok((question, Rc::clone(points)));
         }
-        let tracer = known.tracer(judge.scene, &question.animation)?;
+        let tracer = known.tracer(judge.scene, &question.animation);
         let cast = || cast(&question, &tracer, (&depth, &normal), most, rays);
         let points = Rc::new(kept.answer(content, cast));
         if points.is_empty() {
@@ -190,26 +189,22 @@ impl KnownPoints {
         digest
     }
 
-    pub(super) fn tracer(
-        &mut self,
-        scene: &Rc<Scene>,
-        animation: &Animation,
-    ) -> Result<Rc<Tracer>, ReferenceError> {
+    pub(super) fn tracer(&mut self, scene: &Rc<Scene>, animation: &Animation) -> Rc<Tracer> {
         if let Some((known, moment, tracer)) = &self.tracer
             && Rc::ptr_eq(known, scene)
             && moment == animation
         {
-            return Ok(Rc::clone(tracer));
+            return Rc::clone(tracer);
         }
         let tracer = Rc::new(match motion_of(animation) {
             Some(motion) => {
                 let moved = |object| moved(object, motion, animation);
-                Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())?
+                Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())
             }
-            None => Tracer::new(&scene.objects)?,
+            None => Tracer::new(&scene.objects),
         });
         self.tracer = Some((Rc::clone(scene), animation.clone(), Rc::clone(&tracer)));
-        Ok(tracer)
+        tracer
     }
 }
 

@@ -18,7 +18,7 @@ use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile};
-use fathom_stages::frame::{self, Shared, View};
+use fathom_stages::frame::{Shared, View};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
@@ -104,8 +104,7 @@ impl Pipeline for ScreenRefraction {
             return Err(GpuError::Unusable(without));
         }
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = &Shared::new(resources, &view);
-        resources.push(frame::new(view.clone(), shared));
+        let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);
@@ -113,7 +112,7 @@ impl Pipeline for ScreenRefraction {
         let exits = match params.refraction.method {
             Method::Trace => traced(resources, shared, (scene, geometry), size_px, params)?,
             Method::TwoInterface => {
-                let thickness_m = thickness(resources, scene)?;
+                let thickness_m = thickness(resources, scene);
                 let stage = two_interface::new(of_view, shared, geometry, size_px, &thickness_m)?;
                 of_view.push(stage)
             }
@@ -174,11 +173,10 @@ fn traced(
 }
 
 /// Way through the glass from each vertex against its normal, up to the nearest surface; 0 where there is none. Wyman's d_N, stored once.
-fn thickness(resources: &Resources<'_>, scene: &Scene) -> Result<Buffer, GpuError> {
+fn thickness(resources: &Resources<'_>, scene: &Scene) -> Buffer {
     let count: usize = scene.objects.iter().map(|object| object.mesh.positions.len()).sum();
-    let unusable = |error| GpuError::Unusable(format!("scene `{}`: {error}", scene.name));
-    let ways = || -> Result<Vec<f32>, GpuError> {
-        let tracer = Tracer::new(&objects_of(scene, Part::Glass)).map_err(unusable)?;
+    let ways = || -> Vec<f32> {
+        let tracer = Tracer::new(&objects_of(scene, Part::Glass));
         let way = |(p, n): (&[f32; 3], &[f32; 3])| {
             let [place, normal] = [p, n].map(|v| DVec3::from(v.map(f64::from)));
             let inwards = -normal.normalize_or_zero();
@@ -191,13 +189,13 @@ fn thickness(resources: &Resources<'_>, scene: &Scene) -> Result<Buffer, GpuErro
             }
             mesh.positions.par_iter().zip(&mesh.normals).map(way).collect()
         };
-        Ok(scene.objects.iter().flat_map(of).collect())
+        scene.objects.iter().flat_map(of).collect()
     };
     let bytes = (count * size_of::<f32>()) as u64;
-    let made = if resources.gpu.is_planner() { Vec::new() } else { ways()? };
-    Ok(resources.filled_by("thickness", bytes, wgpu::BufferUsages::STORAGE, || {
+    let made = if resources.gpu.is_planner() { Vec::new() } else { ways() };
+    resources.filled_by("thickness", bytes, wgpu::BufferUsages::STORAGE, || {
         bytemuck::cast_slice(&made).to_vec()
-    }))
+    })
 }
 
 /// A ray cast from a vertex starts this far from it, metres.
@@ -224,7 +222,7 @@ impl ScreenRefraction {
     /// Angles between rays and exact ones, of an even selection of the pixels that show glass.
     fn angles_deg(&self, found: &[Option<Exit>], scene: &Scene) -> Result<Vec<f64>, JudgeError> {
         let objects = objects_of(scene, Part::Glass);
-        let tracer = Tracer::new(&objects)?;
+        let tracer = Tracer::new(&objects);
         let surfaces =
             Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
         let [width, height] = self.view.size_px.to_array();

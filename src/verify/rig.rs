@@ -69,7 +69,8 @@ impl<'g> Rig<'g> {
 
     /// Why a case cannot be carried out: this is missing.
     pub fn empty(&self, what: &str) -> VerifyError {
-        VerifyError::Empty { stage: self.stage, what: what.to_owned() }
+        let what = format!("nothing to compare in check `{what}`");
+        VerifyError::Invalid { stage: self.stage, what }
     }
 
     /// Runs stages as one frame and waits for it.
@@ -82,7 +83,7 @@ impl<'g> Rig<'g> {
         Ok(Stand {
             shared: Shared::new(self, &view),
             geometry: Geometry::new(self, &scene),
-            tracer: Tracer::new(&scene.objects)?,
+            tracer: Tracer::new(&scene.objects),
             rays: rays(&view),
             view,
             scene,
@@ -110,7 +111,7 @@ impl<'g> Rig<'g> {
 
     /// One channel of a texture in f64.
     pub fn channel(&self, texture: &wgpu::Texture, channel: usize) -> Result<Image> {
-        Ok(caustics_image::channel(&read_texture(self.gpu, texture)?, channel)?)
+        Ok(caustics_image::channel(&read_texture(self.gpu, texture)?, channel))
     }
 
     /// Three channels of a texture as vectors, in rows.

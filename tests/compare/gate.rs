@@ -132,8 +132,8 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     assert!(exact.allocated_bytes > 0 && exact.stages.len() == stages.len());
     assert!(exact.errors.contains_key("caustics_photon_error_median_m"));
     for error in exact.errors.keys() {
-        let judged = exact.judged.iter().find(|judged| judged.name == *error).unwrap();
-        assert!(stages.iter().any(|stage| judged.stage == stage.name), "{judged:?}");
+        let judged = exact.judged.iter().find(|judged| *judged.name == **error).unwrap();
+        assert!(stages.iter().any(|stage| *judged.stage == *stage.name), "{judged:?}");
     }
     let stage = "compose".to_owned();
     let counted = ask(WorkerRequest::Instructions { config, stage, frames: 2 });

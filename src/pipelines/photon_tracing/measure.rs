@@ -82,7 +82,7 @@ impl Drawing for PhotonTracing {
 
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
         // What the sprites have added up.
-        let irradiance = channel(&read_texture(judge.gpu, &self.irradiance)?, 0)?;
+        let irradiance = channel(&read_texture(judge.gpu, &self.irradiance)?, 0);
         let found = FoundCaustics { irradiance, stage: sprites::draw::INFO.name };
         Compared::new(judge, &self.view, &found).map(Some)
     }
@@ -123,7 +123,7 @@ impl PhotonTracing {
 
     fn ends(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Ends, JudgeError> {
         let objects = objects_of(scene, Part::Solid);
-        let tracer = &Tracer::new(&objects)?;
+        let tracer = &Tracer::new(&objects);
         let (frame, water) = (self.view.light_frame(), &self.view.water);
         let bounces = self.params.ways() - 1;
         let surfaces = Surfaces {

@@ -95,7 +95,7 @@ impl Planar {
     /// `photon_error_p99_m`, `photon_wrong_face_rate` of those that end by both, and `photon_miss_rate` of those that end exactly. Of
     /// large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
-        let ends = self.ends(&self.stored(gpu)?, &Tracer::new(&scene.objects)?);
+        let ends = self.ends(&self.stored(gpu)?, &Tracer::new(&scene.objects));
         let Ends { mut errors_m, wrong_face, lost } = ends;
         let errors = [
             ("photon_miss_rate", share(lost, lost + errors_m.len()), "1"),

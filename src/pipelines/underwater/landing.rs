@@ -21,12 +21,11 @@ impl Underwater {
     /// selection is compared.
     pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let frame = self.view.light_frame();
-        let tracer = Tracer::new(&scene.objects)?;
+        let tracer = Tracer::new(&scene.objects);
         let mut errors = Vec::new();
         for (name, stage, settings, photons) in self.grids() {
-            let grid = ExactGrid::new(settings.grid, settings.subdivision)?
-                .with_offset(settings.offset)
-                .with_jitter(settings.jitter);
+            let PhotonGrid { grid: cells, offset, jitter, .. } = settings;
+            let grid = ExactGrid { cells, side: settings.side(), offset, jitter };
             let step = even_step(grid.count() as usize, MOST_PHOTONS);
             let photons = stored_photons(&read_buffer(gpu, photons)?);
             let tolerance_m = f64::from(settings.tolerance_m as f32);
