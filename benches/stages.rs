@@ -90,7 +90,7 @@ impl Suite {
         self.bench.warm_up(&stages)?;
         let blended = if blends {
             let params = subject.parameters::<underwater::Underwater>()?;
-            underwater::blended_fragments(&self.bench.gpu, &subject.scene, params)?
+            underwater::blended_fragments(&self.bench.gpu, &subject.scene, &params)?
         } else {
             Default::default()
         };

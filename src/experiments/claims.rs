@@ -25,7 +25,7 @@ use strum::Display;
 use self::comparison::{Comparison, Judgement};
 use super::expand::label_text;
 use super::measure::{self, Measure, Reading};
-use super::schema::{Claim, Experiment, Test};
+use super::schema::{Claim, Experiment, FIXED_SHARE, RISING_SHARE, Test};
 use fathom_base::statistics;
 use fathom_record::Cell;
 
@@ -200,11 +200,11 @@ fn test_group(test: &Test, cells: &[&Cell], software: bool) -> Tested {
             comparisons::no_worse(y, [of, than], *margin, cells)
         }
         Test::Slope { y, x, expected, tolerance, max_fixed_share, min_decades, .. } => {
-            let fit = scaling(y, x, cells, *max_fixed_share)?;
-            fits::slope(&fit, *expected, *tolerance, *min_decades)
+            let fit = scaling(y, x, cells, max_fixed_share.unwrap_or(FIXED_SHARE))?;
+            fits::slope(&fit, *expected, *tolerance, min_decades.unwrap_or(1.0))
         }
         Test::Affine { y, x, tolerance, min_rising_share, .. } => {
-            fits::affine(y, x, *tolerance, *min_rising_share, cells)
+            fits::affine(y, x, *tolerance, min_rising_share.unwrap_or(RISING_SHARE), cells)
         }
         Test::Independent { y, over, tolerance } => {
             comparisons::independent(y, over, *tolerance, cells)

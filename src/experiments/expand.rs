@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::schema::{Axis, Profiles, Sweep};
 use super::{Experiment, ExperimentError};
-use fathom_base::text::{did_you_mean, nearest};
+use fathom_base::text::{did_you_mean, line, nearest};
 use fathom_record::Profile;
 
 /// Most cells that one experiment plans, the reference and the views of each counted too: planned, one takes about 20 KiB.
@@ -88,8 +88,8 @@ pub fn parse_set(text: &str) -> Result<(String, Value), ExperimentError> {
     }
 }
 
-fn unassigned(text: &str, form: &'static str) -> ExperimentError {
-    ExperimentError::Assignment { text: text.escape_debug().to_string(), form }
+fn unassigned(text: &str, form: &str) -> ExperimentError {
+    ExperimentError(format!("`{}` is not of the form {form}", text.escape_debug()))
 }
 
 /// What stands before and after the first `=` of an argument. No name and no value holds a control character.
@@ -312,16 +312,10 @@ impl Experiment {
 
     fn check_axes(&self, axis_overrides: &Overrides) -> Result<(), ExperimentError> {
         let names = self.axis_names();
-        for (name, _) in axis_overrides {
-            if !names.contains(&name.as_str()) {
-                return Err(ExperimentError::UnknownAxis {
-                    experiment: self.id.clone(),
-                    axis: name.clone(),
-                    nearest: nearest(name, names),
-                });
-            }
-        }
-        Ok(())
+        let unknown = axis_overrides.iter().find(|(name, _)| !names.contains(&name.as_str()));
+        let Some((name, _)) = unknown else { return Ok(()) };
+        let near = did_you_mean(&nearest(name, names));
+        Err(ExperimentError(format!("experiment `{}` has no axis `{name}`{near}", self.id)))
     }
 
     fn check_sets(
@@ -332,14 +326,12 @@ impl Experiment {
         for axis in self.axes() {
             for value in axis.of(profile) {
                 let parsed = self.of_axis(axis, axis.parse(value))?;
-                for (path, _) in parsed.set {
-                    if sets.iter().any(|(set, _)| *set == path) {
-                        return Err(ExperimentError::SetOnAxis {
-                            experiment: self.id.clone(),
-                            axis: axis.name.clone(),
-                            path,
-                        });
-                    }
+                let mut swept = parsed.set.iter().map(|(path, _)| path);
+                if let Some(path) = swept.find(|path| sets.iter().any(|(set, _)| set == *path)) {
+                    let (id, axis) = (&self.id, &axis.name);
+                    return Err(ExperimentError(format!(
+                        "`{path}` is swept by the axis `{axis}` of `{id}`: choose its values with --axis {axis}=…"
+                    )));
                 }
             }
         }
@@ -347,10 +339,9 @@ impl Experiment {
     }
 
     fn of_axis<T>(&self, axis: &Axis, value: Result<T, String>) -> Result<T, ExperimentError> {
-        value.map_err(|message| ExperimentError::AxisValue {
-            experiment: self.id.clone(),
-            axis: axis.name.clone(),
-            message,
+        value.map_err(|fault| {
+            let axis = line(&axis.name);
+            ExperimentError(format!("axis `{axis}` of `{}`: {}", self.id, line(&fault)))
         })
     }
 
@@ -398,12 +389,17 @@ impl Experiment {
             let own = own.saturating_mul(1 + repeated);
             bytes = bytes.saturating_add(points.saturating_mul(own + of_reference));
         }
-        let experiment = self.id.clone();
+        let id = &self.id;
         if cells > MAX_CELLS {
-            return Err(ExperimentError::TooManyCells { experiment, cells });
+            return Err(ExperimentError(format!(
+                "experiment `{id}` has {cells} cells, references and views counted too: at most {MAX_CELLS} are planned at once"
+            )));
         }
         if bytes > MAX_PLAN_BYTES {
-            return Err(ExperimentError::TooLarge { experiment, bytes });
+            let [takes, most] = [bytes, MAX_PLAN_BYTES].map(|bytes| bytes >> 20);
+            return Err(ExperimentError(format!(
+                "experiment `{id}`: its cells, each with its parameters, take {takes} MiB: at most {most} MiB are planned at once"
+            )));
         }
         Ok(())
     }
@@ -426,9 +422,14 @@ impl Experiment {
         let values = point.iter().map(|(axis, value)| format!("{}={}", axis.name, value.text()));
         let key: Vec<String> = id.into_iter().chain(values).collect();
         let stages = sweep.map(|sweep| &sweep.stages).filter(|stages| !stages.is_empty());
-        let scene = take(&mut params, "scene").unwrap_or_else(|| self.scene.clone());
-        let pipeline = take(&mut params, "pipeline").unwrap_or_else(|| self.pipeline.clone());
-        let overrides = last_of_each(params);
+        // The later of two values for one path replaces the earlier.
+        let mut params: IndexMap<String, Value> = params.into_iter().collect();
+        let mut chosen = |name, own: &String| {
+            params.shift_remove(name).map_or_else(|| own.clone(), |value| label_text(&value))
+        };
+        let scene = chosen("scene", &self.scene);
+        let pipeline = chosen("pipeline", &self.pipeline);
+        let overrides: Vec<(String, Value)> = params.into_iter().collect();
         CellPlan {
             experiment: self.id.clone(),
             cell: if key.is_empty() { "base".to_owned() } else { key.join(",") },
@@ -479,14 +480,6 @@ const R2_STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
 fn places(count: u32) -> Vec<[f64; 2]> {
     let place = |i: u32| R2_STEPS.map(|step| (0.5 + f64::from(i) * step).fract());
     (0..count).map(place).collect()
-}
-
-/// Removes every entry of that name and gives the last one's text.
-fn take(params: &mut Vec<(String, Value)>, name: &str) -> Option<String> {
-    let last =
-        params.iter().rev().find(|(path, _)| path == name).map(|(_, value)| label_text(value));
-    params.retain(|(path, _)| path != name);
-    last
 }
 
 /// The later of two values for one path replaces the earlier.

@@ -7,12 +7,13 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
 
-use crate::{CellPlan, Experiment, StageName, lookup, parse_axis};
+use crate::{CellPlan, Experiment, StageName, parse_axis};
+use fathom_base::parameter::get;
 use fathom_base::statistics;
 use fathom_record::{
-    Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Named,
-    Note, NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, SetUp, ShaderChecks,
-    StageRecord, Surrounding, Work,
+    Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Note,
+    NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, SetUp, ShaderChecks, StageRecord,
+    Surrounding, Work,
 };
 
 const SAMPLES: usize = 15;
@@ -157,7 +158,7 @@ fn tree(plan: &CellPlan) -> Value {
 /// Figures of a cell: of an underwater one by a cost model, of others invented.
 pub fn measure(experiment: &Experiment, plan: &CellPlan, random: &mut Pcg64) -> Measured {
     let params = tree(plan);
-    let number = |path: &str| lookup(&params, path).and_then(Value::as_f64).unwrap();
+    let number = |path: &str| get(&params, path).and_then(Value::as_f64).unwrap();
     let mut stages = match plan.pipeline.as_str() {
         "underwater" => underwater(&params, random),
         _ => vec![invented("scene/gbuffer", 1.0, random)],
@@ -179,9 +180,9 @@ pub fn measure(experiment: &Experiment, plan: &CellPlan, random: &mut Pcg64) -> 
 
 /// `fixed + work × rate` per stage.
 fn underwater(params: &Value, random: &mut Pcg64) -> Vec<StageRecord> {
-    let number = |path: &str| lookup(params, path).and_then(Value::as_f64).unwrap();
+    let number = |path: &str| get(params, path).and_then(Value::as_f64).unwrap();
     let area = |path: &str| -> f64 {
-        let sides = lookup(params, path).unwrap().as_array().unwrap();
+        let sides = get(params, path).unwrap().as_array().unwrap();
         let area: f64 = sides.iter().map(|side| side.as_f64().unwrap()).product();
         area.max(1.0)
     };
@@ -226,7 +227,7 @@ fn named(experiment: &Experiment, known: &[StageRecord]) -> Vec<String> {
             StageName::One(name) => name.clone(),
             StageName::Family(beginning) => format!("{beginning}any"),
         };
-        if !names.contains(&name) && !known.iter().any(|stage| stage.stage == name) {
+        if !names.contains(&name) && !known.iter().any(|stage| *stage.stage == name) {
             names.push(name);
         }
     }
@@ -240,17 +241,7 @@ fn invented(name: &str, ms: f64, random: &mut Pcg64) -> StageRecord {
 }
 
 pub fn timed(stage: &str, clock: Clock, samples_ns: Vec<f64>, work: Work) -> StageRecord {
-    StageRecord {
-        stage: stage.into(),
-        clock,
-        time: statistics::estimate(&samples_ns),
-        samples_ns,
-        fenced: None,
-        work,
-        least_work: None,
-        counters: Named::default(),
-        ceiling: None,
-    }
+    StageRecord { work, ..StageRecord::of(stage, clock, samples_ns) }
 }
 
 /// Root of the product of the cell's numbers on its axes.

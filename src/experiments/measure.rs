@@ -23,6 +23,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
+use itertools::Itertools;
 use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Value};
 
@@ -95,9 +96,9 @@ pub struct Sample {
 }
 
 impl Reading {
-    fn of(rounds: &[u32], values: impl IntoIterator<Item = f64>) -> Reading {
+    fn of(rounds: &[u32], values: &[f64]) -> Reading {
         let samples = rounds.iter().zip(values);
-        Reading::Sampled(samples.map(|(round, value)| Sample { round: *round, value }).collect())
+        Reading::Sampled(samples.map(|(&round, &value)| Sample { round, value }).collect())
     }
 
     pub fn median(&self) -> f64 {
@@ -283,50 +284,39 @@ impl Measure {
 
     /// Dotted paths of the parameters that the measure speaks of.
     pub fn params(&self) -> impl Iterator<Item = &str> {
-        self.all().filter_map(|term| match term {
-            Term::Param(name) => Some(name.as_str()),
-            _ => None,
-        })
+        self.all()
+            .filter_map(|term| if let Term::Param(path) = term { Some(&**path) } else { None })
     }
 
     pub fn quantities(&self) -> impl Iterator<Item = &str> {
-        self.all().filter_map(|term| match term {
-            Term::Quantity(name) => Some(name.as_str()),
-            _ => None,
-        })
+        self.all()
+            .filter_map(|term| if let Term::Quantity(name) = term { Some(&**name) } else { None })
     }
 
     /// A stage's name, where the measure is its time and nothing else: what a plot calls it.
     pub fn stage_name(&self) -> Option<String> {
-        match self.only() {
-            Some(Term::Stages(names)) => match names.as_slice() {
-                [StageName::One(name)] => Some(name.clone()),
-                _ => None,
-            },
-            _ => None,
-        }
+        let Some(Term::Stages(names)) = self.only() else { return None };
+        let [StageName::One(name)] = names.as_slice() else { return None };
+        Some(name.clone())
     }
 
     /// The measure is a time in nanoseconds, perhaps times or over something else.
     pub fn is_time(&self) -> bool {
-        let timed = |terms: &[Term]| {
-            let times = terms.iter().filter(|term| matches!(term, Term::Stages(_) | Term::Frame));
-            times.count()
-        };
-        timed(&self.terms) == 1 && timed(&self.per) == 0
+        let is_time = |term: &&Term| matches!(term, Term::Stages(_) | Term::Frame);
+        let [times, per] =
+            [&self.terms, &self.per].map(|terms| terms.iter().filter(is_time).count());
+        times == 1 && per == 0
     }
 
     /// It counts only on hardware: software drivers say nothing of absolute times. A ratio of times is not absolute.
     pub fn is_absolute(&self) -> bool {
-        let dimension = |terms: &[Term]| -> i32 {
-            let of = |term: &Term| match term {
-                Term::Stages(_) | Term::Frame => 1,
-                Term::Fps => -1,
-                _ => 0,
-            };
-            terms.iter().map(of).sum()
+        let dimension = |term: &Term| match term {
+            Term::Stages(_) | Term::Frame => 1,
+            Term::Fps => -1,
+            _ => 0,
         };
-        dimension(&self.terms) != dimension(&self.per)
+        let sum = |terms: &[Term]| terms.iter().map(dimension).sum::<i32>();
+        sum(&self.terms) != sum(&self.per)
     }
 
     /// The value in a measured cell; none where the cell lacks it.
@@ -342,10 +332,6 @@ impl Measure {
     }
 }
 
-fn joined(names: &[StageName], by: &str) -> String {
-    names.iter().map(ToString::to_string).collect::<Vec<_>>().join(by)
-}
-
 impl Term {
     fn label(&self) -> Label {
         let count = |count: &str, stage: &StageName| {
@@ -356,7 +342,9 @@ impl Term {
                 [family @ StageName::Family(_)] => {
                     Label::new(format!("all {family} stages"), Unit::Milliseconds)
                 }
-                names => Label::new(format!("{} time", joined(names, " or ")), Unit::Milliseconds),
+                names => {
+                    Label::new(format!("{} time", names.iter().join(" or ")), Unit::Milliseconds)
+                }
             },
             Term::Frame => Label::new("frame time", Unit::Milliseconds),
             Term::Fps => Label::new("frame rate", Unit::FramesPerSecond),
@@ -370,22 +358,19 @@ impl Term {
 
     fn read(&self, cell: &Cell, measured: &Measured) -> Option<Reading> {
         let frame = &measured.frame;
+        let stage = |name: &StageName| measured.stages.iter().find(|s| name.covers(&s.stage));
         match self {
             Term::Stages(names) => stage_time(names, measured),
             Term::Frame if frame.untimed_samples_ns.is_empty() => None,
-            Term::Frame => {
-                Some(Reading::of(&frame.rounds, frame.untimed_samples_ns.iter().copied()))
-            }
+            Term::Frame => Some(Reading::of(&frame.rounds, &frame.untimed_samples_ns)),
             Term::Fps => Some(Term::Frame.read(cell, measured)?.map(|ns| 1e9 / ns)),
             Term::Work(name, count) => {
-                let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;
-                let (_, count) =
-                    stage.work.fields().into_iter().find(|(known, _)| known == count)?;
+                let mut counts = stage(name)?.work.fields().into_iter();
+                let (_, count) = counts.find(|(known, _)| known == count)?;
                 (count > 0).then_some(Reading::Exact(count as f64))
             }
             Term::Counter(name, counter) => {
-                let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;
-                stage.counters.get(counter).map(|count| Reading::Exact(*count as f64))
+                stage(name)?.counters.get(counter).map(|count| Reading::Exact(*count as f64))
             }
             Term::Param(path) => number(cell.params.lookup(path)?).map(Reading::Exact),
             Term::Axis(name) => number(cell.axes.get(name)?).map(Reading::Exact),
@@ -400,7 +385,7 @@ fn quantity(name: &str, measured: &Measured) -> Option<Reading> {
     match measured.repeated.get(name) {
         Some(values) => {
             let repetitions: Vec<u32> = (0..values.len() as u32).collect();
-            Some(Reading::of(&repetitions, values.iter().copied()))
+            Some(Reading::of(&repetitions, values))
         }
         None => measured.figures().get(name).copied().map(Reading::Exact),
     }
@@ -414,13 +399,14 @@ fn stage_time(names: &[StageName], measured: &Measured) -> Option<Reading> {
     let rounds = &measured.frame.rounds;
     if let [stage] = stages.as_slice() {
         let resolved = !stage.samples_ns.is_empty() && stage.is_resolved();
-        return resolved.then(|| Reading::of(rounds, stage.samples_ns.iter().copied()));
+        return resolved.then(|| Reading::of(rounds, &stage.samples_ns));
     }
     let differences: Vec<Vec<f64>> = stages.iter().map(|s| s.differences_ns()).collect();
     let frames = differences.iter().map(Vec::len).min().filter(|frames| *frames > 0)?;
     let resolution_ns = stages.iter().map(|s| s.resolution_ns().powi(2)).sum::<f64>().sqrt();
     let sum = |frame: usize| differences.iter().map(|ns| ns[frame]).sum::<f64>();
-    let reading = Reading::of(rounds, (0..frames).map(|f| sum(f).max(resolution_ns)));
+    let sums: Vec<f64> = (0..frames).map(|frame| sum(frame).max(resolution_ns)).collect();
+    let reading = Reading::of(rounds, &sums);
     (reading.median() > resolution_ns).then_some(reading)
 }
 
@@ -440,11 +426,6 @@ fn number(value: &Value) -> Option<f64> {
         Value::Array(items) => items.iter().map(number).product(),
         other => other.as_f64(),
     }
-}
-
-/// A leaf of a parameter tree by its dotted path.
-pub fn lookup<'a>(params: &'a Value, path: &str) -> Option<&'a Value> {
-    path.split('.').try_fold(params, |value, key| value.get(key))
 }
 
 /// A cell fits a filter when each name is an axis, else a parameter (`scene` and `pipeline` included), of the value given.

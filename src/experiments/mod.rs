@@ -13,7 +13,7 @@ mod tests;
 mod units;
 pub mod words;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use fathom_base::input;
 use fathom_base::text::{did_you_mean, line, nearest};
@@ -26,37 +26,19 @@ pub use expand::{
     CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, RepetitionPlan, flatten, label_text,
     parse_axis, parse_set,
 };
-pub use measure::{Measure, Reading, Sample, StageName, fits, fps, lookup, same};
+pub use measure::{Measure, Reading, Sample, StageName, fits, fps, same};
 pub use schema::Experiment;
 
+/// What is wrong with an experiment, or with what was asked of it: one line.
 #[derive(Debug, thiserror::Error)]
-pub enum ExperimentError {
-    #[error("unknown experiment `{name}`{}", did_you_mean(nearest))]
-    Unknown { name: String, nearest: Option<String> },
-    #[error("cannot read the experiment {}: {source}", path.display())]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("experiment `{name}`: {}", line(.message))]
-    Invalid { name: String, message: String },
-    #[error("experiment `{experiment}` has no axis `{axis}`{}", did_you_mean(nearest))]
-    UnknownAxis { experiment: String, axis: String, nearest: Option<String> },
-    #[error("axis `{}` of `{experiment}`: {}", line(.axis), line(.message))]
-    AxisValue { experiment: String, axis: String, message: String },
-    #[error(
-        "`{path}` is swept by the axis `{axis}` of `{experiment}`: choose its values with --axis {axis}=…"
-    )]
-    SetOnAxis { experiment: String, axis: String, path: String },
-    #[error(
-        "experiment `{experiment}` has {cells} cells, references and views counted too: at most {MAX_CELLS} are planned at once"
-    )]
-    TooManyCells { experiment: String, cells: u64 },
-    #[error(
-        "experiment `{experiment}`: its cells, each with its parameters, take {} MiB: at most {} MiB are planned at once",
-        bytes >> 20,
-        MAX_PLAN_BYTES >> 20
-    )]
-    TooLarge { experiment: String, bytes: u64 },
-    #[error("`{text}` is not of the form {form}")]
-    Assignment { text: String, form: &'static str },
+#[error("{0}")]
+pub struct ExperimentError(String);
+
+impl ExperimentError {
+    /// A fault of the experiment of this name, or in this file.
+    pub fn of(name: &str, fault: &str) -> Self {
+        Self(format!("experiment `{name}`: {}", line(fault)))
+    }
 }
 
 impl Experiment {
@@ -88,17 +70,15 @@ impl Experiment {
         let is_path = id_or_path.ends_with(".toml") || path.components().count() > 1;
         if !is_path {
             let ids = Experiment::ids(folders);
-            return Err(ExperimentError::Unknown {
-                name: id_or_path.to_owned(),
-                nearest: nearest(id_or_path, ids.iter().map(String::as_str)),
-            });
+            let near = did_you_mean(&nearest(id_or_path, ids.iter().map(String::as_str)));
+            return Err(ExperimentError(format!("unknown experiment `{id_or_path}`{near}")));
         }
         Experiment::read(path)
     }
 
     pub fn read(path: &Path) -> Result<Experiment, ExperimentError> {
-        let text = input::text(path, input::MAX_TEXT)
-            .map_err(|source| ExperimentError::Read { path: path.to_owned(), source })?;
-        Experiment::parse(&path.display().to_string(), &text)
+        let name = path.display().to_string();
+        let unread = |fault| ExperimentError(format!("cannot read the experiment {name}: {fault}"));
+        Experiment::parse(&name, &input::text(path, input::MAX_TEXT).map_err(unread)?)
     }
 }

@@ -18,7 +18,7 @@ use super::{ExperimentError, Measure};
 use fathom_base::text;
 use fathom_record::Cell;
 
-pub use claim::{Claim, Direction, FIXED_SHARE, Test};
+pub use claim::{Claim, Direction, FIXED_SHARE, RISING_SHARE, Test};
 pub use plot::{Plot, PlotKind};
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -305,7 +305,7 @@ impl Published {
 impl Experiment {
     /// Parses and checks an experiment's text; `name` stands in errors.
     pub fn parse(name: &str, text: &str) -> Result<Experiment, ExperimentError> {
-        let invalid = |message| ExperimentError::Invalid { name: name.to_owned(), message };
+        let invalid = |fault: String| ExperimentError::of(name, &fault);
         let parsed = toml::from_str(text).map_err(|error| invalid(one_line(&error, text)));
         let experiment = Experiment { text: text.to_owned(), ..parsed? };
         experiment.check().map_err(invalid)?;

@@ -1,6 +1,7 @@
 use serde_json::{Value, json};
 
 use super::*;
+use fathom_base::parameter;
 use fathom_pipelines as pipelines;
 use fathom_record::Profile;
 use fathom_scene::SceneFile;
@@ -32,6 +33,15 @@ values = [
   { label = "port", set = { view.width = 80, scene = "port" } },
 ]
 "#;
+
+/// A plot of ratios that lacks the value that is divided by.
+const RATIOS: &str = r#"
+[[plot]]
+title = "t"
+kind = "ratios"
+over = "caustics.grid"
+y = ["frame"]
+numerator = 10"#;
 
 fn own() -> Experiment {
     Experiment::parse("own", SWEPT).unwrap()
@@ -233,15 +243,6 @@ fn tables_by_name_shared_figures_and_set_parameters_mean_what_they_do_at_length(
 }
 
 #[test]
-fn too_few_repetitions_are_refused() {
-    let text = Experiment::builtin_text("uw-filter").unwrap();
-    let few = text.replace("count = 8", "count = 7");
-    assert!(message(Experiment::parse("few", &few)).contains("8 to 100"));
-    let twice = text.replace("caustics_bias", "caustics_noise");
-    assert!(message(Experiment::parse("twice", &twice)).contains("twice"));
-}
-
-#[test]
 fn wrong_names_and_values_are_told_with_the_nearest_right_one() {
     let experiment = own();
     let cells = |axis: &str| experiment.cells(Profile::Quick, &[parse_axis(axis).unwrap()], &[]);
@@ -276,8 +277,13 @@ fn malformed_assignments_are_refused() {
 
 #[test]
 fn broken_files_are_told_in_one_line() {
+    let filter = Experiment::builtin_text("uw-filter").unwrap();
+    let claim = |test: &str| format!("{SWEPT}\n[[claim]]\nid = \"x\"\ntext = \"x\"\ntest.{test}");
     let cases = [
         ("title = \"x\"".to_owned(), "missing field"),
+        (filter.replace("count = 8", "count = 7"), "8 to 100"),
+        (filter.replace("caustics_bias", "caustics_noise"), "twice"),
+        (format!("{SWEPT}{RATIOS}"), "needs over, y, numerator and denominator"),
         (SWEPT.replace("a.b = 1", "a.b = 1\na.b = 2"), "line"),
         (SWEPT.replace("title =", "colour = 1\ntitle ="), "unknown field `colour`"),
         (SWEPT.replace("[10, 20]", "[]"), "empty list"),
@@ -285,18 +291,12 @@ fn broken_files_are_told_in_one_line() {
         (SWEPT.replace("label = \"small\", ", ""), "must be { label"),
         (SWEPT.replace("\"own\"", "\"Own!\""), "lower-case"),
         (
-            format!(
-                "{SWEPT}\n[[claim]]\nid = \"x\"\ntext = \"x\"\ntest.slope = {{ y = \"stage:a\", x = \"axis:b\", over = \"none\", expected = 1.0, tolerance = 0.1 }}"
-            ),
+            claim(r#"independent = { y = "stage:a", over = "none", tolerance = 0.1 }"#),
             "which is no axis",
         ),
-        (
-            format!(
-                "{SWEPT}\n[[claim]]\nid = \"x\"\ntext = \"x\"\ntest.at_least = {{ y = \"speed\", value = 1 }}"
-            ),
-            "unknown measure `speed`",
-        ),
+        (claim(r#"at_least = { y = "speed", value = 1 }"#), "unknown measure `speed`"),
     ];
+    assert!(Experiment::parse("own", &format!("{SWEPT}{RATIOS}\ndenominator = 20")).is_ok());
     for (text, expected) in cases {
         let told = message(Experiment::parse("own", &text));
         assert!(told.contains(expected), "{expected}: {told}");
@@ -345,10 +345,10 @@ fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
                 let repetitions = repetitions.flat_map(|runs| [runs.repeated, vec![runs.limit]]);
                 let others = reference.into_iter().chain(repetitions.flatten()).flatten();
                 for (path, value) in cell.overrides.into_iter().chain(others) {
-                    fathom_base::parameter::set(&mut tree, &path, value).unwrap();
+                    parameter::set(&mut tree, &path, value).unwrap();
                 }
                 for path in measured.iter().flat_map(|measure| measure.params()) {
-                    assert!(lookup(&tree, path).is_some(), "{id}: {path}");
+                    assert!(parameter::get(&tree, path).is_some(), "{id}: {path}");
                 }
             }
         }
@@ -382,17 +382,4 @@ fn axes_that_set_names_are_categories_and_those_that_set_numbers_are_not() {
         let experiment = Experiment::load(id).unwrap();
         assert_eq!(experiment.is_category(axis), expected, "{id} {axis}");
     }
-}
-
-#[test]
-fn ratios_need_both_values() {
-    let plot = "[[sweep]]\n[[sweep.axis]]\nname = \"n\"\nvalues = [1, 2]\n[[plot]]\ntitle = \"t\"\nkind = \"ratios\"\nover = \"n\"\ny = [\"frame\"]\nnumerator = 2";
-    let text = |rest: &str| {
-        format!(
-            "id = \"e\"\ntitle = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"tank\"\n{plot}\n{rest}"
-        )
-    };
-    let refused = Experiment::parse("e", &text("")).unwrap_err().to_string();
-    assert!(refused.contains("needs over, y, numerator and denominator"), "{refused}");
-    assert!(Experiment::parse("e", &text("denominator = 1")).is_ok());
 }

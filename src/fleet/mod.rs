@@ -277,7 +277,7 @@ fn check_resumed(out: &Path, asked: &Stored) -> Result<(), FleetError> {
     let folder = out.to_owned();
     let nothing = |reason: String| FleetError::NothingToResume { folder: folder.clone(), reason };
     let json = folder::Folder::open(out)
-        .and_then(|folder| folder.text(FLEET, fathom_base::input::MAX_TEXT))
+        .and_then(|folder| folder.plain(FLEET, fathom_base::input::MAX_TEXT)?.text())
         .map_err(|error| nothing(format!("{FLEET}: {error}")))?;
     let stored: Stored =
         serde_json::from_str(&json).map_err(|error| nothing(format!("{FLEET}: {error}")))?;

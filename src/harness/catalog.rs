@@ -190,9 +190,9 @@ fn planned_stages(
     file: &SceneFile,
     tree: &Value,
 ) -> Option<Vec<&'static StageInfo>> {
-    let configuration = (kind.configure)(tree).ok()?;
-    let scene = Scene::build(&configuration.staged(file).ok()?).ok()?;
-    Some(configuration.plan(&scene).ok()?.stages)
+    let tree = (kind.checked)(tree).ok()?;
+    let scene = Scene::build(&fathom_pipelines::staged(&tree, file).ok()?).ok()?;
+    Some((kind.plan)(&tree, &scene).ok()?.stages)
 }
 
 /// Adds what a frame runs to what others run: each stage once, behind the one that it follows in its frame.

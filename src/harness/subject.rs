@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::collections::hash_map::{Entry, HashMap};
 use std::rc::Rc;
 
+use serde::Deserialize;
 use serde_json::Value;
 use thiserror::Error;
 
@@ -13,7 +14,7 @@ use fathom_base::tell;
 use fathom_base::text::did_you_mean;
 use fathom_gpu::{Capacity, Gpu, GpuError};
 use fathom_pipelines as pipelines;
-use fathom_pipelines::{AnyPipeline, Configuration, Pipeline, PipelineKind, Plan};
+use fathom_pipelines::{AnyPipeline, Pipeline, PipelineKind, Plan};
 use fathom_scene::{Camera, Scene, SceneError, SceneFile};
 
 /// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
@@ -36,10 +37,8 @@ pub struct Subject {
     /// As it was asked for: a built-in name or a path.
     pub scene_name: String,
     pub scene: Rc<Scene>,
-    /// The parameters as they are recorded.
+    /// The parameters as they are recorded, checked.
     pub params: Value,
-    /// The same, read and checked.
-    pub configuration: Rc<dyn Configuration>,
     /// Why the scene is too large to be made; `scene` is then a small one in its place, which is never measured.
     too_large: Option<String>,
 }
@@ -56,7 +55,7 @@ impl Subject {
     /// What the pipeline would make.
     pub fn plan(&self) -> Result<Plan, SubjectError> {
         let invalid = |error: GpuError| SubjectError::Invalid(error.to_string());
-        self.configuration.plan(&self.scene).map_err(invalid)
+        (self.kind.plan)(&self.params, &self.scene).map_err(invalid)
     }
 
     /// Makes the pipeline's resources; any fault of the device comes back as an error.
@@ -65,36 +64,44 @@ impl Subject {
         if let Some(reason) = beyond.map_err(|e| GpuError::Unusable(e.to_string()))? {
             return Err(GpuError::Limit(reason));
         }
-        gpu.scoped(|| self.configuration.build(gpu, &self.scene))
+        gpu.scoped(|| (self.kind.build)(&self.params, gpu, &self.scene))
     }
 
     /// The parameters of a kind that the caller knows; an error if it is of another.
-    pub fn parameters<P: Pipeline>(&self) -> Result<&P::Params, SubjectError> {
-        let found = self.configuration.as_any().downcast_ref();
-        found.ok_or_else(|| {
-            SubjectError::Invalid(format!("pipeline {} is not {}", self.kind.name, P::NAME))
-        })
+    pub fn parameters<P: Pipeline>(&self) -> Result<P::Params, SubjectError> {
+        if self.kind.name != P::NAME {
+            let other = format!("pipeline {} is not {}", self.kind.name, P::NAME);
+            return Err(SubjectError::Invalid(other));
+        }
+        Ok(pipelines::typed(&self.params)?)
     }
 
     /// For a picture of `factor` times the columns and rows; none where the pipeline has no such picture.
     pub fn enlarged(&self, factor: u32) -> Option<Self> {
-        Some(self.with(self.configuration.enlarged(factor)?))
+        Some(Self { params: (self.kind.enlarged)(&self.params, factor)?, ..self.clone() })
+    }
+
+    /// What it is seen from.
+    pub fn camera(&self) -> Camera {
+        Camera::deserialize(&self.params["camera"]).expect("every pipeline has a camera")
     }
 
     /// The same seen from elsewhere. The geometry is shared: pipelines take the camera from the parameters.
     #[must_use]
-    pub fn seen_from(&self, camera: Camera) -> Self {
-        self.with(self.configuration.seen_from(camera))
+    pub fn seen_from(&self, camera: &Camera) -> Self {
+        let mut seen = self.clone();
+        seen.params["camera"] = parameter::tree(camera);
+        seen
     }
 
     /// The same with other random numbers; none where the pipeline has no seed.
     #[must_use]
     pub fn reseeded(&self, added: u32) -> Option<Self> {
-        Some(self.with(self.configuration.reseeded(added)?))
-    }
-
-    fn with(&self, configuration: Rc<dyn Configuration>) -> Self {
-        Self { params: configuration.tree(), configuration, ..self.clone() }
+        let mut other = self.clone();
+        let pointer = format!("/{}", self.kind.seed?.replace('.', "/"));
+        let seed = other.params.pointer_mut(&pointer)?;
+        *seed = (seed.as_u64()? as u32).wrapping_add(added).into();
+        Some(other)
     }
 }
 
@@ -140,14 +147,13 @@ impl Subjects {
         for (path, value) in overrides {
             parameter::set(&mut params, path, value.clone())?;
         }
-        let configuration = (kind.configure)(&params)?;
-        let file = configuration.staged(&file)?;
+        let params = (kind.checked)(&params)?;
+        let file = pipelines::staged(&params, &file)?;
         let scene_name = scene.to_owned();
         let too_large = self.too_large(&file);
         let file = if too_large.is_some() { pipelines::smallest(file) } else { file };
         let scene = self.scene(file)?;
-        let params = configuration.tree();
-        Ok(Subject { kind, scene_name, scene, params, configuration, too_large })
+        Ok(Subject { kind, scene_name, scene, params, too_large })
     }
 
     fn too_large(&self, file: &SceneFile) -> Option<String> {

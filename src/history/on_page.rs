@@ -11,7 +11,7 @@ use super::tables;
 use fathom_experiments::words;
 use fathom_report::axis::{Axis, tenth};
 use fathom_report::page::Tone;
-use fathom_report::page::table::{self, table};
+use fathom_report::page::parts::{self, table};
 use fathom_report::svg;
 
 /// Charts of a page. A page of as many charts of as many points stays below 5 MB.
@@ -53,7 +53,7 @@ pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Markup {
 }
 
 fn changes(about: &str, stored: &StoredRuns, changes: &[&Change]) -> Markup {
-    let heads = table::words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
+    let heads = parts::words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
     let rows = html! { @for change in changes { (row(stored, change)) } };
     table(about, "sortable changes", &heads, &rows)
 }

@@ -8,8 +8,7 @@ use super::settings::Animation;
 use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
 use fathom_gpu::Pixels;
 use fathom_picture::RgbImage;
-use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
-use fathom_reference::ReferenceError;
+use fathom_record::{ErrorSpan, PictureScale};
 use fathom_reference::image::Image;
 use fathom_reference::kept::Content;
 use fathom_reference::photon_map::{Lighting, PhotonMap};
@@ -42,11 +41,11 @@ pub struct FoundCaustics {
     pub stage: &'static str,
 }
 
-/// The first channel of a texture that was read.
-pub fn first_channel(pixels: &Pixels) -> Result<Image, ReferenceError> {
-    let values = pixels.data.iter().step_by(pixels.channels as usize);
+/// One channel of a texture that was read.
+pub fn channel(pixels: &Pixels, channel: usize) -> Image {
+    let values = pixels.data.iter().skip(channel).step_by(pixels.channels as usize);
     let values = values.map(|value| f64::from(*value)).collect();
-    Image::from_data(pixels.width, pixels.height, values)
+    Image::from_data([pixels.width, pixels.height], values)
 }
 
 /// Irradiance that was found and that of the photon map, over the same blocks of pixels.
@@ -92,20 +91,15 @@ impl Compared {
         let absolute: f64 = pairs().map(|(found, exact)| (found - exact).abs()).sum();
         let square: f64 = pairs().map(|(found, exact)| (found - exact).powi(2)).sum();
         let errors = [
-            (IMAGE_ERROR, absolute / sum),
-            ("caustics_image_rms_error", (square / count).sqrt() * count / sum),
+            (IMAGE_ERROR, absolute / sum, "1"),
+            ("caustics_image_rms_error", (square / count).sqrt() * count / sum, "1"),
         ];
         let quantities = [
             ("caustics_image_level", self.found.sum() / sum),
             ("caustics_reference_noise", self.noise),
             ("caustics_image_block_px", f64::from(self.block_px)),
         ];
-        Judged {
-            errors: errors
-                .map(|(name, value)| ErrorFigure::new(name, value, "1", self.stage))
-                .into(),
-            quantities: quantities.map(|(name, value)| (name.to_owned(), value)).into(),
-        }
+        Judged::of(self.stage, errors, quantities)
     }
 
     /// The irradiance that was found, or the exact one, in greys: 1 − exp(−E / 3 M), M the mean of the exact one, so that pictures of one
@@ -173,7 +167,7 @@ fn map(
         frame: &frame,
         intensity_w_sr: view.light.intensity_w_sr,
         water: &view.water,
-        tracer: &*occlusion.tracer(judge.scene, &Animation::default())?,
+        tracer: &occlusion.tracer(judge.scene, &Animation::default()),
         camera: &view.camera,
     };
     let gather = || PhotonMap::new(&lighting, size, columns).in_blocks(block_px);
@@ -187,7 +181,7 @@ mod tests {
     use super::*;
 
     fn compared(found: [f64; 4]) -> Judged {
-        let image = |data: [f64; 4]| Image::from_data(2, 2, data.into()).unwrap();
+        let image = |data: [f64; 4]| Image::from_data([2, 2], data.into());
         let exact = image([1.0, 3.0, 0.0, 4.0]);
         Compared { found: image(found), exact, stage: "a/b", block_px: 1, noise: 0.01 }.judged()
     }

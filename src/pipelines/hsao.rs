@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use super::lighting::{Composed, Seen};
 use super::occlusion::{Model, OcclusionBuffers};
-use super::{Drawing, Pipeline, settings};
+use super::{Drawing, Pipeline, named, settings};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::geometry::Geometry;
@@ -35,7 +35,7 @@ impl Pipeline for Hsao {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = Seen::frame(resources, &view);
+        let shared = settings::begin(resources, &view);
         let geometry = Geometry::new(resources, scene);
         if let Some(deform) = settings::deform(resources, &geometry, scene, &params.animation)? {
             resources.push(deform);
@@ -81,12 +81,11 @@ impl Drawing for Hsao {
         let pixels = f64::from(self.uniforms.size_px.x) * f64::from(self.uniforms.size_px.y);
         let covered = counts.fragments as f64;
         let most = self.uniforms.samples_per_pixel() as f64;
-        let figures = [
+        Ok(named([
             ("samples_per_pixel_most", most),
             ("samples_per_pixel", counts.samples as f64 / covered.max(1.0)),
             ("covered_share", covered / pixels),
-        ];
-        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+        ]))
     }
 
     fn occlusion(&self) -> Option<&OcclusionBuffers> {

@@ -18,11 +18,11 @@ pub mod volume_ao;
 pub mod voxelization;
 pub mod voxelize;
 
-use std::any::Any;
 use std::collections::BTreeMap;
-use std::ops::{Deref, DerefMut};
+use std::ops::Deref;
 use std::rc::Rc;
 
+use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -33,9 +33,9 @@ use fathom_base::parameter::{self, Field, ParamError, Setting};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
 use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, PictureScale, Work};
-use fathom_reference::ReferenceError;
 use fathom_reference::kept::KeptAnswers;
-use fathom_scene::{Camera, Light, Scene, SceneFile, VolumeFile, Water, assets};
+use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
+use fathom_stages::geometry::Part;
 use fathom_stages::kit::{Parts, Resources};
 use occlusion::OcclusionBuffers;
 use settings::Cells;
@@ -77,10 +77,6 @@ pub struct Staging {
 }
 
 impl Staging {
-    fn of(parameters: &impl Serialize) -> Result<Self, ParamError> {
-        Self::deserialize(parameter::tree(parameters)).map_err(|e| ParamError::Unfit(e.to_string()))
-    }
-
     fn validate(&self) -> Result<(), String> {
         self.camera.validate()?;
         self.light.as_ref().map_or(Ok(()), Light::validate)?;
@@ -93,7 +89,8 @@ impl Staging {
 /// # Errors
 /// Parameters that the scene cannot take.
 pub fn staged(parameters: &impl Serialize, file: &SceneFile) -> Result<SceneFile, ParamError> {
-    let Staging { camera, light, water, floor_depth_m, objects, volume } = Staging::of(parameters)?;
+    let Staging { camera, light, water, floor_depth_m, objects, volume } =
+        typed(&parameter::tree(parameters))?;
     let volume = match (volume, &file.volume) {
         (Some(cells), Some(volume)) => Some(cells.put_into(volume)?),
         _ => file.volume.clone(),
@@ -202,11 +199,46 @@ pub struct Judged {
 }
 
 impl Judged {
-    /// Adds what else was found.
-    pub fn add(&mut self, other: Judged) {
-        self.errors.extend(other.errors);
-        self.quantities.extend(other.quantities);
+    /// Errors of a stage, each with its unit, and figures beside them.
+    pub fn of<'n>(
+        stage: &str,
+        errors: impl IntoIterator<Item = (&'n str, f64, &'n str)>,
+        quantities: impl IntoIterator<Item = (&'n str, f64)>,
+    ) -> Self {
+        let error = |(name, value, unit)| ErrorFigure::new(name, value, unit, stage);
+        Self { errors: errors.into_iter().map(error).collect(), quantities: named(quantities) }
     }
+}
+
+/// Figures by their names.
+fn named<'n>(figures: impl IntoIterator<Item = (&'n str, f64)>) -> BTreeMap<String, f64> {
+    figures.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+/// How many of so many, as a share; 0 of none.
+fn share(count: usize, of: usize) -> f64 {
+    count as f64 / of.max(1) as f64
+}
+
+/// A step through so many photons or pixels that leaves `most` of them to compare with a reference: odd, so that it meets every
+/// sub-photon of a cell and not always the same column.
+fn even_step(count: usize, most: usize) -> usize {
+    count.div_ceil(most).max(1) | 1
+}
+
+/// The exact answers for an even selection of so many photons or pixels, each with its number; none where there is no answer.
+fn exact_of<T: Send>(
+    count: usize,
+    most: usize,
+    exact: impl Fn(usize) -> Option<T> + Sync,
+) -> Vec<(usize, T)> {
+    let chosen = (0..count).into_par_iter().step_by(even_step(count, most));
+    chosen.filter_map(|number| Some((number, exact(number)?))).collect()
+}
+
+/// The scene's objects that are of a part of it.
+fn objects_of(scene: &Scene, part: Part) -> Vec<Object> {
+    scene.objects.iter().filter(|object| part.holds(&object.material)).cloned().collect()
 }
 
 /// Answers of the references that several cells share.
@@ -231,8 +263,6 @@ impl Known {
 pub enum JudgeError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Reference(#[from] ReferenceError),
     #[error("no surface is seen")]
     Nothing,
     #[error("pipeline {0} has no caustics")]
@@ -247,7 +277,7 @@ pub enum JudgeError {
 pub struct Built<P: ?Sized> {
     name: &'static str,
     parts: Parts,
-    pipeline: P,
+    pub pipeline: P,
 }
 
 /// A built pipeline of any kind.
@@ -287,7 +317,9 @@ impl<P: Drawing + ?Sized> Built<P> {
         if judge.asks_for(IMAGE_ERROR)
             && let Some(compared) = self.pipeline.caustics(judge)?
         {
-            judged.add(compared.judged());
+            let of_image = compared.judged();
+            judged.errors.extend(of_image.errors);
+            judged.quantities.extend(of_image.quantities);
         }
         Ok(judged)
     }
@@ -321,12 +353,6 @@ impl<P: ?Sized> Deref for Built<P> {
     }
 }
 
-impl<P: ?Sized> DerefMut for Built<P> {
-    fn deref_mut(&mut self) -> &mut P {
-        &mut self.pipeline
-    }
-}
-
 /// What a pipeline would consist of.
 pub struct Plan {
     /// What building it and reading its picture back needs of an adapter.
@@ -335,95 +361,24 @@ pub struct Plan {
     pub stages: Vec<&'static StageInfo>,
 }
 
-/// A pipeline with parameters that were read and checked: what can be planned and built for a scene.
-pub trait Configuration {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError>;
-    /// What it would consist of and need, before anything is allocated.
-    ///
-    /// # Errors
-    /// A scene or settings for which it cannot be built; the text names them.
-    fn plan(&self, scene: &Scene) -> Result<Plan, GpuError>;
-    fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<AnyPipeline>, GpuError>;
-    fn camera(&self) -> Camera;
-    /// The same seen from elsewhere.
-    fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration>;
-    /// See [`Parameters::enlarged`].
-    fn enlarged(&self, factor: u32) -> Option<Rc<dyn Configuration>>;
-    /// The same with its seed raised by `added`; none where there is no seed.
-    fn reseeded(&self, added: u32) -> Option<Rc<dyn Configuration>>;
-    /// The parameters as a tree.
-    fn tree(&self) -> Value;
-    /// For a caller that knows the kind.
-    fn as_any(&self) -> &dyn Any;
-}
-
-/// Parameters of pipeline `P`.
-struct Configured<P: Pipeline>(P::Params);
-
-impl<P: Pipeline> Configured<P> {
-    /// The same with another value at a dotted path.
-    fn with(&self, path: &str, value: Value) -> Rc<dyn Configuration> {
-        let mut tree = self.tree();
-        let pointer = format!("/{}", path.replace('.', "/"));
-        *tree.pointer_mut(&pointer).expect("a parameter") = value;
-        Rc::new(Self(serde_json::from_value(tree).expect("of the kind that was there")))
-    }
-}
-
 /// Bytes that the host takes for a pixel of a picture: as it is read back, as four floats, and as it is written.
 const PICTURE_BYTES: u64 = 4 + 16 + 4;
 
-impl<P: Pipeline> Configuration for Configured<P> {
-    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
-        staged(&self.0, file)
-    }
-
-    fn plan(&self, scene: &Scene) -> Result<Plan, GpuError> {
-        let planner = Gpu::planner()?;
-        planner.scoped(|| {
-            let resources = Resources::new(planner);
-            let pipeline = P::new(&resources, scene, &self.0)?;
-            let pixels = fathom_stages::kit::pixels(pipeline.image());
-            let picture = resources.sized_by(settings::VIEWPORT);
-            picture.host_copies("image", pixels.saturating_mul(PICTURE_BYTES));
-            let parts = resources.into_parts();
-            let stages = parts.stages.iter().map(|stage| stage.info).collect();
-            Ok(Plan { demand: parts.demand, stages })
-        })
-    }
-
-    fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<AnyPipeline>, GpuError> {
-        Ok(Box::new(Built::<P>::new(gpu, scene, &self.0)?))
-    }
-
-    fn camera(&self) -> Camera {
-        Staging::of(&self.0).expect("read before").camera
-    }
-
-    fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration> {
-        self.with("camera", parameter::tree(&camera))
-    }
-
-    fn enlarged(&self, factor: u32) -> Option<Rc<dyn Configuration>> {
-        Some(Rc::new(Self(self.0.enlarged(factor)?)))
-    }
-
-    fn reseeded(&self, added: u32) -> Option<Rc<dyn Configuration>> {
-        let path = P::Params::SEED?;
-        let seed = parameter::get(&self.tree(), path)?.as_u64()? as u32;
-        Some(self.with(path, seed.wrapping_add(added).into()))
-    }
-
-    fn tree(&self) -> Value {
-        parameter::tree(&self.0)
-    }
-
-    fn as_any(&self) -> &dyn Any {
-        &self.0
-    }
+fn plan<P: Pipeline>(tree: &Value, scene: &Scene) -> Result<Plan, GpuError> {
+    let (planner, params) = (Gpu::planner()?, typed(tree)?);
+    planner.scoped(|| {
+        let resources = Resources::new(planner);
+        let pipeline = P::new(&resources, scene, &params)?;
+        let pixels = fathom_stages::kit::pixels(pipeline.image());
+        let picture = resources.sized_by(settings::VIEWPORT);
+        picture.host_copies("image", pixels.saturating_mul(PICTURE_BYTES));
+        let parts = resources.into_parts();
+        let stages = parts.stages.iter().map(|stage| stage.info).collect();
+        Ok(Plan { demand: parts.demand, stages })
+    })
 }
 
-/// A kind of pipeline, by name.
+/// A kind of pipeline, by name. It is planned and built by a tree of parameters that were checked.
 #[derive(Clone, Copy, Debug)]
 pub struct PipelineKind {
     pub name: &'static str,
@@ -432,8 +387,15 @@ pub struct PipelineKind {
     pub defaults: fn(&SceneFile) -> Value,
     /// Every parameter, with range, unit and description.
     pub fields: fn() -> Vec<Field>,
-    /// Reads and checks a tree of parameters.
-    pub configure: fn(&Value) -> Result<Rc<dyn Configuration>, ParamError>,
+    /// Checks a tree of parameters: it comes back as it is recorded.
+    pub checked: fn(&Value) -> Result<Value, ParamError>,
+    /// What it would consist of and need, before anything is allocated; an error for a scene or settings for which it cannot be built.
+    pub plan: fn(&Value, &Scene) -> Result<Plan, GpuError>,
+    pub build: fn(&Value, &Gpu, &Scene) -> Result<Box<AnyPipeline>, GpuError>,
+    /// See [`Parameters::enlarged`].
+    pub enlarged: fn(&Value, u32) -> Option<Value>,
+    /// See [`Parameters::SEED`].
+    pub seed: Option<&'static str>,
 }
 
 impl PipelineKind {
@@ -443,7 +405,13 @@ impl PipelineKind {
             about: P::ABOUT,
             defaults: |file| parameter::tree(&P::Params::from(file)),
             fields: parameter::fields::<P::Params>,
-            configure: |tree| Ok(Rc::new(Configured::<P>(read(tree)?))),
+            checked: |tree| Ok(parameter::tree(&read::<P::Params>(tree)?)),
+            plan: plan::<P>,
+            build: |tree, gpu, scene| Ok(Box::new(Built::<P>::new(gpu, scene, &typed(tree)?)?)),
+            enlarged: |tree, factor| {
+                Some(parameter::tree(&typed::<P::Params>(tree).ok()?.enlarged(factor)?))
+            },
+            seed: P::Params::SEED,
         }
     }
 }
@@ -454,9 +422,17 @@ impl PipelineKind {
 /// One line that names the parameter at fault.
 pub fn read<T: Parameters>(tree: &Value) -> Result<T, ParamError> {
     let params: T = parameter::read(tree)?;
-    Staging::of(&params)?.validate()?;
+    typed::<Staging>(&parameter::tree(&params))?.validate()?;
     params.consistent()?;
     Ok(params)
+}
+
+/// What a tree of parameters says that were checked before.
+///
+/// # Errors
+/// A tree of another kind.
+pub fn typed<T: DeserializeOwned>(tree: &Value) -> Result<T, ParamError> {
+    T::deserialize(tree).map_err(|error| ParamError::Unfit(error.to_string()))
 }
 
 /// fathom's own pipelines. Adding one adds a line.

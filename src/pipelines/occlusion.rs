@@ -8,16 +8,15 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation, Deform};
-use super::{ErrorPicture, Judge, JudgeError, Judged};
+use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
 use fathom_gpu::{Pixels, read_texture};
 use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
-use fathom_reference::ReferenceError;
 use fathom_reference::deform::{Moment, Motion};
 use fathom_reference::kept::Content;
 use fathom_reference::occlusion::{self as reference, occlusion, occlusion_through};
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
-use fathom_scene::{Camera, Object, Scene};
+use fathom_scene::{Camera, Material, Object, Scene};
 use fathom_stages::gbuffer::GbufferTextures;
 
 /// Points that figures rest on at most: an RMS over so many independent errors is known to 2 %.
@@ -72,7 +71,8 @@ type Answered = Rc<Vec<JudgedPoint>>;
 /// Answers of the reference, each computed once, and the last scene's hierarchy.
 #[derive(Default)]
 pub struct KnownPoints {
-    points: HashMap<String, (Rc<Scene>, Answered)>,
+    /// By the digest of the question's content.
+    points: HashMap<String, Answered>,
     /// Of the last scene at a moment.
     tracer: Option<(Rc<Scene>, Animation, Rc<Tracer>)>,
     /// Of the last scene's geometry.
@@ -139,45 +139,40 @@ impl OcclusionBuffers {
         rays: u32,
     ) -> Result<(Question, Answered), JudgeError> {
         let question = self.question(judge.scene);
-        let key = question.key(judge.scene, most, rays);
-        let known = &mut judge.known.occlusion;
-        if let Some((_, points)) = known.points.get(&key) {
-            return Ok((question, Rc::clone(points)));
-        }
         let depth = read_texture(judge.gpu, &self.gbuffer.depth)?;
         let normal = read_texture(judge.gpu, &self.gbuffer.normal)?;
-        let tracer = known.tracer(judge.scene, &self.animation)?;
+        let Known { kept, occlusion: known, .. } = &mut *judge.known;
         let content = question.content(known.digest(judge.scene), [&depth, &normal], most, rays);
+        let key = content.clone().digest();
+        if let Some(points) = known.points.get(&key) {
+            return Ok((question, Rc::clone(points)));
+        }
+        let tracer = known.tracer(judge.scene, &question.animation);
         let cast = || cast(&question, &tracer, (&depth, &normal), most, rays);
-        let points = Rc::new(judge.known.kept.answer(content, cast));
-        let known = &mut judge.known.occlusion;
+        let points = Rc::new(kept.answer(content, cast));
         if points.is_empty() {
             return Err(JudgeError::Nothing);
         }
-        known.points.insert(key, (Rc::clone(judge.scene), Rc::clone(&points)));
+        known.points.insert(key, Rc::clone(&points));
         Ok((question, points))
     }
 
     fn question(&self, scene: &Scene) -> Question {
         let (raw, depth) = (&self.raw.1, &self.gbuffer.depth);
+        let materials = || scene.objects.iter().map(|object| &object.material);
+        let alpha = |material: &Material| match self.model {
+            Model::Through => f64::from(material.alpha),
+            Model::First(_) | Model::ThroughOpaque => 1.0,
+        };
         Question {
-            opaque: scene.objects.iter().map(|object| object.material.is_opaque()).collect(),
-            alphas: scene.objects.iter().map(|object| self.model.alpha(object)).collect(),
+            opaque: materials().map(Material::is_opaque).collect(),
+            alphas: materials().map(alpha).collect(),
             camera: self.camera.clone(),
             size_px: [depth.width(), depth.height()],
             r_max_m: self.r_max_m,
             model: self.model,
             animation: self.animation.clone(),
             buffer_px: [raw.width(), raw.height()],
-        }
-    }
-}
-
-impl Model {
-    fn alpha(self, object: &Object) -> f64 {
-        match self {
-            Model::Through => f64::from(object.material.alpha),
-            Model::First(_) | Model::ThroughOpaque => 1.0,
         }
     }
 }
@@ -194,26 +189,30 @@ impl KnownPoints {
         digest
     }
 
-    pub(super) fn tracer(
-        &mut self,
-        scene: &Rc<Scene>,
-        animation: &Animation,
-    ) -> Result<Rc<Tracer>, ReferenceError> {
+    pub(super) fn tracer(&mut self, scene: &Rc<Scene>, animation: &Animation) -> Rc<Tracer> {
         if let Some((known, moment, tracer)) = &self.tracer
             && Rc::ptr_eq(known, scene)
             && moment == animation
         {
-            return Ok(Rc::clone(tracer));
+            return Rc::clone(tracer);
         }
         let tracer = Rc::new(match motion_of(animation) {
             Some(motion) => {
                 let moved = |object| moved(object, motion, animation);
-                Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())?
+                Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())
             }
-            None => Tracer::new(&scene.objects)?,
+            None => Tracer::new(&scene.objects),
         });
         self.tracer = Some((Rc::clone(scene), animation.clone(), Rc::clone(&tracer)));
-        Ok(tracer)
+        tracer
+    }
+}
+
+/// The attenuation as the reference has it.
+pub fn exact(attenuation: Attenuation) -> reference::Attenuation {
+    match attenuation {
+        Attenuation::Hard => reference::Attenuation::Hard,
+        Attenuation::Linear => reference::Attenuation::Linear,
     }
 }
 
@@ -240,14 +239,7 @@ fn motion_of(animation: &Animation) -> Option<Motion> {
 
 /// The object at a moment, by the f64 twin of `scene/deform`. Its normals stay as they were: rays need none.
 fn moved(object: &Object, motion: Motion, animation: &Animation) -> Object {
-    let bounds = object.mesh.bounds();
-    let moment = Moment {
-        motion,
-        foot_m: bounds.center().with_y(bounds.min.y),
-        height_m: bounds.size().y,
-        cycles: animation.cycles(),
-        amplitude: animation.amplitude,
-    };
+    let moment = Moment::of(&object.mesh, motion, animation.cycles(), animation.amplitude);
     let mut moved = object.clone();
     let wide = |v: [f32; 3]| DVec3::from(v.map(f64::from));
     for (position, normal) in moved.mesh.positions.iter_mut().zip(&object.mesh.normals) {
@@ -258,20 +250,6 @@ fn moved(object: &Object, motion: Motion, animation: &Animation) -> Object {
 }
 
 impl Question {
-    /// What tells questions apart. A scene is told apart by where it lies in memory, and is kept there while its key is.
-    fn key(&self, scene: &Rc<Scene>, most: usize, rays: u32) -> String {
-        format!(
-            "{:p} {:?} {:?} {:?} {:?} {} {:?} {most} {rays}",
-            Rc::as_ptr(scene),
-            self.animation,
-            self.camera,
-            self.size_px,
-            self.buffer_px,
-            self.r_max_m,
-            self.model,
-        )
-    }
-
     /// All that the answer follows from: the question, the geometry, and what the G-buffer holds.
     fn content(&self, scene: String, gbuffer: [&Pixels; 2], most: usize, rays: u32) -> Content {
         let asked = format!("{self:?} {most} {rays}");
@@ -281,15 +259,13 @@ impl Question {
 
     /// A by casting.
     fn occlusion(&self, tracer: &Tracer, position: DVec3, normal: DVec3, rays: u32) -> f64 {
-        let attenuation = match self.model {
-            Model::First(Attenuation::Hard) => reference::Attenuation::Hard,
-            Model::First(Attenuation::Linear) => reference::Attenuation::Linear,
+        let r_max_m = self.r_max_m;
+        match self.model {
+            Model::First(by) => occlusion(tracer, position, normal, r_max_m, exact(by), rays),
             Model::Through | Model::ThroughOpaque => {
-                let alphas = &self.alphas;
-                return occlusion_through(tracer, position, normal, self.r_max_m, alphas, rays);
+                occlusion_through(tracer, position, normal, r_max_m, &self.alphas, rays)
             }
-        };
-        occlusion(tracer, position, normal, self.r_max_m, attenuation, rays)
+        }
     }
 
     /// What a pixel shows: the first opaque surface, as the G-buffer has it.

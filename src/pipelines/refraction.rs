@@ -9,23 +9,23 @@ use serde::{Deserialize, Serialize};
 use super::screen_tracing::{self, Composition, LayeredDepth};
 use super::settings::{self, VIEWPORT};
 use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
+use super::{even_step, named, objects_of, share};
 use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError, read_texture};
-use fathom_record::ErrorFigure;
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile};
-use fathom_stages::frame::{self, Shared, View};
+use fathom_stages::frame::{Shared, View};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
 use fathom_stages::refraction::trace::{self, Surface};
 use fathom_stages::refraction::two_interface;
 use fathom_stages::screen_ray::{WalkUniforms, walk_uniforms};
-use fathom_stages::{StageInfo, refraction, scene};
+use fathom_stages::{refraction, scene};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -104,8 +104,7 @@ impl Pipeline for ScreenRefraction {
             return Err(GpuError::Unusable(without));
         }
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = &Shared::new(resources, &view);
-        resources.push(frame::new(view.clone(), shared));
+        let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);
@@ -113,7 +112,7 @@ impl Pipeline for ScreenRefraction {
         let exits = match params.refraction.method {
             Method::Trace => traced(resources, shared, (scene, geometry), size_px, params)?,
             Method::TwoInterface => {
-                let thickness_m = thickness(resources, scene)?;
+                let thickness_m = thickness(resources, scene);
                 let stage = two_interface::new(of_view, shared, geometry, size_px, &thickness_m)?;
                 of_view.push(stage)
             }
@@ -135,23 +134,23 @@ impl Drawing for ScreenRefraction {
         let found = self.found(gpu)?;
         let glass = found.iter().flatten().count();
         let inside = found.iter().flatten().filter(|exit| exit.inside).count();
-        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
-        let figures = [
+        Ok(named([
             ("glass_rate", share(glass, found.len())),
             ("totally_reflected_rate", share(inside, glass)),
-        ];
-        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+        ]))
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         let mut angles_deg = self.angles_deg(&self.found(judge.gpu)?, judge.scene)?;
-        let stage = self.stage().name;
-        let figures = [
-            ("refraction_error_median_deg", quantile(&mut angles_deg, 0.5)),
-            ("refraction_error_p90_deg", quantile(&mut angles_deg, 0.9)),
+        let stage = match self.params.refraction.method {
+            Method::Trace => &trace::INFO,
+            Method::TwoInterface => &two_interface::INFO,
+        };
+        let errors = [
+            ("refraction_error_median_deg", quantile(&mut angles_deg, 0.5), "°"),
+            ("refraction_error_p90_deg", quantile(&mut angles_deg, 0.9), "°"),
         ];
-        let errors = figures.map(|(name, value)| ErrorFigure::new(name, value, "°", stage));
-        Ok(Judged { errors: errors.into(), quantities: BTreeMap::new() })
+        Ok(Judged::of(stage.name, errors, []))
     }
 }
 
@@ -174,12 +173,10 @@ fn traced(
 }
 
 /// Way through the glass from each vertex against its normal, up to the nearest surface; 0 where there is none. Wyman's d_N, stored once.
-fn thickness(resources: &Resources<'_>, scene: &Scene) -> Result<Buffer, GpuError> {
+fn thickness(resources: &Resources<'_>, scene: &Scene) -> Buffer {
     let count: usize = scene.objects.iter().map(|object| object.mesh.positions.len()).sum();
-    let unusable = |error| GpuError::Unusable(format!("scene `{}`: {error}", scene.name));
-    let ways = || -> Result<Vec<f32>, GpuError> {
-        let glass: Vec<Object> = glass(scene);
-        let tracer = Tracer::new(&glass).map_err(unusable)?;
+    let ways = || -> Vec<f32> {
+        let tracer = Tracer::new(&objects_of(scene, Part::Glass));
         let way = |(p, n): (&[f32; 3], &[f32; 3])| {
             let [place, normal] = [p, n].map(|v| DVec3::from(v.map(f64::from)));
             let inwards = -normal.normalize_or_zero();
@@ -192,21 +189,17 @@ fn thickness(resources: &Resources<'_>, scene: &Scene) -> Result<Buffer, GpuErro
             }
             mesh.positions.par_iter().zip(&mesh.normals).map(way).collect()
         };
-        Ok(scene.objects.iter().flat_map(of).collect())
+        scene.objects.iter().flat_map(of).collect()
     };
     let bytes = (count * size_of::<f32>()) as u64;
-    let made = if resources.gpu.is_planner() { Vec::new() } else { ways()? };
-    Ok(resources.filled_by("thickness", bytes, wgpu::BufferUsages::STORAGE, || {
+    let made = if resources.gpu.is_planner() { Vec::new() } else { ways() };
+    resources.filled_by("thickness", bytes, wgpu::BufferUsages::STORAGE, || {
         bytemuck::cast_slice(&made).to_vec()
-    }))
+    })
 }
 
 /// A ray cast from a vertex starts this far from it, metres.
 const OFF_M: f64 = 1e-4;
-
-fn glass(scene: &Scene) -> Vec<Object> {
-    scene.objects.iter().filter(|o| Part::Glass.holds(&o.material)).cloned().collect()
-}
 
 /// A pixel's ray behind glass.
 struct Exit {
@@ -215,13 +208,6 @@ struct Exit {
 }
 
 impl ScreenRefraction {
-    fn stage(&self) -> &'static StageInfo {
-        match self.params.refraction.method {
-            Method::Trace => &trace::INFO,
-            Method::TwoInterface => &two_interface::INFO,
-        }
-    }
-
     /// Row by row; none where a pixel shows no glass.
     fn found(&self, gpu: &Gpu) -> Result<Vec<Option<Exit>>, GpuError> {
         let positions = read_texture(gpu, &self.exits.positions)?;
@@ -235,15 +221,15 @@ impl ScreenRefraction {
 
     /// Angles between rays and exact ones, of an even selection of the pixels that show glass.
     fn angles_deg(&self, found: &[Option<Exit>], scene: &Scene) -> Result<Vec<f64>, JudgeError> {
-        let objects = glass(scene);
-        let tracer = Tracer::new(&objects)?;
+        let objects = objects_of(scene, Part::Glass);
+        let tracer = Tracer::new(&objects);
         let surfaces =
             Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
         let [width, height] = self.view.size_px.to_array();
         let rays = PixelRays::new(&self.view.camera, width, height);
         let count = self.params.refraction.count;
         let shown = found.iter().flatten().count();
-        let step = shown.div_ceil(MOST_PIXELS).max(1) | 1;
+        let step = even_step(shown, MOST_PIXELS);
         let seen = (0..).zip(found).filter_map(|(pixel, exit)| Some((pixel, exit.as_ref()?)));
         let seen: Vec<(u32, &Exit)> = seen.step_by(step).collect();
         let angle = |(pixel, exit): &(u32, &Exit)| {

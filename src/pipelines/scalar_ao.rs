@@ -9,12 +9,12 @@ mod tests;
 use std::collections::BTreeMap;
 
 use super::settings::{self, VIEWPORT};
-use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
+use super::{Drawing, Judge, JudgeError, Judged, Pipeline, named};
 use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
 use fathom_stages::Stage;
-use fathom_stages::frame::{self, Shared};
+use fathom_stages::frame::Shared;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::ray_cast::Cast;
 use fathom_stages::scalar;
@@ -29,10 +29,6 @@ fn volume_of(scene: &Scene) -> Result<&Volume, GpuError> {
             scene.name
         ))
     })
-}
-
-fn longest_m(scene: &Scene) -> f64 {
-    scene.solid_bounds().size().max_element()
 }
 
 /// Rays cast through a scalar field.
@@ -60,14 +56,15 @@ impl Pipeline for ScalarAo {
         let volume = volume_of(scene)?;
         let named = |fault| GpuError::Unusable(format!("volume `{}`: {fault}", volume.name));
         volume.validate().map_err(named)?;
-        params.scalar.suits(volume, longest_m(scene))?;
+        let r_max_m = settings::r_max_m(scene, params.scalar.r_max_m, params.scalar.r_max_share);
+        params.scalar.suits(volume, r_max_m)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = Shared::new(resources, &view);
-        resources.push(frame::new(view, &shared));
+        let shared = settings::begin(resources, &view);
         let field = ScalarField::new(resources, volume, params.scalar.needs_pyramid());
-        let r_max_m = params.scalar.reach_m(longest_m(scene));
         let of_view = &resources.sized_by(VIEWPORT);
-        let cast = of_view.push(cast(of_view, (&shared, &field), params, r_max_m)?);
+        let size_px = [params.view.width, params.view.height];
+        let stage = cast(of_view, (&shared, &field), &params.scalar, size_px, r_max_m)?;
+        let cast = of_view.push(stage);
         let texel_fetches =
             kit::pixels(&cast.image).saturating_mul(params.scalar.typical_fetches(volume));
         of_view.expects("look-ups", Work { texel_fetches, ..Work::default() });
@@ -109,7 +106,7 @@ impl Drawing for ScalarAo {
             ));
             figures.push(("visibility_mean", visibility / covered_count));
         }
-        Ok(figures.into_iter().map(|(name, value)| (name.to_owned(), value)).collect())
+        Ok(named(figures))
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
@@ -118,14 +115,16 @@ impl Drawing for ScalarAo {
 }
 
 /// The stage that `scalar.mode` names.
-fn cast(
+///
+/// # Errors
+/// What the GPU reports.
+pub fn cast(
     resources: &Resources<'_>,
     through: (&Shared, &ScalarField),
-    params: &Params,
+    settings: &Scalar,
+    size_px: [u32; 2],
     r_max_m: f64,
 ) -> Result<Stage<Cast>, GpuError> {
-    let settings = &params.scalar;
-    let size_px = [params.view.width, params.view.height];
     let march = &settings.uniforms(size_px, through.1.voxel_m, r_max_m);
     let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
     match settings.mode {

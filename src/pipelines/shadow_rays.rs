@@ -3,19 +3,18 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
 use super::settings::{self, VIEWPORT};
 use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
+use super::{exact_of, named, objects_of, share};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError, read_buffer};
-use fathom_record::ErrorFigure;
 use fathom_reference::quantities::{StoredPhoton, stored_photons};
 use fathom_reference::rays::{PixelRays, Tracer};
-use fathom_scene::{Camera, Light, LightKind, Object, Scene, SceneFile};
-use fathom_stages::frame::{self, Shared, View};
+use fathom_scene::{Camera, Light, LightKind, Scene, SceneFile};
+use fathom_stages::frame::View;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::{MISSED, Photons};
@@ -64,8 +63,7 @@ impl Pipeline for ShadowRays {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = &Shared::new(resources, &view);
-        resources.push(frame::new(view.clone(), shared));
+        let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);
@@ -98,25 +96,16 @@ impl Drawing for ShadowRays {
         let ends = self.stored(gpu)?;
         let facing = ends.iter().filter(|end| end.residual_m != f64::from(MISSED)).count();
         let shadowed = ends.iter().filter(|end| self.shadowed(end)).count();
-        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
-        let figures = [
+        Ok(named([
             ("facing_light_rate", share(facing, ends.len())),
             ("shadowed_rate", share(shadowed, facing)),
-        ];
-        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+        ]))
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         let found = self.stored(judge.gpu)?;
         let shadows = self.compared(&found, judge.scene)?;
-        let stage = self.params.rays.method.info().name;
-        Ok(Judged {
-            errors: shadows
-                .figures()
-                .map(|(name, value)| ErrorFigure::new(name, value, "1", stage))
-                .into(),
-            quantities: BTreeMap::new(),
-        })
+        Ok(Judged::of(self.params.rays.method.info().name, shadows.figures(), []))
     }
 }
 
@@ -139,12 +128,11 @@ impl Shadows {
     }
 
     /// Shares of the pixels that face the light: wrong ones, and their two kinds.
-    fn figures(&self) -> [(&'static str, f64); 3] {
-        let share = |count: usize| count as f64 / self.pixels.max(1) as f64;
+    fn figures(&self) -> [(&'static str, f64, &'static str); 3] {
         [
-            ("shadow_wrong_rate", share(self.missed + self.false_shadows)),
-            ("shadow_missed_rate", share(self.missed)),
-            ("shadow_false_rate", share(self.false_shadows)),
+            ("shadow_wrong_rate", share(self.missed + self.false_shadows, self.pixels), "1"),
+            ("shadow_missed_rate", share(self.missed, self.pixels), "1"),
+            ("shadow_false_rate", share(self.false_shadows, self.pixels), "1"),
         ]
     }
 }
@@ -160,24 +148,16 @@ impl ShadowRays {
 
     /// An even selection of pixels against ray casting.
     fn compared(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Shadows, JudgeError> {
-        let opaque = scene.objects.iter().filter(|object| Part::Opaque.holds(&object.material));
-        let objects: Vec<Object> = opaque.cloned().collect();
-        let tracer = Tracer::new(&objects)?;
+        let tracer = Tracer::new(&objects_of(scene, Part::Opaque));
         let view = &self.view;
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);
-        let step = found.len().div_ceil(MOST_PIXELS).max(1) | 1;
-        let exact: Vec<_> = (0..found.len())
-            .into_par_iter()
-            .step_by(step)
-            .filter_map(|pixel| {
-                let [x, y] = [pixel as u32 % width, pixel as u32 / width];
-                let place = rays.cast(&tracer, x, y)?.0.position;
-                let to_light = to_light(view, place);
-                let hit = tracer.cast(place, to_light, OFF_M, light_m(view, place));
-                Some((pixel, hit.is_some()))
-            })
-            .collect();
+        let exact = exact_of(found.len(), MOST_PIXELS, |pixel| {
+            let [x, y] = [pixel as u32 % width, pixel as u32 / width];
+            let place = rays.cast(&tracer, x, y)?.0.position;
+            let to_light = to_light(view, place);
+            Some(tracer.cast(place, to_light, OFF_M, light_m(view, place)).is_some())
+        });
         let faces = |pixel: usize| found[pixel].residual_m != f64::from(MISSED);
         let compared = exact.into_iter().filter(|(pixel, _)| faces(*pixel));
         Ok(compared.fold(Shadows::default(), |shadows, (pixel, exact)| {
@@ -187,14 +167,15 @@ impl ShadowRays {
 }
 
 /// Distance of the light from a place.
-fn light_m(view: &View, place: DVec3) -> f64 {
+pub fn light_m(view: &View, place: DVec3) -> f64 {
     match view.light.kind {
         LightKind::Directional => f64::INFINITY,
         LightKind::Point => place.distance(DVec3::from(view.light.position_m)),
     }
 }
 
-fn to_light(view: &View, place: DVec3) -> DVec3 {
+/// Direction to the light from a place.
+pub fn to_light(view: &View, place: DVec3) -> DVec3 {
     match view.light.kind {
         LightKind::Directional => -view.light_frame().forward,
         LightKind::Point => (DVec3::from(view.light.position_m) - place).normalize(),
@@ -210,8 +191,8 @@ mod tests {
         let pairs = [(true, true), (true, false), (false, true), (false, true), (false, false)];
         let shadows =
             pairs.iter().fold(Shadows::default(), |s, (found, exact)| s.add(*found, *exact));
-        let figures = shadows.figures().map(|(_, value)| value);
+        let figures = shadows.figures().map(|(_, value, _)| value);
         assert_eq!(figures, [0.6, 0.4, 0.2]);
-        assert_eq!(Shadows::default().figures().map(|(_, value)| value), [0.0; 3]);
+        assert_eq!(Shadows::default().figures().map(|(_, value, _)| value), [0.0; 3]);
     }
 }

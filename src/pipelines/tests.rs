@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{KINDS, Plan};
+use super::{KINDS, Plan, even_step, staged};
 use fathom_base::parameter::{self, Allowed, Field};
 use fathom_scene::{Scene, SceneFile};
 
@@ -16,10 +16,10 @@ fn planned(of: &str, settings: &str) -> Result<Plan, String> {
         let value = serde_json::from_str(value).unwrap_or_else(|_| value.into());
         parameter::set(&mut tree, path, value).map_err(|error| error.to_string())?;
     }
-    let configured = (kind.configure)(&tree).map_err(|error| error.to_string())?;
-    let file = configured.staged(&file).map_err(|error| error.to_string())?;
+    let tree = (kind.checked)(&tree).map_err(|error| error.to_string())?;
+    let file = staged(&tree, &file).map_err(|error| error.to_string())?;
     let scene = Scene::build(&file).map_err(|error| error.to_string())?;
-    configured.plan(&scene).map_err(|error| error.to_string())
+    (kind.plan)(&tree, &scene).map_err(|error| error.to_string())
 }
 
 /// Whether an adapter of small volumes takes it.
@@ -47,13 +47,13 @@ fn values_that_a_parameter_does_not_take_are_refused_by_its_name() {
     let file = SceneFile::load("tank").unwrap();
     for kind in KINDS {
         let defaults = (kind.defaults)(&file);
-        assert!((kind.configure)(&defaults).is_ok(), "{}", kind.name);
+        assert!((kind.checked)(&defaults).is_ok(), "{}", kind.name);
         for Field { path, allowed, .. } in (kind.fields)() {
             let default = parameter::get(&defaults, &path).unwrap();
             for value in beyond(allowed, default) {
                 let mut tree = defaults.clone();
                 let taken = parameter::set(&mut tree, &path, value.clone());
-                let taken = taken.and_then(|()| (kind.configure)(&tree).map(drop));
+                let taken = taken.and_then(|()| (kind.checked)(&tree).map(drop));
                 let fault = taken.expect_err(&path).to_string();
                 assert!(fault.contains(&path) && !fault.contains('\n'), "{value}: {fault}");
             }
@@ -109,6 +109,15 @@ fn parameters_that_do_not_fit_each_other_the_scene_or_the_adapter_are_named() {
     ] {
         assert_eq!(judged(of, settings), Ok(()), "{of} {settings}");
     }
+}
+
+#[test]
+fn steps_are_odd_and_leave_few() {
+    for count in [1, 9_999, 10_000, 160_000, 4_000_000] {
+        let step = even_step(count, 10_000);
+        assert!(step % 2 == 1 && count.div_ceil(step) <= 10_000);
+    }
+    assert_eq!(even_step(500, 10_000), 1);
 }
 
 #[test]

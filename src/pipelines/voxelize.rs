@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::settings::{self, Animation, Update, VIEWPORT, Voxel};
 use super::voxelization;
-use super::{Drawing, Parameters, Pipeline};
+use super::{Drawing, Parameters, Pipeline, named};
 use fathom_base::parameter::ParamError;
 use fathom_gpu::{Gpu, GpuError, Stage, read_buffer, texture_bytes};
 use fathom_scene::{Camera, Light, Scene, SceneFile};
@@ -96,12 +96,11 @@ impl Drawing for Voxelize {
             occupied += words.iter().map(|w| f64::from(w.count_ones())).sum::<f64>();
         }
         let sum = |bytes: fn(&Voxels) -> u64| self.volumes.iter().map(bytes).sum::<u64>() as f64;
-        let figures = [
+        Ok(named([
             ("occupied_voxels", occupied),
             ("occupied_share", occupied / sum(|v| v.grid.count())),
             ("bit_volume_bytes", sum(|v| v.bits.size())),
             ("texture_volume_bytes", sum(|v| texture_bytes(&v.texture))),
-        ];
-        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+        ]))
     }
 }

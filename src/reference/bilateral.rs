@@ -217,24 +217,25 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_buffer_stays_at_every_scale() {
-        let depth = depth(slanted);
-        for (width, height) in [(48, 32), (24, 16), (13, 7)] {
-            let grey = Image::constant(width, height, 0.37);
-            let filtered = filter().over(&grey, (&depth, &facing()), &camera()).apply();
-            assert!(most_off(&filtered, &Image::constant(48, 32, 0.37)) < 1e-12);
-        }
-    }
-
-    #[test]
-    fn nothing_bleeds_across_a_step_of_depth() {
-        let wall = |x| Some((DVec3::Z, if x < 20 { -2.0 } else { -2.2 }));
-        let depth = depth(wall);
-        for scale in [1, 2] {
-            let size = SIZE.map(|side| side / scale);
-            let input = step(size, 20 / scale);
-            let filtered = filter().over(&input, (&depth, &facing()), &camera()).apply();
-            assert!(most_off(&filtered, &step(SIZE, 20)) < 1e-6, "{scale}");
+    fn constants_steps_of_depth_and_background_stay_and_nothing_bleeds() {
+        let slanted = depth(slanted);
+        let wall = depth(|x| Some((DVec3::Z, if x < 20 { -2.0 } else { -2.2 })));
+        let ends = depth(|x| (x < 20).then_some((DVec3::Z, -2.0)));
+        let grey = |[width, height]: [u32; 2]| Image::constant(width, height, 0.25);
+        let open = step(SIZE, 20).map(|open| 0.25 + 0.75 * open);
+        let none = Bilateral { radius_px: 0.0, ..filter() };
+        let cases = [
+            ("a constant", filter(), grey(SIZE), &slanted, grey(SIZE), 1e-12),
+            ("a smaller one", filter(), grey([24, 16]), &slanted, grey(SIZE), 1e-12),
+            ("at no whole scale", filter(), grey([13, 7]), &slanted, grey(SIZE), 1e-12),
+            ("a step of depth", filter(), step(SIZE, 20), &wall, step(SIZE, 20), 1e-6),
+            ("a smaller step", filter(), step([24, 16], 10), &wall, step(SIZE, 20), 1e-6),
+            ("a disc of no radius", none, noise(), &slanted, noise(), 1e-12),
+            ("background is open and gives nothing", filter(), grey(SIZE), &ends, open, 1e-12),
+        ];
+        for (name, filter, input, depth, expected, most) in cases {
+            let filtered = filter.over(&input, (depth, &facing()), &camera()).apply();
+            assert!(most_off(&filtered, &expected) < most, "{name}");
         }
     }
 
@@ -251,24 +252,6 @@ mod tests {
         };
         assert!(off(0.3) < 1e-3, "{}", off(0.3));
         assert!(off(1e3) > 0.3, "{}", off(1e3));
-    }
-
-    #[test]
-    fn a_disc_of_no_radius_changes_nothing() {
-        let input = noise();
-        let none = Bilateral { radius_px: 0.0, ..filter() };
-        let depth = depth(slanted);
-        let filtered = none.over(&input, (&depth, &facing()), &camera()).apply();
-        assert!(most_off(&filtered, &input) < 1e-12);
-    }
-
-    #[test]
-    fn background_stays_open_and_gives_nothing() {
-        let depth = depth(|x| (x < 20).then_some((DVec3::Z, -2.0)));
-        let grey = Image::constant(SIZE[0], SIZE[1], 0.25);
-        let filtered = filter().over(&grey, (&depth, &facing()), &camera()).apply();
-        let expected = step(SIZE, 20).map(|open| 0.25 + 0.75 * open);
-        assert!(most_off(&filtered, &expected) < 1e-12);
     }
 
     #[test]

@@ -5,6 +5,8 @@ use glam::{DQuat, DVec3};
 
 use std::f64::consts::TAU;
 
+use fathom_scene::Mesh;
+
 /// Length of the steps relative to the object's height: the error of central differences is its square.
 const STEP: f64 = 1e-5;
 
@@ -32,6 +34,12 @@ pub struct Moment {
 }
 
 impl Moment {
+    /// Of an object with this mesh at rest.
+    pub fn of(rest: &Mesh, motion: Motion, cycles: f64, amplitude: f64) -> Self {
+        let bounds = rest.bounds();
+        let (foot_m, height_m) = (bounds.center().with_y(bounds.min.y), bounds.size().y);
+        Self { motion, foot_m, height_m, cycles, amplitude }
+    }
     /// Where a point of the surface goes, metres; `normal` has unit length.
     pub fn position(&self, rest_m: DVec3, normal: DVec3) -> DVec3 {
         let from_foot = rest_m - self.foot_m;

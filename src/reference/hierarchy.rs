@@ -4,53 +4,37 @@
 use glam::DVec3;
 use itertools::{Itertools, partition};
 
+use fathom_scene::Bounds;
+
 const BUCKETS: usize = 8;
 /// Subtrees of more shapes are built by several threads.
 const PARALLEL: usize = 4096;
 
-#[derive(Clone, Copy)]
-pub struct Aabb {
-    pub low: DVec3,
-    pub high: DVec3,
+/// Half the surface of a box.
+fn area(bounds: &Bounds) -> f64 {
+    let [x, y, z] = bounds.size().to_array();
+    x * y + y * z + z * x
 }
 
-impl Aabb {
-    const EMPTY: Self = Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
-
-    fn joined(self, other: Self) -> Self {
-        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
-    }
-
-    fn center(&self) -> DVec3 {
-        (self.low + self.high) / 2.0
-    }
-
-    /// Half the surface.
-    fn area(&self) -> f64 {
-        let [x, y, z] = (self.high - self.low).to_array();
-        x * y + y * z + z * x
-    }
-
-    /// Distance at which a ray enters the box, 0 from inside, by one over its direction.
-    pub fn entry(&self, origin: DVec3, inverse: DVec3) -> Option<f64> {
-        let (a, b) = ((self.low - origin) * inverse, (self.high - origin) * inverse);
-        // Zero times infinity: the ray lies in the plane of a side, and so between the two of this axis.
-        let between = a.is_nan_mask() | b.is_nan_mask();
-        let near = DVec3::select(between, DVec3::NEG_INFINITY, a.min(b)).max_element().max(0.0);
-        let far = DVec3::select(between, DVec3::INFINITY, a.max(b)).min_element();
-        (near <= far).then_some(near)
-    }
+/// Distance at which a ray enters the box, 0 from inside, by one over its direction.
+pub fn entry(bounds: &Bounds, origin: DVec3, inverse: DVec3) -> Option<f64> {
+    let (a, b) = ((bounds.min - origin) * inverse, (bounds.max - origin) * inverse);
+    // Zero times infinity: the ray lies in the plane of a side, and so between the two of this axis.
+    let between = a.is_nan_mask() | b.is_nan_mask();
+    let near = DVec3::select(between, DVec3::NEG_INFINITY, a.min(b)).max_element().max(0.0);
+    let far = DVec3::select(between, DVec3::INFINITY, a.max(b)).min_element();
+    (near <= far).then_some(near)
 }
 
 /// A shape by its index, or two nodes by theirs, with their boxes.
 #[derive(Clone, Copy)]
 pub enum Node {
     Leaf(usize),
-    Inner([(Aabb, usize); 2]),
+    Inner([(Bounds, usize); 2]),
 }
 
 /// The nodes over shapes with these boxes, the root first; none without shapes.
-pub fn nodes(boxes: &[Aabb]) -> Vec<Node> {
+pub fn nodes(boxes: &[Bounds]) -> Vec<Node> {
     let mut shapes = (0..boxes.len()).collect_vec();
     let mut nodes = vec![Node::Leaf(0); (2 * boxes.len()).saturating_sub(1)];
     if !boxes.is_empty() {
@@ -60,7 +44,7 @@ pub fn nodes(boxes: &[Aabb]) -> Vec<Node> {
 }
 
 /// The subtree over these shapes: twice as many nodes less one, of which the first has the index `start`.
-fn build(boxes: &[Aabb], shapes: &mut [usize], start: usize, nodes: &mut [Node]) {
+fn build(boxes: &[Bounds], shapes: &mut [usize], start: usize, nodes: &mut [Node]) {
     if let [shape] = shapes {
         nodes[0] = Node::Leaf(*shape);
         return;
@@ -82,36 +66,32 @@ fn build(boxes: &[Aabb], shapes: &mut [usize], start: usize, nodes: &mut [Node])
     }
 }
 
-fn around(boxes: &[Aabb], shapes: &[usize]) -> Aabb {
-    shapes.iter().fold(Aabb::EMPTY, |all, shape| all.joined(boxes[*shape]))
+fn around(boxes: &[Bounds], shapes: &[usize]) -> Bounds {
+    shapes.iter().fold(Bounds::EMPTY, |all, shape| all.union(boxes[*shape]))
 }
 
 /// Reorders at least two shapes so that the first ones become one child; how many these are.
-fn split(boxes: &[Aabb], shapes: &mut [usize]) -> usize {
-    let centers = shapes.iter().map(|shape| boxes[*shape].center());
-    let (low, high) = centers
-        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), center| {
-            (low.min(center), high.max(center))
-        });
-    let axis = (high - low).max_position();
-    let scale = BUCKETS as f64 / (high - low)[axis];
+fn split(boxes: &[Bounds], shapes: &mut [usize]) -> usize {
+    let centers = Bounds::around(shapes.iter().map(|shape| boxes[*shape].center()));
+    let axis = centers.size().max_position();
+    let scale = BUCKETS as f64 / centers.size()[axis];
     if !scale.is_finite() {
         return shapes.len() / 2;
     }
     let bucket = |shape: &usize| {
-        let along = (boxes[*shape].center() - low)[axis] * scale;
+        let along = (boxes[*shape].center() - centers.min)[axis] * scale;
         (along as usize).min(BUCKETS - 1)
     };
-    let mut filled = [(Aabb::EMPTY, 0); BUCKETS];
+    let mut filled = [(Bounds::EMPTY, 0); BUCKETS];
     for shape in shapes.iter() {
         let (bounds, count) = &mut filled[bucket(shape)];
-        *bounds = bounds.joined(boxes[*shape]);
+        *bounds = bounds.union(boxes[*shape]);
         *count += 1;
     }
     // The first and the last bucket hold a shape each, so neither side is empty.
-    let cost = |side: &[(Aabb, usize)]| {
-        let bounds = side.iter().fold(Aabb::EMPTY, |all, (bounds, _)| all.joined(*bounds));
-        bounds.area() * side.iter().map(|(_, count)| *count as f64).sum::<f64>()
+    let cost = |side: &[(Bounds, usize)]| {
+        let bounds = side.iter().fold(Bounds::EMPTY, |all, (bounds, _)| all.union(*bounds));
+        area(&bounds) * side.iter().map(|(_, count)| *count as f64).sum::<f64>()
     };
     let costs = (1..BUCKETS).map(|end| cost(&filled[..end]) + cost(&filled[end..]));
     let best = 1 + costs.position_min_by(f64::total_cmp).unwrap_or(0);
@@ -122,12 +102,12 @@ fn split(boxes: &[Aabb], shapes: &mut [usize]) -> usize {
 mod tests {
     use super::*;
 
-    fn boxes(centers: impl Iterator<Item = DVec3>) -> Vec<Aabb> {
-        centers.map(|c| Aabb { low: c - DVec3::ONE, high: c + DVec3::ONE }).collect()
+    fn boxes(centers: impl Iterator<Item = DVec3>) -> Vec<Bounds> {
+        centers.map(|c| Bounds { min: c - DVec3::ONE, max: c + DVec3::ONE }).collect()
     }
 
     /// Each shape is one leaf, within the boxes of all nodes above it.
-    fn is_sound(boxes: &[Aabb]) {
+    fn is_sound(boxes: &[Bounds]) {
         let nodes = nodes(boxes);
         let mut found = vec![0; boxes.len()];
         let mut open = vec![(0, Vec::new())];
@@ -135,9 +115,7 @@ mod tests {
             match nodes[node] {
                 Node::Leaf(shape) => {
                     found[shape] += 1;
-                    let holds = |b: &Aabb| {
-                        b.low.cmple(boxes[shape].low).all() && b.high.cmpge(boxes[shape].high).all()
-                    };
+                    let holds = |b: &Bounds| b.union(boxes[shape]) == *b;
                     assert!(above.iter().all(holds));
                 }
                 Node::Inner(children) => open.extend(children.map(|(bounds, child)| {
@@ -160,8 +138,8 @@ mod tests {
 
     #[test]
     fn a_ray_enters_a_box_where_it_meets_it() {
-        let bounds = Aabb { low: DVec3::NEG_ONE, high: DVec3::ONE };
-        let entry = |origin: DVec3, along: DVec3| bounds.entry(origin, along.recip());
+        let bounds = Bounds { min: DVec3::NEG_ONE, max: DVec3::ONE };
+        let entry = |origin: DVec3, along: DVec3| entry(&bounds, origin, along.recip());
         assert_eq!(entry(DVec3::new(-3.0, 0.5, 0.0), DVec3::X), Some(2.0));
         assert_eq!(entry(DVec3::ZERO, DVec3::Y), Some(0.0));
         assert_eq!(entry(DVec3::new(-3.0, 0.5, 0.0), DVec3::NEG_X), None);

@@ -6,6 +6,7 @@ use glam::{DVec3, UVec3};
 use itertools::iproduct;
 
 use super::filter::{pcg, unit};
+use super::media::trilinear;
 use super::occlusion::{Attenuation, cosine_direction, tangent_frame, uniform_direction};
 use fathom_scene::Grid;
 
@@ -25,24 +26,11 @@ impl HostVolume {
         HostVolume { grid: *grid, values: values.collect() }
     }
 
-    fn value(&self, cell: UVec3) -> f64 {
-        self.values[self.grid.index(cell.to_array()) as usize]
-    }
-
     /// V at a place in voxels from the origin, trilinear between voxel centres; up to half a voxel inside the border the
     /// border's.
     pub fn density(&self, place: DVec3) -> f64 {
-        let last = (UVec3::from(self.grid.cells) - 1).as_dvec3();
-        let corner = (place - 0.5).floor();
-        let f = place - 0.5 - corner;
-        let at = |offset: DVec3| self.value((corner + offset).clamp(DVec3::ZERO, last).as_uvec3());
-        let mut sum = 0.0;
-        for i in 0..8 {
-            let offset = UVec3::new(i & 1, (i >> 1) & 1, i >> 2).as_dvec3();
-            let weight = DVec3::ONE - offset + (2.0 * offset - 1.0) * f;
-            sum += weight.element_product() * at(offset);
-        }
-        sum
+        let value = |cell| self.values[self.grid.index(cell) as usize];
+        trilinear(self.grid.cells, place, value)
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::f64::consts::PI;
 
-use glam::DVec3;
+use glam::{DVec3, UVec3};
 
 use super::occlusion::{cosine_direction, tangent_frame};
 use super::optics::transmittance;
@@ -128,43 +128,22 @@ pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
     if !field.bounds().contains(position) {
         return 0.0;
     }
-    let place = (position - field.origin_m) / field.spacing_m - 0.5;
-    let base = place.floor();
-    let part = place - base;
-    let cell = |axis: usize, upper: bool| {
-        let last = i64::from(field.cells[axis]) - 1;
-        (base[axis] as i64 + i64::from(upper)).clamp(0, last) as usize
-    };
-    let [nx, ny, _] = field.cells.map(|n| n as usize);
-    let corner = |i: usize| {
-        let upper = [0, 1, 2].map(|axis| i >> axis & 1 == 1);
-        let weight: f64 =
-            (0..3).map(|axis| if upper[axis] { part[axis] } else { 1.0 - part[axis] }).product();
-        let [x, y, z] = [0, 1, 2].map(|axis| cell(axis, upper[axis]));
-        weight * f64::from(field.data[x + nx * (y + ny * z)])
-    };
-    (0..8).map(corner).sum()
+    let place = (position - field.origin_m) / field.spacing_m;
+    trilinear(field.cells, place, |cell| f64::from(field.at(cell)))
 }
 
-/// The field with half the cells along each axis, each the mean of eight: for even numbers of cells.
-pub fn halved(field: &Volume) -> Volume {
-    let [nx, ny, _] = field.cells.map(|n| n as usize);
-    let cells = field.cells.map(|n| n / 2);
-    let mean = |[x, y, z]: [usize; 3]| {
-        let inner = |i: usize| {
-            let [x, y, z] = [2 * x + (i & 1), 2 * y + (i >> 1 & 1), 2 * z + (i >> 2)];
-            f64::from(field.data[x + nx * (y + ny * z)])
-        };
-        ((0..8).map(inner).sum::<f64>() / 8.0) as f32
+/// Trilinear between the centres of cells, at a place in cells from the corner; up to half a cell inside the border the border's.
+pub(super) fn trilinear(cells: [u32; 3], place: DVec3, value: impl Fn([u32; 3]) -> f64) -> f64 {
+    let last = (UVec3::from(cells) - 1).as_dvec3();
+    let base = (place - 0.5).floor();
+    let part = place - 0.5 - base;
+    let corner = |i: u32| {
+        let offset = UVec3::new(i & 1, i >> 1 & 1, i >> 2).as_dvec3();
+        let weight = DVec3::ONE - offset + (2.0 * offset - 1.0) * part;
+        let cell = (base + offset).clamp(DVec3::ZERO, last).as_uvec3();
+        weight.element_product() * value(cell.to_array())
     };
-    let [mx, my, mz] = cells.map(|n| n as usize);
-    let places = (0..mx * my * mz).map(|i| [i % mx, i / mx % my, i / (mx * my)]);
-    Volume {
-        cells,
-        spacing_m: field.spacing_m * 2.0,
-        data: places.map(mean).collect(),
-        ..field.clone()
-    }
+    (0..8).map(corner).sum()
 }
 
 /// A_P in the middle of a homogeneous ball in empty space: 1 − exp(−σ min(radius, r_max)).
@@ -241,7 +220,7 @@ pub(super) mod tests {
             assert!((interpolated(&field, p) - linear(p)).abs() < 1e-6);
         }
         assert_eq!(interpolated(&field, DVec3::new(0.61, 0.0, 0.0)), 0.0);
-        let coarse = halved(&field);
+        let coarse = field.reduced(2);
         let p = DVec3::new(0.113, -0.27, 0.31);
         assert!((interpolated(&coarse, p) - linear(p)).abs() < 1e-6);
     }

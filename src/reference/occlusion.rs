@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn sheets_of_glass_let_their_shares_through() {
         let sheets = [floor(0.0), floor(1.0), floor(2.0)];
-        let tracer = Tracer::new(&sheets).unwrap();
+        let tracer = Tracer::new(&sheets);
         let at = |alphas: &[f64], r_max_m| {
             occlusion_through(&tracer, DVec3::ZERO, DVec3::Y, r_max_m, alphas, RAYS)
         };
@@ -164,7 +164,7 @@ mod tests {
     }
 
     fn at(objects: &[Object], position: DVec3, r_max_m: f64, attenuation: Attenuation) -> f64 {
-        let tracer = Tracer::new(objects).unwrap();
+        let tracer = Tracer::new(objects);
         occlusion(&tracer, position, DVec3::Y, r_max_m, attenuation, RAYS)
     }
 

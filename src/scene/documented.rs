@@ -4,10 +4,9 @@ use serde_json::{Value, json};
 
 use super::generators::{self, Param, fields};
 use super::{
-    Camera, HeightMap, Light, LightKind, Material, ObjectFile, SceneFile, Stand, Transform,
-    VolumeFile, Water, WaterModel, Wave,
+    Camera, HeightMap, Light, LightKind, Material, ObjectFile, SceneFile, Stand, Transform, Up,
+    VolumeFile, VolumeFormat, Water, WaterModel, Wave,
 };
-use super::{raw::VolumeFormat, samples::Up};
 use fathom_base::parameter::names_of;
 
 const DOCS: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/scenes.md"));
@@ -51,53 +50,34 @@ fn minimal() -> Value {
     })
 }
 
-fn whole(scene: &Value) -> Value {
-    let file: SceneFile = serde_json::from_value(scene.clone()).unwrap();
-    serde_json::to_value(file).unwrap()
-}
-
 /// A section's heading, the keys that serde takes there, where it lies in a scene, and a scene that has it.
 type Section = (&'static str, &'static [&'static str], &'static str, Value);
 
-fn sections() -> Vec<Section> {
-    let with = |changes: Value| {
-        let mut scene = minimal();
-        for (key, value) in changes.as_object().unwrap() {
-            scene[key] = value.clone();
-        }
-        whole(&scene)
-    };
+fn sections() -> impl Iterator<Item = Section> {
     let wave = json!({"vector_rad_m": [1.0, 0.0], "amplitude_m": 0.1});
-    let map =
-        json!({"model": "height_map", "height_map": {"file": "sea.npy", "tile_m": [1.0, 1.0]}});
-    let plain = with(json!({}));
-    vec![
-        ("Top level", names_of::<SceneFile>(), "", plain.clone()),
-        ("`[camera]`", names_of::<Camera>(), "/camera", plain.clone()),
-        ("`[light]`", names_of::<Light>(), "/light", plain.clone()),
-        ("`[water]`", names_of::<Water>(), "/water", plain.clone()),
-        (
-            "`[[water.waves]]`",
-            names_of::<Wave>(),
-            "/water/waves/0",
-            with(json!({"water": {"model": "waves", "waves": [wave]}})),
-        ),
-        (
-            "`[water.height_map]`",
-            names_of::<HeightMap>(),
-            "/water/height_map",
-            with(json!({"water": map})),
-        ),
-        ("`[[object]]`", names_of::<ObjectFile>(), "/object/0", plain.clone()),
-        ("`[object.transform]`", names_of::<Transform>(), "/object/0/transform", plain.clone()),
-        ("`[object.material]`", names_of::<Material>(), "/object/0/material", plain),
-        (
-            "`[volume]`",
-            names_of::<VolumeFile>(),
-            "/volume",
-            with(json!({"volume": {"generator": "smoke"}})),
-        ),
-    ]
+    let waves = json!({"water": {"model": "waves", "waves": [wave]}});
+    let map = json!({"file": "sea.npy", "tile_m": [1.0, 1.0]});
+    let map = json!({"water": {"model": "height_map", "height_map": map}});
+    let smoke = json!({"volume": {"generator": "smoke"}});
+    let plain = || json!({});
+    let sections = [
+        ("Top level", names_of::<SceneFile>(), "", plain()),
+        ("`[camera]`", names_of::<Camera>(), "/camera", plain()),
+        ("`[light]`", names_of::<Light>(), "/light", plain()),
+        ("`[water]`", names_of::<Water>(), "/water", plain()),
+        ("`[[water.waves]]`", names_of::<Wave>(), "/water/waves/0", waves),
+        ("`[water.height_map]`", names_of::<HeightMap>(), "/water/height_map", map),
+        ("`[[object]]`", names_of::<ObjectFile>(), "/object/0", plain()),
+        ("`[object.transform]`", names_of::<Transform>(), "/object/0/transform", plain()),
+        ("`[object.material]`", names_of::<Material>(), "/object/0/material", plain()),
+        ("`[volume]`", names_of::<VolumeFile>(), "/volume", smoke),
+    ];
+    sections.into_iter().map(|(heading, keys, place, changes)| {
+        let mut scene = minimal();
+        scene.as_object_mut().unwrap().extend(changes.as_object().unwrap().clone());
+        let file: SceneFile = serde_json::from_value(scene).unwrap();
+        (heading, keys, place, serde_json::to_value(file).unwrap())
+    })
 }
 
 #[test]
@@ -112,7 +92,7 @@ fn every_key_is_documented_and_every_documented_key_is_one() {
         assert_eq!(documented, keys, "{heading}");
     }
     let count = DOCS.matches("\n## ").count();
-    assert_eq!(count, sections().len() + 2, "a section that no type stands for");
+    assert_eq!(count, sections().count() + 2, "a section that no type stands for");
 }
 
 #[test]
@@ -135,15 +115,16 @@ fn documented_defaults_are_those_of_the_program() {
                 continue;
             }
             let expected = serde_json::to_value(&table["v"]).unwrap();
-            let near = |a: &Value, b: &Value| match (a.as_f64(), b.as_f64()) {
-                (Some(a), Some(b)) => (a - b).abs() < 1e-6,
-                _ => a == b,
+            let numbers = |v: &Value| -> Option<Vec<f64>> {
+                v.as_array().map_or_else(
+                    || Some(vec![v.as_f64()?]),
+                    |all| all.iter().map(Value::as_f64).collect(),
+                )
             };
-            let same = match (value, &expected) {
-                (Value::Array(a), Value::Array(b)) => {
-                    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| near(a, b))
-                }
-                (a, b) => near(a, b),
+            let near = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-6;
+            let same = match (numbers(value), numbers(&expected)) {
+                (Some(a), Some(b)) => a.len() == b.len() && a.iter().zip(&b).all(near),
+                _ => *value == expected,
             };
             assert!(same, "{heading} {}: {value} is documented as {literal}", row.key);
         }

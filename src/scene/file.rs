@@ -30,7 +30,6 @@ pub struct SceneFile {
     #[serde(default)]
     pub water: Water,
     /// The scalar field.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub volume: Option<VolumeFile>,
     /// The `[[object]]` tables; a scene with a volume may have none.
     #[serde(default, rename = "object")]
@@ -47,13 +46,10 @@ pub struct ObjectFile {
     /// What errors and `without` call it.
     pub name: String,
     /// Name of a procedural generator; see [`generators`].
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub generator: Option<String>,
     /// Name of a mesh to fetch; see [`assets`].
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub asset: Option<String>,
     /// Path of an .obj or .ply file, plain or compressed by gzip, relative to the scene file.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     /// The generator's parameters; those left out have their defaults.
     #[serde(default)]
@@ -141,20 +137,19 @@ impl SceneFile {
     /// The file of a scene of these folders by name, or one by path.
     pub fn load_from(folders: &Folders, name_or_path: &str) -> Result<SceneFile, SceneError> {
         let (origin, text) = find(folders, name_or_path)?;
-        SceneFile::read(folders, &origin, &text)
+        SceneFile::read(folders, origin, &text)
     }
 
     /// Reads the text of a scene file; `origin` is its path, for errors and relative paths.
     pub fn parse(origin: &str, text: &str) -> Result<SceneFile, SceneError> {
-        SceneFile::read(&Folders::of(SCENES), origin, text)
+        SceneFile::read(&Folders::of(SCENES), origin.to_owned(), text)
     }
 
-    fn read(folders: &Folders, origin: &str, text: &str) -> Result<SceneFile, SceneError> {
-        let mut file = toml_text::read(folders, origin, text)?;
-        file.folder = Path::new(origin).parent().unwrap_or(Path::new("")).into();
+    fn read(folders: &Folders, origin: String, text: &str) -> Result<SceneFile, SceneError> {
+        let mut file = toml_text::read(folders, &origin, text)?;
+        file.folder = Path::new(&origin).parent().unwrap_or(Path::new("")).into();
         file.water.height_map = file.water.height_map.found_from(&file.folder);
-        file.validate()
-            .map_err(|message| SceneError::Parse { origin: origin.to_owned(), message })?;
+        file.validate().map_err(|message| SceneError::Parse { origin, message })?;
         Ok(file)
     }
 
@@ -220,7 +215,7 @@ impl ObjectFile {
             return Mesh::read_within(&file.folder.join(path), triangles);
         }
         let name = self.asset.as_deref().unwrap_or_default();
-        let asset = assets::named(name).map_err(|e| e.to_string())?;
+        let asset = assets::named(name)?;
         if !matches!(asset.content, assets::Content::Mesh) {
             return Err(format!("asset `{name}` is a volume: it belongs to [volume]"));
         }

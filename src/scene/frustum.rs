@@ -99,25 +99,17 @@ mod tests {
     }
 
     #[test]
-    fn a_box_inside_the_frustum_is_seen_whole() {
-        let bounds = Bounds { min: DVec3::splat(-0.5), max: DVec3::splat(0.5) };
-        let seen = Bounds::around(visible_points(&camera(), 1.0, &bounds));
-        assert!((seen.min - bounds.min).length() < 1e-9);
-        assert!((seen.max - bounds.max).length() < 1e-9);
-    }
-
-    #[test]
-    fn a_frustum_inside_the_box_is_seen_whole() {
-        let bounds = Bounds { min: DVec3::splat(-50.0), max: DVec3::splat(50.0) };
-        let seen = Bounds::around(visible_points(&camera(), 1.3, &bounds));
-        let whole = Bounds::around(camera().frustum_corners(1.3));
-        assert!((seen.min - whole.min).length() < 1e-6);
-        assert!((seen.max - whole.max).length() < 1e-6);
-    }
-
-    #[test]
-    fn a_box_behind_the_camera_is_not_seen() {
-        let bounds = Bounds { min: DVec3::new(-1.0, -1.0, 6.0), max: DVec3::new(1.0, 1.0, 8.0) };
-        assert!(visible_points(&camera(), 1.0, &bounds).is_empty());
+    fn the_smaller_of_box_and_frustum_is_seen_whole_and_nothing_behind_the_camera() {
+        let around = |half: f64| Bounds { min: DVec3::splat(-half), max: DVec3::splat(half) };
+        let frustum = Bounds::around(camera().frustum_corners(1.3));
+        for (bounds, whole, off) in
+            [(around(0.5), around(0.5), 1e-9), (around(50.0), frustum, 1e-6)]
+        {
+            let seen = Bounds::around(visible_points(&camera(), 1.3, &bounds));
+            assert!((seen.min - whole.min).length() < off);
+            assert!((seen.max - whole.max).length() < off);
+        }
+        let behind = Bounds { min: DVec3::new(-1.0, -1.0, 6.0), max: DVec3::new(1.0, 1.0, 8.0) };
+        assert!(visible_points(&camera(), 1.0, &behind).is_empty());
     }
 }

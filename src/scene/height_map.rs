@@ -49,8 +49,8 @@ impl HeightMap {
         let path = Path::new(&self.file);
         let fault = |what: String| format!("water.height_map.file {}: {what}", path.display());
         let source = input::unpacked(path, MAX_FILE).map_err(|e| fault(e.to_string()))?;
-        let (rows, heights_m) = parse(source).map_err(fault)?;
-        Tile::new(heights_m.len() / rows, heights_m, self).map_err(fault)
+        let (columns, heights_m) = parse(source).map_err(fault)?;
+        Tile::new(columns, heights_m, self).map_err(fault)
     }
 
     /// The map with its file found from `folder`.
@@ -63,7 +63,7 @@ impl HeightMap {
     }
 }
 
-/// Rows, and heights row by row.
+/// Columns, and heights row by row.
 fn parse(source: impl Read) -> Result<(usize, Vec<f64>), String> {
     let npy::Array { shape, values } =
         npy::read(source, MAX_SIDE * MAX_SIDE).map_err(|error| error.to_string())?;
@@ -74,7 +74,7 @@ fn parse(source: impl Read) -> Result<(usize, Vec<f64>), String> {
         return Err(format!("{rows} × {columns} heights; each side has 1 to {MAX_SIDE}"));
     }
     match values.iter().position(|h| h.is_nan() || h.abs() > MAX_HEIGHT_M) {
-        None => Ok((rows, values)),
+        None => Ok((columns, values)),
         Some(i) => {
             let (row, column, h) = (i / columns, i % columns, values[i]);
             Err(format!(
@@ -214,10 +214,10 @@ mod tests {
             0.1 * (TAU * i / 32.0).cos() + 0.05 * (TAU * j / 24.0).sin()
         };
         let heights: Vec<f64> = (0..24 * 32).map(height).collect();
-        let (rows, heights_m) = parse(&bytes(&[24, 32], &heights)[..]).unwrap();
+        let (columns, heights_m) = parse(&bytes(&[24, 32], &heights)[..]).unwrap();
         let map = HeightMap { tile_m: [4.0, 3.0], origin_m: [0.5, -0.25], ..HeightMap::default() };
         assert!(Tile::new(5, heights_m.clone(), &map).is_err());
-        Tile::new(heights_m.len() / rows, heights_m, &map).unwrap()
+        Tile::new(columns, heights_m, &map).unwrap()
     }
 
     #[test]
@@ -266,7 +266,7 @@ mod tests {
     fn both_widths_give_the_same_heights() {
         let heights = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5];
         let whole = parse(&bytes(&[2, 3], &heights)[..]).unwrap();
-        assert_eq!(whole, (2, heights.to_vec()));
+        assert_eq!(whole, (3, heights.to_vec()));
         let mut narrow = Vec::new();
         npy::write(&mut narrow, &[2, 3], &heights.map(|h| h as f32)).unwrap();
         assert_eq!(parse(&narrow[..]).unwrap(), whole);

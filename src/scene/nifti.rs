@@ -6,7 +6,8 @@ use std::io::{self, Read};
 
 use glam::DVec3;
 
-use super::samples::{VolumeSamples, cell_count, up_to, values};
+use super::Volume;
+use super::samples::{Samples, Stored, cell_count, stored, up_to, values};
 
 /// Bytes of the header; the first of its fields says so.
 const HEADER: usize = 348;
@@ -19,7 +20,7 @@ const HEADER_2: i32 = 540;
 
 /// Reads header and cells. Values have the header's slope and intercept applied. They stand for 0 … 1 between `cal_min` and
 /// `cal_max`, or between the least and the largest value where the header does not give those.
-pub fn parse(source: &mut dyn Read) -> Result<VolumeSamples, String> {
+pub fn parse(source: &mut dyn Read) -> Result<Samples, String> {
     let bytes = up_to(source, HEADER)?;
     let header = Header::new(&bytes)?;
     let cells = header.cells()?;
@@ -39,28 +40,8 @@ pub fn parse(source: &mut dyn Read) -> Result<VolumeSamples, String> {
             "{held} bytes of data from byte {offset} on, but {x} × {y} × {z} cells of {each} bytes take {taken}"
         ));
     }
-    Ok(VolumeSamples { cells, spacing_m: header.spacing_m()?, window: header.window(&data), data })
-}
-
-struct Stored {
-    bytes: usize,
-    /// The value, with the low byte first or last.
-    value: fn(&[u8], bool) -> f64,
-}
-
-/// A reader of one number type in both byte orders.
-macro_rules! stored {
-    ($number:ty) => {
-        Stored {
-            bytes: size_of::<$number>(),
-            value: |bytes, little| {
-                let bytes = bytes.try_into().unwrap_or_default();
-                let order =
-                    if little { <$number>::from_le_bytes } else { <$number>::from_be_bytes };
-                order(bytes) as f64
-            },
-        }
-    };
+    let (spacing_m, window) = (header.spacing_m()?, header.window(&data));
+    Ok((Volume { cells, spacing_m, data, ..Volume::default() }, window))
 }
 
 struct Header<'a> {

@@ -149,28 +149,30 @@ generator = "plane"
         read(&Folders::of(SCENES), "test.toml", text)
     }
 
-    fn message(text: &str) -> String {
-        let error = read_here(text).unwrap_err().to_string();
-        assert_eq!(error.lines().count(), 1, "{error}");
-        assert!(error.contains("test.toml"), "{error}");
-        error
-    }
-
     #[test]
-    fn unknown_keys_get_line_and_nearest_key() {
-        let error = message(&MINIMAL.replace("fov_y_deg", "fov_deg"));
-        assert!(error.contains("line 8") && error.contains("`fov_y_deg`"), "{error}");
-        let error = message(&format!("{MINIMAL}genrator = \"plane\"\n"));
-        assert!(error.contains("`generator`"), "{error}");
-        let error = message(&MINIMAL.replace("[camera]", "[camara]"));
-        assert!(error.contains("`camera`"), "{error}");
-    }
-
-    #[test]
-    fn faults_of_syntax_and_type_are_one_line() {
-        assert!(message("name = ").contains("line 1"));
-        assert!(message(&MINIMAL.replace("60", "\"wide\"")).contains("line 8"));
-        assert!(message("name = \"x\"").contains("missing field"));
+    fn faults_are_told_in_a_line_with_their_place_and_the_nearest_key() {
+        let with = |from: &str, to: &str| MINIMAL.replace(from, to);
+        let cases: [(String, &[&str]); 10] = [
+            (with("fov_y_deg", "fov_deg"), &["line 8", "`fov_y_deg`"]),
+            (format!("{MINIMAL}genrator = \"plane\"\n"), &["`generator`"]),
+            (with("[camera]", "[camara]"), &["`camera`"]),
+            ("name = ".into(), &["line 1"]),
+            (with("60", "\"wide\""), &["line 8"]),
+            ("name = \"x\"".into(), &["missing field"]),
+            ("base = 3".into(), &["`base` must be"]),
+            ("without = [\"a\"]".into(), &["`base` must be"]),
+            ("base = \"tank\"\nwithout = 1".into(), &["`without` must be"]),
+            ("base = \"tank\"\nwithout = [\"statu\"]".into(), &["`statue`"]),
+        ];
+        for (text, parts) in cases {
+            let error = read_here(&text).unwrap_err().to_string();
+            assert_eq!(error.lines().count(), 1, "{error}");
+            for part in [&["test.toml"], parts].concat() {
+                assert!(error.contains(part), "{error}");
+            }
+        }
+        let error = read_here("base = \"tnak\"").unwrap_err();
+        assert!(error.to_string().contains("`tank`"), "{error}");
     }
 
     #[test]
@@ -192,16 +194,6 @@ generator = "sphere"
         assert_eq!(mine.water.wavelength_m, tank.water.wavelength_m);
         assert_eq!(mine.objects.len(), tank.objects.len());
         assert_eq!(mine.objects.last().expect("ball").name, "ball");
-    }
-
-    #[test]
-    fn faults_of_bases_are_told() {
-        assert!(message("base = 3").contains("`base` must be"));
-        assert!(message("without = [\"a\"]").contains("`base` must be"));
-        assert!(message("base = \"tank\"\nwithout = 1").contains("`without` must be"));
-        assert!(message("base = \"tank\"\nwithout = [\"statu\"]").contains("`statue`"));
-        let error = read_here("base = \"tnak\"").unwrap_err();
-        assert!(error.to_string().contains("`tank`"), "{error}");
     }
 
     #[test]

@@ -3,85 +3,57 @@
 use std::{collections::BTreeMap, path::PathBuf};
 
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 
 use super::assets::{self, Content};
 use super::generators::fields::{self, FieldGenerator};
-use super::raw::{Raw, VolumeFormat};
-use super::samples::{self, Up, VolumeSamples};
-use super::{SceneFile, Stand, Volume, check};
+use super::samples::{self, Raw, Samples, VolumeFormat};
+use super::{SceneFile, Stand, Up, Volume, check};
+use fathom_base::settings;
 
-/// Largest factor by which a volume is reduced.
-const MAX_REDUCE: u32 = 64;
-
-/// A volume: made by a generator, or read from an asset or a file.
-///
-/// It stands on the ground like a fitted object: the middle of its lower side is moved to
-/// `translate_m`. The number of cells follows `cells` and `reduce`, the box that they fill does not.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct VolumeFile {
-    /// Name of a procedural volume; see [`fields`].
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub generator: Option<String>,
-    /// Name of a volume to fetch; see [`assets`].
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub asset: Option<String>,
-    /// Path relative to the scene file of a NIfTI-1 volume (`.nii`) or of raw values (any other name), either plain or
-    /// compressed by gzip.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub file: Option<PathBuf>,
-    /// Cells along x, y and z: how finely a generator samples its field (all 0: its own number), or how many values a raw
-    /// file holds along each axis.
-    pub cells: [u32; 3],
-    /// What a raw file's values are.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub format: Option<VolumeFormat>,
-    /// Edges of a file's cells, metres; all 0: as a NIfTI file says, or cubes and a longest edge of the box of 1 m.
-    pub spacing_m: [f64; 3],
-    pub up: Up,
-    /// Each axis has so many times fewer cells: means over boxes of a file's cells, fewer samples of a generator's field.
-    pub reduce: u32,
-    /// The values (low, high) that are brought to 0 and 1, linear between and clamped beyond them. Left out: the range of the
-    /// type for whole numbers, 0 and 1 for raw `f32` and generators, what the header says or else the least and the largest
-    /// value for NIfTI.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub window: Option<[f64; 2]>,
-    /// If not 0: the longest edge of the box, metres.
-    pub fit_m: f64,
-    /// Where the middle of the lower side goes, metres, y from `on`.
-    pub translate_m: [f64; 3],
-    pub on: Stand,
-    /// The generator's parameters; those left out have their defaults.
-    pub params: BTreeMap<String, f64>,
-}
-
-impl Default for VolumeFile {
-    fn default() -> Self {
-        Self {
-            generator: None,
-            asset: None,
-            file: None,
-            cells: [0; 3],
-            format: None,
-            spacing_m: [0.0; 3],
-            up: Up::Y,
-            reduce: 1,
-            window: None,
-            fit_m: 0.0,
-            translate_m: [0.0; 3],
-            on: Stand::Floor,
-            params: BTreeMap::new(),
-        }
+settings! {
+    /// A volume: made by a generator, or read from an asset or a file.
+    ///
+    /// It stands on the ground like a fitted object: the middle of its lower side is moved to
+    /// `translate_m`. The number of cells follows `cells` and `reduce`, the box that they fill does not.
+    pub struct VolumeFile {
+        /// Name of a procedural volume; see [`fields`].
+        generator: Option<String> = None;
+        /// Name of a volume to fetch; see [`assets`].
+        asset: Option<String> = None;
+        /// Path relative to the scene file of a NIfTI-1 volume (`.nii`) or of raw values (any other name), either plain or
+        /// compressed by gzip.
+        file: Option<PathBuf> = None;
+        /// Cells along x, y and z: how finely a generator samples its field (all 0: its own number), or how many values a raw
+        /// file holds along each axis.
+        cells: [u32; 3] = [0; 3];
+        /// What a raw file's values are.
+        format: Option<VolumeFormat> = None;
+        /// Edges of a file's cells, metres; all 0: as a NIfTI file says, or cubes and a longest edge of the box of 1 m.
+        spacing_m: [f64; 3] = [0.0; 3];
+        /// The stored axis that points up.
+        up: Up = Up::Y;
+        /// Each axis has so many times fewer cells: means over boxes of a file's cells, fewer samples of a generator's field.
+        reduce: u32 = 1 => 1 ..= 64, "1";
+        /// The values (low, high) that are brought to 0 and 1, linear between and clamped beyond them. Left out: the range of the
+        /// type for whole numbers, 0 and 1 for raw `f32` and generators, what the header says or else the least and the largest
+        /// value for NIfTI.
+        window: Option<[f64; 2]> = None;
+        /// If not 0: the longest edge of the box.
+        fit_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
+        /// Where the middle of the lower side goes, metres, y from `on`.
+        translate_m: [f64; 3] = [0.0; 3];
+        /// What y is measured from.
+        on: Stand = Stand::Floor;
+        /// The generator's parameters; those left out have their defaults.
+        params: BTreeMap<String, f64> = BTreeMap::new();
     }
 }
 
 impl VolumeFile {
     /// Whether all values can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
-        check::within("volume.fit_m", self.fit_m, 0.0, check::FAR_M)?;
+        check::within_ranges("volume", self)?;
         check::point("volume.translate_m", &self.translate_m)?;
-        check::within("volume.reduce", self.reduce.into(), 1.0, MAX_REDUCE.into())?;
         if self.cells != [0; 3] {
             samples::cell_count(self.cells).map_err(|m| format!("volume.cells: {m}"))?;
         }
@@ -126,56 +98,48 @@ impl VolumeFile {
         file: &SceneFile,
         stand_ins: &mut Vec<String>,
     ) -> Result<Volume, String> {
-        let (name, mut samples) = self.samples(file, stand_ins)?;
-        samples.windowed(self.window.unwrap_or(samples.window));
-        let cells = DVec3::from(samples.cells.map(f64::from));
-        let size_m = samples.spacing_m * cells;
+        let (mut volume, stored) = self.samples(file, stand_ins)?;
+        volume.windowed(self.window.unwrap_or(stored));
+        let size_m = volume.bounds().size();
         let scale = if self.fit_m == 0.0 { 1.0 } else { self.fit_m / size_m.max_element() };
         let foot = DVec3::new(0.5, 0.0, 0.5) * scale * size_m;
         let ground = DVec3::Y * self.on.height_m(file.floor_depth_m);
-        let volume = Volume {
-            name,
-            cells: samples.cells,
-            origin_m: DVec3::from(self.translate_m) + ground - foot,
-            spacing_m: samples.spacing_m * scale,
-            data: samples.data,
-        };
+        volume.origin_m = DVec3::from(self.translate_m) + ground - foot;
+        volume.spacing_m *= scale;
         volume.validate()?;
         Ok(volume)
     }
 
     /// What the source gives, with its name.
-    fn samples(
-        &self,
-        file: &SceneFile,
-        stand_ins: &mut Vec<String>,
-    ) -> Result<(String, VolumeSamples), String> {
-        if let Some(name) = &self.generator {
-            return Ok((name.clone(), self.sampled(fields::find(name)?, &self.params)?));
-        }
-        if let Some(path) = &self.file {
+    fn samples(&self, file: &SceneFile, stand_ins: &mut Vec<String>) -> Result<Samples, String> {
+        let (name, (volume, window)) = if let Some(name) = &self.generator {
+            (name.clone(), self.sampled(fields::find(name)?, &self.params)?)
+        } else if let Some(path) = &self.file {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let mut samples = samples::read(&file.folder.join(path), self.raw()?.as_ref())?;
+            let (mut volume, window) =
+                samples::read(&file.folder.join(path), self.raw()?.as_ref())?;
             if self.spacing_m != [0.0; 3] {
-                samples.spacing_m = DVec3::from(self.spacing_m);
+                volume.spacing_m = DVec3::from(self.spacing_m);
             }
-            return Ok((name.into_owned(), samples.reduced(self.reduce).upright(self.up)));
-        }
-        let name = self.asset.as_deref().unwrap_or_default();
-        Ok((name.to_owned(), self.asset(name, stand_ins)?))
+            (name.into_owned(), (volume.reduced(self.reduce).upright(self.up), window))
+        } else {
+            let name = self.asset.as_deref().unwrap_or_default();
+            (name.to_owned(), self.asset(name, stand_ins)?)
+        };
+        Ok((Volume { name, ..volume }, window))
     }
 
-    fn asset(&self, name: &str, stand_ins: &mut Vec<String>) -> Result<VolumeSamples, String> {
-        let asset = assets::named(name).map_err(|e| e.to_string())?;
+    fn asset(&self, name: &str, stand_ins: &mut Vec<String>) -> Result<Samples, String> {
+        let asset = assets::named(name)?;
         let Content::Volume { raw, up } = &asset.content else {
             return Err(format!("asset `{name}` is a mesh: it belongs to an [[object]]"));
         };
         if let Some(path) = assets::find(name) {
-            let samples = samples::read(&path, raw.as_ref())?;
-            return Ok(samples.reduced(self.reduce).upright(*up));
+            let (volume, window) = samples::read(&path, raw.as_ref())?;
+            return Ok((volume.reduced(self.reduce).upright(*up), window));
         }
         let samples = self.sampled(fields::find(asset.stand_in.0)?, &asset.stand_in_params())?;
-        let [x, y, z] = samples.cells;
+        let [x, y, z] = samples.0.cells;
         stand_ins.push(asset.stand_in_note(&format!("{x} × {y} × {z} cells")));
         Ok(samples)
     }
@@ -185,18 +149,12 @@ impl VolumeFile {
         &self,
         generator: &FieldGenerator,
         params: &BTreeMap<String, f64>,
-    ) -> Result<VolumeSamples, String> {
-        let cells = match self.cells {
-            [0, 0, 0] => generator.cells,
-            cells => cells,
-        };
+    ) -> Result<Samples, String> {
+        let cells = if self.cells == [0; 3] { generator.cells } else { self.cells };
         let cells = cells.map(|n| n.div_ceil(self.reduce));
-        Ok(VolumeSamples {
-            cells,
-            spacing_m: generator.extent() / DVec3::from(cells.map(f64::from)),
-            data: generator.sample(params, cells)?,
-            window: [0.0, 1.0],
-        })
+        let spacing_m = generator.extent() / DVec3::from(cells.map(f64::from));
+        let data = generator.sample(params, cells)?;
+        Ok((Volume { cells, spacing_m, data, ..Volume::default() }, [0.0, 1.0]))
     }
 
     /// What the scene file says of a raw file.

@@ -272,18 +272,13 @@ mod tests {
     }
 
     #[test]
-    fn flat_water_is_level() {
-        let water = Water { amplitude_m: 0.0, ..Water::default() };
-        assert_eq!(water.height(0.3, 1.0), 0.0);
-        assert_eq!(water.normal(0.3, 1.0), DVec3::Y);
-    }
-
-    #[test]
-    fn without_noise_it_is_the_pure_cosine() {
+    fn without_noise_it_is_the_pure_cosine_and_flat_without_amplitude() {
         let water =
             Water { amplitude_m: 0.1, wavelength_m: 2.0, time_s: 0.5, period_s: 2.0, ..cosine() };
         let expected = 0.1 * (std::f64::consts::PI * 0.7 - std::f64::consts::FRAC_PI_2).cos();
         assert!((water.height(0.7, 9.0) - expected).abs() < 1e-12);
+        let flat = Water { amplitude_m: 0.0, ..Water::default() };
+        assert_eq!((flat.height(0.3, 1.0), flat.normal(0.3, 1.0)), (0.0, DVec3::Y));
     }
 
     #[test]

@@ -20,14 +20,14 @@ pub fn cases() -> Vec<Case> {
         (Motion::Twist, deform::Motion::Twist, "twist"),
         (Motion::Wave, deform::Motion::Wave, "wave"),
     ]
-    .map(|(motion, stage, name)| Case::new(STAGE, name, move |rig| check(rig, motion, stage, name)))
+    .map(|motion| Case::new(STAGE, motion.2, move |rig| check(rig, motion)))
     .into()
 }
 
 /// A vertex's position and normal.
 type Vertex = [DVec3; 2];
 
-fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) -> Checks {
+fn check(rig: &Rig<'_>, (motion, of_stage, name): (Motion, deform::Motion, &str)) -> Checks {
     let scene = Scene::load(SCENE)?;
     let geometry = Geometry::new(rig, &scene);
     let amount = (CYCLES, AMPLITUDE);
@@ -57,9 +57,7 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
 
 fn moved(object: &Object, motion: Motion, cycles: f64) -> Vec<Vertex> {
     let mesh = &object.mesh;
-    let bounds = mesh.bounds();
-    let (foot_m, height_m) = (bounds.center().with_y(bounds.min.y), bounds.size().y);
-    let moment = Moment { motion, foot_m, height_m, cycles, amplitude: AMPLITUDE };
+    let moment = Moment::of(mesh, motion, cycles, AMPLITUDE);
     let vertex = |(position, normal): (&[f32; 3], &[f32; 3])| {
         let [position, normal] = [position, normal].map(|v| Vec3::from(*v).as_dvec3());
         let normal = normal.normalize();

@@ -44,7 +44,7 @@ fn panes(rig: &Rig<'_>) -> Checks {
     let check = |(name, wall_m): (&str, f64)| {
         let shown = drawn(rig, &view, &objects, wall_m)?;
         let off = |nearest_first: bool| {
-            let exact = Blended::new(&view, &objects, wall_m, nearest_first)?;
+            let exact = Blended::new(&view, &objects, wall_m, nearest_first);
             let judged = pixels(SIZE).filter(|at| exact.is_inner(*at));
             Ok::<_, VerifyError>(largest(judged.map(|at| (shown.at(at) - exact.at(at)).abs())))
         };
@@ -84,10 +84,9 @@ struct Blended<'a> {
 }
 
 impl<'a> Blended<'a> {
-    fn new(view: &'a View, objects: &[Object], wall_m: f64, nearest_first: bool) -> Result<Self> {
+    fn new(view: &'a View, objects: &[Object], wall_m: f64, nearest_first: bool) -> Self {
         let tracers = objects.iter().map(|object| Tracer::new(std::slice::from_ref(object)));
-        let tracers = tracers.collect::<Result<_, _>>()?;
-        Ok(Self { view, rays: rig::rays(view), tracers, wall_m, nearest_first })
+        Self { view, rays: rig::rays(view), tracers: tracers.collect(), wall_m, nearest_first }
     }
 
     fn at(&self, (x, y): (u32, u32)) -> f64 {

@@ -98,6 +98,6 @@ fn shadow_mask(rig: &Rig<'_>) -> Result<Check> {
     };
     Ok(Check::of(rig, "share of texels unlike exact rays")
         .within((0.01, "1"), unlike(&stand.tracer))
-        .control("nothing shades the water", unlike(&Tracer::new(&[])?))
+        .control("nothing shades the water", unlike(&Tracer::new(&[])))
         .with("water_share", share(pixels(mask.size()).map(|at| wet(&stand.tracer, at)))))
 }

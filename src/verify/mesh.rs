@@ -74,7 +74,7 @@ impl Meshed {
     fn new(rig: &Rig<'_>, scene: Scene, jitter: f64) -> Result<Self> {
         let stand = rig.stand(scene, SIZE)?;
         let frame = stand.view.light_frame();
-        let grid = PhotonGrid::new(CELLS, SIDE * SIDE)?.with_jitter(jitter);
+        let grid = PhotonGrid { jitter, ..PhotonGrid::new(CELLS, SIDE) };
         let landings = land_all(&frame, &stand.scene.water, &stand.tracer, grid, 1);
         let stored: Vec<Photon> = landings.iter().map(stored).collect();
         let mut corners = vec![None; stored.len()];

@@ -7,6 +7,7 @@ mod pixels;
 mod points;
 
 use crate::prelude::*;
+use fathom_pipelines::occlusion::exact;
 use fathom_reference::march::{Guard as TwinGuard, HostVolume, March};
 use fathom_reference::occlusion as reference;
 use fathom_stages::ao::query::{self, SurfacePoint};
@@ -103,10 +104,7 @@ fn twin(marching: &Marching, grid: &Grid) -> March {
             Guard::Variable => TwinGuard::Above(guard),
             _ => TwinGuard::Along(guard),
         },
-        attenuation: match marching.attenuation {
-            Attenuation::Linear => reference::Attenuation::Linear,
-            Attenuation::Hard => reference::Attenuation::Hard,
-        },
+        attenuation: exact(marching.attenuation),
         paper_estimator: marching.estimator == Estimator::Paper,
         random: marching.sampling == Sampling::Random,
         opacity: marching.occluder == Occluder::Opacity,

@@ -32,9 +32,8 @@ pub fn cases() -> Vec<Case> {
     cases.push(Case::new(STAGE, "photons that meet nothing", beside_the_floor));
     cases.push(Case::new(STAGE, "run-time subdivision", dynamic_subdivision));
     cases.push(Case::new(STAGE, "strewn photons", strewn));
-    for model in [WaterModel::Circular, WaterModel::Directional] {
-        cases.push(Case::new(STAGE, format!("{model} waves"), move |rig| waves(rig, model)));
-    }
+    let models = [WaterModel::Circular, WaterModel::Directional];
+    cases.extend(Case::each(STAGE, models, |model| format!("{model} waves"), waves));
     for name in Scene::names().into_iter().filter(|name| has_water(name)) {
         cases.push(Case::new(STAGE, format!("scene {name}"), move |rig| real(rig, &name)));
     }
@@ -66,7 +65,7 @@ impl Traced {
         let depth = shadow::depth::new(rig, &stand.shared, &stand.geometry, SHADOW_TEXELS)?;
         let mask = shadow::mask::new(rig, &stand.shared, &depth, 64)?;
         let light = (&*depth, &*mask);
-        let grid = PhotonGrid::new(settings.grid, settings.side * settings.side)?;
+        let grid = PhotonGrid::new(settings.grid, settings.side);
         let stage = photon::tracing(rig, info, &stand.shared, light, &settings, (dynamic, false))?;
         rig.run(&[&depth, &mask, &stage])?;
         Ok(Self {
@@ -138,7 +137,7 @@ fn beside_the_floor(rig: &Rig<'_>) -> Result<Check> {
     };
     Ok(Check::of(rig, "photons beside the floor: share that lands")
         .within((0.01, "1"), false_hits(&traced.stand.tracer))
-        .control("no floor", false_hits(&Tracer::new(&[])?)))
+        .control("no floor", false_hits(&Tracer::new(&[]))))
 }
 
 /// The loop bound read at run time gives the very photons of the one compiled in. UW §4.1.
@@ -163,9 +162,9 @@ fn strewn(rig: &Rig<'_>) -> Result<Check> {
     let offset = DVec2::from(OFFSET).as_vec2();
     let settings = TraceUniforms { offset, jitter: 1.0, ..settings(FLAT_GRID, 2) };
     let mut traced = Traced::new(rig, rig::flat_plane(LightKind::Directional)?, settings)?;
-    let regular = traced.grid.with_offset(OFFSET);
+    traced.grid.offset = OFFSET;
     let mut off = |jitter: f64| {
-        traced.grid = regular.with_jitter(jitter);
+        traced.grid.jitter = jitter;
         let scene = &traced.stand.scene;
         traced.errors(&scene.water).max_m / scene.floor_depth_m
     };
@@ -203,9 +202,9 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
     (params.godrays.grid, params.godrays.subdivision) = (REAL_GRID, 4);
     let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &params)?;
     run_until(rig, &pipeline, godrays::trace::INFO.name)?;
-    let tracer = Tracer::new(&scene.objects)?;
+    let tracer = Tracer::new(&scene.objects);
     let frame = pipeline.view.light_frame();
-    let grid = PhotonGrid::new(REAL_GRID, 4)?.with_jitter(params.caustics.jitter);
+    let grid = PhotonGrid { jitter: params.caustics.jitter, ..PhotonGrid::new(REAL_GRID, 2) };
     let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
     let perturbed = land_all(&frame, &with_index(&scene.water, 1.40), &tracer, grid, 1);
     let unlimited = unconverged_over_exact_depth(&pipeline.view, &params, &tracer, &landings);

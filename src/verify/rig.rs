@@ -9,8 +9,10 @@ use fathom_gpu::{
     ColorTarget, DepthTarget, Gpu, GpuError, StageScope, Targets, TimedStage, read_buffer,
     read_texture,
 };
+use fathom_pipelines::caustics_image;
 use fathom_reference::image::Image;
 use fathom_reference::optics::transmittance;
+use fathom_reference::photons::place_in_grid;
 use fathom_reference::quantities::{StoredPhoton, stored_photons};
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Scene};
@@ -67,7 +69,8 @@ impl<'g> Rig<'g> {
 
     /// Why a case cannot be carried out: this is missing.
     pub fn empty(&self, what: &str) -> VerifyError {
-        VerifyError::Empty { stage: self.stage, what: what.to_owned() }
+        let what = format!("nothing to compare in check `{what}`");
+        VerifyError::Invalid { stage: self.stage, what }
     }
 
     /// Runs stages as one frame and waits for it.
@@ -80,7 +83,7 @@ impl<'g> Rig<'g> {
         Ok(Stand {
             shared: Shared::new(self, &view),
             geometry: Geometry::new(self, &scene),
-            tracer: Tracer::new(&scene.objects)?,
+            tracer: Tracer::new(&scene.objects),
             rays: rays(&view),
             view,
             scene,
@@ -108,11 +111,7 @@ impl<'g> Rig<'g> {
 
     /// One channel of a texture in f64.
     pub fn channel(&self, texture: &wgpu::Texture, channel: usize) -> Result<Image> {
-        let pixels = read_texture(self.gpu, texture)?;
-        let stride = pixels.channels as usize;
-        let data = pixels.data.iter().skip(channel).step_by(stride);
-        let data = data.map(|v| f64::from(*v)).collect();
-        Ok(Image::from_data(pixels.width, pixels.height, data)?)
+        Ok(caustics_image::channel(&read_texture(self.gpu, texture)?, channel))
     }
 
     /// Three channels of a texture as vectors, in rows.
@@ -268,9 +267,9 @@ pub fn through_water(scene: &Scene, place: DVec3) -> f64 {
 }
 
 /// The ray of a light's grid that a photon of this number takes.
-pub fn grid_ray(frame: &LightFrame, number: u32, [columns, rows]: [u32; 2]) -> (DVec3, DVec3) {
-    let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
-    frame.ray(ndc(number % columns, columns), ndc(number / columns, rows))
+pub fn grid_ray(frame: &LightFrame, number: u32, grid: [u32; 2]) -> (DVec3, DVec3) {
+    let [x, y] = place_in_grid(number, grid);
+    frame.ray(x, y)
 }
 
 /// The view of synthetic photons: scene `plane` from a round place in the middle of things.

@@ -4,9 +4,8 @@ mod isosurface;
 mod media;
 
 use crate::prelude::*;
-use fathom_pipelines::scalar_ao::{Law, Mode, Scalar};
+use fathom_pipelines::scalar_ao::{self, Law, Mode, Scalar};
 use fathom_stages::ray_cast::Cast;
-use fathom_stages::scalar::{direct, isosurface as surface, positional};
 use fathom_stages::scalar_field::{self, ScalarField};
 
 pub fn cases() -> Vec<Case> {
@@ -43,17 +42,10 @@ impl Setup {
     }
 
     fn run(&self, rig: &Rig<'_>) -> Result<ScalarPicture> {
-        let (resources, shared) = (rig, &Shared::new(rig, &self.view()?));
-        let field = &ScalarField::new(resources, &self.volume, self.scalar.needs_pyramid());
-        let settings = &self.scalar;
-        let march = &settings.uniforms(self.size_px, field.voxel_m, settings.r_max_m);
-        let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
-        let through = (shared, field);
-        let pass = match settings.mode {
-            Mode::Isosurface => surface::new(resources, through, march, settings.surface_rays())?,
-            Mode::Direct => direct::new(resources, through, march, beer, rejection)?,
-            Mode::Positional => positional::new(resources, through, march, beer, rejection)?,
-        };
+        let shared = Shared::new(rig, &self.view()?);
+        let field = ScalarField::new(rig, &self.volume, self.scalar.needs_pyramid());
+        let (settings, r_max_m) = (&self.scalar, self.scalar.r_max_m);
+        let pass = scalar_ao::cast(rig, (&shared, &field), settings, self.size_px, r_max_m)?;
         rig.run(&[&pass])?;
         ScalarPicture::read(rig, &pass)
     }

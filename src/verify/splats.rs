@@ -49,11 +49,8 @@ pub fn cases() -> Vec<Case> {
             by(rules, "splats of more pixels than a loop has turns", large),
         ]);
     }
-    for name in ["plane", "tank"] {
-        cases.push(Case::new(STAGE, format!("conserved energy of scene {name}"), move |rig| {
-            scene_energy(rig, name)
-        }));
-    }
+    let what = |name| format!("conserved energy of scene {name}");
+    cases.extend(Case::each(STAGE, ["plane", "tank"], what, scene_energy));
     cases
 }
 
@@ -109,7 +106,7 @@ impl Rules {
         let eye = camera.position();
         let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
         let [min_px, max_px] = self.sizes_px;
-        let size = PointSize::new(min_px, max_px, camera.z_near_m, camera.z_far_m)?;
+        let size = PointSize::new(min_px, max_px, camera.z_near_m, camera.z_far_m);
         let splat = |(hit, path_m): &Twin| {
             let center = rays.project(*hit)?;
             let distance_m = hit.distance(eye);
@@ -177,7 +174,7 @@ fn draw(
 ) -> Result<Image> {
     let shared = Shared::new(rig, view);
     let [min_px, max_px] = rules.sizes_px;
-    let size = PointSize::new(min_px, max_px, view.camera.z_near_m, view.camera.z_far_m)?;
+    let size = PointSize::new(min_px, max_px, view.camera.z_near_m, view.camera.z_far_m);
     // a and b of the size rule from two of its values: s = a + b / d.
     let b = (size.at(1.0) - size.at(2.0)) * 2.0;
     let settings = SplatUniforms {
@@ -313,7 +310,7 @@ fn within_surface(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let stand = rig.stand(Scene::load("tank")?, VIEW)?;
     let drawn = rig.gbuffer(&stand)?.depth;
     let depth = rig.channel(&drawn, 0)?;
-    let grid = PhotonGrid::new(GRID, 4)?.with_jitter(1.0);
+    let grid = PhotonGrid { jitter: 1.0, ..PhotonGrid::new(GRID, 2) };
     let frame = stand.view.light_frame();
     let (photons, twins) = stored(&land_all(&frame, &stand.scene.water, &stand.tracer, grid, 1));
     let rules = Rules { coverage: SplatCoverage::Surface, bias_m: BIAS_M, ..rules };
@@ -440,7 +437,7 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let (pipeline, estimated) = pipeline(rig, &stand.scene, &params)?;
 
     let frame = pipeline.view.light_frame();
-    let grid = PhotonGrid::new(params.caustics.grid, params.caustics.subdivision)?;
+    let grid = PhotonGrid::new(params.caustics.grid, params.caustics.grid_settings().side());
     let (photons, twins) = stored(&land_all(&frame, &stand.scene.water, &stand.tracer, grid, 1));
     let rules = Rules {
         intensity: Intensity::Conserving,

@@ -56,7 +56,7 @@ fn landings(rig: &Rig<'_>, kind: LightKind, aimed: bool, what: &str) -> Result<C
     let starts = starts(aimed);
     let answers = photons_at(rig.gpu, &scene, &params, &starts)?;
     let light = view(&params, &scene).light_frame();
-    let tracer = Tracer::new(&scene.objects)?;
+    let tracer = Tracer::new(&scene.objects);
     let error = |refractive_index: f64| {
         let water = Water { refractive_index, ..scene.water.clone() };
         largest(answers.iter().zip(&starts).filter_map(|(answer, start)| {

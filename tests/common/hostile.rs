@@ -58,46 +58,34 @@ fn cell(name: &str, axis: &str, number: usize, outcome: Value) -> Value {
     })
 }
 
-/// A basic string of TOML.
-fn quoted(text: &str) -> String {
-    let escaped = text.chars().map(|c| match c {
-        'a'..='z' | 'A'..='Z' | '0'..='9' | ' ' => c.to_string(),
-        c => format!("\\U{:08X}", u32::from(c)),
-    });
-    format!("\"{}\"", escaped.collect::<String>())
-}
-
 /// An experiment whose every text is hostile.
-fn definition(all: &str, axis: &str) -> String {
-    let text = quoted(all);
-    let axis = quoted(axis);
-    let values: Vec<String> = HOSTILE.iter().map(|name| quoted(name)).collect();
-    let plot = |kind: &str, rest: &str| {
-        format!("[[plot]]\ntitle = {text}\nkind = \"{kind}\"\ny_title = {text}\n{rest}\n")
+fn definition(id: &str, all: &str, axis: &str) -> String {
+    let plot = |kind: &str, rest: Value| {
+        let mut plot = json!({ "title": all, "kind": kind, "y_title": all });
+        plot.as_object_mut().unwrap().extend(rest.as_object().unwrap().clone());
+        plot
     };
-    let measure = quoted(&format!("quantity:{}", HOSTILE[0]));
-    [
-        format!("id = \"own\"\ntitle = {text}\nsource = {text}\nabout = {text}"),
-        "pipeline = \"underwater\"\nscene = \"tank\"\n[[sweep]]".to_owned(),
-        format!("[[sweep.axis]]\nname = {axis}\ntitle = {text}\nvalues = [{}]", values.join(", ")),
-        "[[sweep.axis]]\nname = \"n\"\nvalues = [0, 1, 2]".to_owned(),
-        format!("[[published]]\ncomparison = \"about\"\nfps = 20\nhardware = {text}\nnote = {text}"),
-        format!("[[claim]]\nid = {text}\ntext = {text}\ntest.at_least = {{ y = \"frame\", value = 1.0 }}"),
-        plot("map", &format!("columns = {axis}\nrows = \"n\"\ny = [\"frame\"]")),
-        plot("scaling", &format!("over = \"n\"\nx = \"axis:n\"\nx_title = {text}\ny = [\"frame\", {measure}]")),
-        plot("lines", "over = \"n\"\nx = \"axis:n\"\ny = [\"frame\"]"),
-        plot("bars", &format!("over = {axis}\ny = [\"frame\"]")),
-        plot("stacked", ""),
-        plot(
-            "ratios",
-            &format!(
-                "over = {axis}\ny = [\"frame\"]\nnumerator = {}\ndenominator = {}",
-                quoted(HOSTILE[0]),
-                quoted(HOSTILE[1])
-            ),
-        ),
-    ]
-    .join("\n")
+    let measure = format!("quantity:{}", HOSTILE[0]);
+    let definition = json!({
+        "id": id, "title": all, "source": all, "about": all, "pipeline": "underwater", "scene": "tank",
+        "sweep": [{ "axis": [
+            { "name": axis, "title": all, "values": HOSTILE },
+            { "name": "n", "values": [0, 1, 2] },
+        ] }],
+        "published": [{ "comparison": "about", "fps": 20, "hardware": all, "note": all }],
+        "claim": [{ "id": all, "text": all, "test": { "at_least": { "y": "frame", "value": 1.0 } } }],
+        "plot": [
+            plot("map", json!({ "columns": axis, "rows": "n", "y": ["frame"] })),
+            plot("scaling", json!({ "over": "n", "x": "axis:n", "x_title": all, "y": ["frame", measure] })),
+            plot("lines", json!({ "over": "n", "x": "axis:n", "y": ["frame"] })),
+            plot("bars", json!({ "over": axis, "y": ["frame"] })),
+            plot("stacked", json!({})),
+            plot("ratios", json!({
+                "over": axis, "y": ["frame"], "numerator": HOSTILE[0], "denominator": HOSTILE[1],
+            })),
+        ],
+    });
+    toml::to_string(&definition).unwrap()
 }
 
 /// Records in which every name is hostile, ids of experiments too.
@@ -121,8 +109,8 @@ pub fn records() -> String {
             "submit_cost_ns": { "compute": 1.0 },
             "notes": HOSTILE.map(|name| json!({ "kind": "adapter", "text": name })),
         }),
-        json!({ "record": "experiment", "id": "own", "toml": definition(&all, axis) }),
-        json!({ "record": "experiment", "id": "../../x", "toml": definition(&all, axis).replace("\"own\"", "\"../../x\"") }),
+        json!({ "record": "experiment", "id": "own", "toml": definition("own", &all, axis) }),
+        json!({ "record": "experiment", "id": "../../x", "toml": definition("../../x", &all, axis) }),
         json!({ "record": "experiment", "id": "broken", "toml": all }),
     ];
     for (number, name) in HOSTILE.iter().enumerate() {

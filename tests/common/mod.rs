@@ -11,8 +11,7 @@ use std::time::{Duration, Instant};
 use fathom::experiments::parse_set;
 use fathom::npy;
 use fathom::record::schema::LineKind;
-use fathom::record::{self, Cell, Clock, Measured, Outcome, Record, StageRecord, Work, Writer};
-use fathom::statistics::estimate;
+use fathom::record::{self, Cell, Measured, Outcome, Record, Writer};
 use jsonschema::Validator;
 use serde_json::{Map, Value, json};
 use tempfile::TempDir;
@@ -138,12 +137,22 @@ pub fn holds(text: &str, parts: &[&str]) {
     }
 }
 
-/// Looks until something holds. The limit ends a wait for what never comes, and decides nothing: the longest takes half a minute.
+/// Ends a wait for what never comes, and decides nothing: the longest takes half a minute.
+pub const HANGS: Duration = Duration::from_secs(600);
+
+/// What a command says that may wait for ever.
+#[track_caller]
+pub fn ended(command: Command, status: i32) -> Told {
+    let output = assert_cmd::Command::from_std(command).timeout(HANGS).output();
+    Told::of(output.unwrap(), status)
+}
+
+/// Looks until something holds.
 #[track_caller]
 pub fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
     let start = Instant::now();
     while !holds() {
-        assert!(start.elapsed() < Duration::from_secs(600), "{what} did not come");
+        assert!(start.elapsed() < HANGS, "{what} did not come");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -217,25 +226,29 @@ pub fn skipped_cell(name: &str) -> Record {
     Record::Cell(Box::new(own_cell(name, outcome)))
 }
 
-/// A stage with these samples.
-pub fn stage(name: &str, clock: Clock, samples_ns: Vec<f64>) -> StageRecord {
-    StageRecord {
-        stage: name.into(),
-        clock,
-        time: estimate(&samples_ns),
-        samples_ns,
-        fenced: None,
-        work: Work::default(),
-        counters: Default::default(),
-        ceiling: None,
-        least_work: None,
-    }
-}
-
 /// Records of the committed run on a software driver.
 pub fn reference() -> String {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe");
     std::fs::read_to_string(folder.join("records.jsonl")).unwrap()
+}
+
+/// The same of the experiments whose names begin so.
+pub fn reference_of(experiments: &str) -> Vec<Record> {
+    let records = reference();
+    let mut records: Vec<Record> =
+        records.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    records.retain(|record| match record {
+        Record::Cell(cell) => cell.experiment.starts_with(experiments),
+        Record::Experiment(definition) => definition.id.starts_with(experiments),
+        _ => true,
+    });
+    records
+}
+
+/// The lines of a file of records.
+pub fn lines(records: impl IntoIterator<Item = Record>) -> String {
+    let records = records.into_iter();
+    records.map(|record| serde_json::to_string(&record).unwrap() + "\n").collect()
 }
 
 /// Writes a folder's records.
@@ -282,20 +295,22 @@ pub fn measured(cell: &Cell) -> &Measured {
     cell.measured().unwrap_or_else(|| panic!("{:?}", cell.outcome))
 }
 
+/// The same command begun by a script of the shell, in which `"$0" "$@"` stands for it.
+pub fn by_shell(script: &str, command: &Command) -> Command {
+    let mut shell = Command::new("sh");
+    shell.args(["-c", script]).arg(command.get_program()).args(command.get_args());
+    for (name, value) in command.get_envs() {
+        match value {
+            Some(value) => shell.env(name, value),
+            None => shell.env_remove(name),
+        };
+    }
+    shell.current_dir(command.get_current_dir().unwrap_or(Path::new(".")));
+    shell
+}
+
 /// The same command, which the system kills with SIGXFSZ when it writes to a file beyond so many blocks of 512 bytes. So it dies at
 /// a moment that rests on no clock.
 pub fn killed_beyond(blocks: u64, command: &Command) -> Command {
-    let mut limited = Command::new("sh");
-    limited.args(["-c", "ulimit -c 0; ulimit -f \"$0\"; exec \"$@\""]).arg(blocks.to_string());
-    limited.arg(command.get_program()).args(command.get_args());
-    for (name, value) in command.get_envs() {
-        match value {
-            Some(value) => limited.env(name, value),
-            None => limited.env_remove(name),
-        };
-    }
-    if let Some(folder) = command.get_current_dir() {
-        limited.current_dir(folder);
-    }
-    limited
+    by_shell(&format!("ulimit -c 0; ulimit -f {blocks}; exec \"$0\" \"$@\""), command)
 }

@@ -9,9 +9,9 @@ use std::process::{Child, Command, Output, Stdio};
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
 use fathom::record::comparison::{Gate, Pair, Side};
-use fathom::record::{self, Measured, Record};
+use fathom::record::{Measured, Record};
 
-use super::common::{Ends, Place, SMALL, Told, holds, names, write_records};
+use super::common::{Ends, Place, Told, holds, names, reference_of, write_records};
 use super::script::{Script, hello, refusal};
 
 const CELLS: &str = r#"
@@ -116,7 +116,7 @@ fn equal_builds_are_the_same_and_unequal_ones_are_not() {
     // No more of a path than its last part goes into records.
     assert_eq!((&*stored.header.base.label, &*stored.header.head.label), ("base", "head"));
 
-    let other = Script { bytes: 1001, error: 0.02, ns: 1_500_000, ..Script::default() };
+    let other = Script { bytes: 1001, error: "0.02", ns: 1_500_000, ..Script::default() };
     let builds = Builds::new(&usual, &other);
     let (told, stored) = builds.compare(1);
     assert_eq!(verdict(&stored, "one a"), CellVerdict::Faster);
@@ -142,45 +142,22 @@ fn bases_that_cannot_be_asked_are_told_apart() {
     }
 }
 
+/// A gate is skipped, and cells are new. What else a side may lack or fail at is tested in `fathom_compare::survey`.
 #[test]
-fn a_base_that_lacks_a_part_skips_that_gate_and_says_so() {
-    let base = Script { hello: hello(1, "\"time\""), ..Script::default() };
-    let (told, _) = Builds::new(&base, &Script::default()).compare(0);
-    holds(&told, &["exact gate skipped: the base build knows no such gate"]);
-}
-
-#[test]
-fn only_what_the_base_alone_does_not_know_is_new() {
+fn what_the_base_does_not_know_is_told() {
     let absent = refusal("unknown pipeline", true);
-    let failure = refusal("out of memory", false);
-    for (name, of_base, of_head, status, expected) in [
-        ("new in the head", Some(&absent[..]), None, 0, CellVerdict::New),
-        ("gone in the head", None, Some(&absent[..]), 2, CellVerdict::Failed),
-        ("the base fails", Some(&failure), None, 2, CellVerdict::Failed),
-        ("the head dies", Some(&absent), Some("exit 3"), 2, CellVerdict::Failed),
-    ] {
-        let [base, head] = [of_base, of_head]
-            .map(|does| Vec::from_iter(does.map(|does| ("\"id\":\"two\"", does))));
-        let script = |instead| Script { instead, ..Script::default() };
-        println!("{name}");
-        let (_, stored) = Builds::new(&script(&base), &script(&head)).compare(status);
-        for (cell, verdict_of_cell) in [
-            ("two a", expected),
-            ("two b", expected),
-            ("one a", CellVerdict::Same),
-            ("one b", CellVerdict::Same),
-        ] {
-            assert_eq!(verdict(&stored, cell), verdict_of_cell, "{name}: {cell}");
-        }
-    }
+    let instead = &[("\"id\":\"two\"", absent.as_str())];
+    let base = Script { hello: hello(1, "\"time\""), instead, ..Script::default() };
+    let (told, stored) = Builds::new(&base, &Script::default()).compare(0);
+    holds(&told, &["exact gate skipped: the base build knows no such gate"]);
+    let verdicts = ["one a", "one b", "two a", "two b"].map(|cell| verdict(&stored, cell));
+    use CellVerdict::{New, Same};
+    assert_eq!(verdicts, [Same, Same, New, New]);
 }
 
 #[test]
 fn an_error_that_is_no_number_is_a_figure_like_any_other() {
-    let null = "echo '{\"message\":\"exact\",\"stages\":[{\"name\":\"a\",\"work\":{},\"counters\":{}},{\"name\":\"b\",\"work\":{},\"counters\":{}}],\
-                \"allocated_bytes\":1,\"errors\":{\"an_error\":null},\"quantities\":{},\"notes\":[]}'";
-    let head = Script { instead: &[("\"exact\"", null)], ..Script::default() };
-    let builds = Builds::new(&Script::default(), &head);
+    let builds = Builds::new(&Script::default(), &Script { error: "null", ..Script::default() });
     builds.command("").output().unwrap();
     assert!(builds.stored().faults.is_empty());
 }
@@ -226,28 +203,29 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
     }
 }
 
-/// A greeting before which a build waits when it was started so often. It is started twice before the launches, and once in each.
+/// A head waits before its greeting when it was started so often. It is started twice before the launches, and once in each.
 const AT_LAUNCH_5: usize = 2 + 5;
 
-fn waits_at_launch_5(builds: &Builds) -> Script<'static> {
+/// A comparison in a process group of its own, after three launches; the fifth cannot begin before [`Builds::release`].
+fn begun() -> (Builds, Child, impl Iterator<Item = String>) {
+    let builds = Builds::without_builds();
     let (log, greeting) = (builds.path("starts"), Script::default().hello);
     let waits = format!(
         "echo >> '{log}'; [ $(wc -l < '{log}') -lt {AT_LAUNCH_5} ] || {{ {}; }}; {greeting}",
         builds.waits(),
         log = log.display()
     );
-    Script { hello: waits, ..Script::default() }
+    builds.build("base", &Script::default());
+    builds.build("head", &Script { hello: waits, ..Script::default() });
+    let (child, mut told) = spawned(builds.command("").process_group(0));
+    told.find(|line| line.contains("3 of 10 launches")).unwrap();
+    (builds, child, told)
 }
 
 #[test]
 fn ctrl_c_in_a_terminal_costs_no_cell() {
-    let builds = Builds::without_builds();
-    builds.build("base", &Script::default());
-    builds.build("head", &waits_at_launch_5(&builds));
-    let (mut child, mut told) = spawned(builds.command("").process_group(0));
-    told.find(|line| line.contains("3 of 10 launches")).unwrap();
+    let (builds, mut child, told) = begun();
     let group = format!("-{}", child.id());
-    // The fifth launch cannot have begun.
     let sent = Command::new("kill").args(["-INT", "--", &group]).status();
     assert!(sent.unwrap().success());
     // What it says in the end must not block it.
@@ -264,11 +242,7 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
 
 #[test]
 fn a_killed_comparison_goes_on_where_it_ended() {
-    let builds = Builds::without_builds();
-    builds.build("base", &Script::default());
-    builds.build("head", &waits_at_launch_5(&builds));
-    let (mut child, mut told) = spawned(&mut builds.command(""));
-    told.find(|line| line.contains("3 of 10 launches")).unwrap();
+    let (builds, mut child, _told) = begun();
     child.kill().unwrap();
     child.wait().unwrap();
 
@@ -380,9 +354,8 @@ fn environments_and_drivers_that_cannot_be_had_are_refused_before_anything_is_me
 #[test]
 fn files_of_records_are_judged_by_what_is_exact() {
     let place = Place::new();
-    let run = "run uw-default --no-ceilings --budget 1 --out base";
-    place.fathom(format!("{run} {SMALL}")).ends(0);
-    let base = record::read(&place.path("base/records.jsonl")).unwrap().records;
+    let base = reference_of("uw-default");
+    write_records(&place.path("base"), &base);
     // The base against itself with a change; what is printed.
     let compare = |name: &str, status: i32, change: &dyn Fn(&mut Record)| {
         let mut records = base.clone();
@@ -394,9 +367,7 @@ fn files_of_records_are_judged_by_what_is_exact() {
     };
     let of_cell = |change: fn(&mut Measured)| {
         move |record: &mut Record| {
-            if let Record::Cell(cell) = record {
-                cell.measured_mut().map(change);
-            }
+            record.try_as_cell_mut().and_then(|cell| cell.measured_mut()).map(change);
         }
     };
     let told = compare("same", 0, &|_| ());
@@ -412,13 +383,13 @@ fn files_of_records_are_judged_by_what_is_exact() {
     holds(&compare("slower", 0, &slower), &["+50.0 %, unpaired"]);
     compare("costlier", 1, &of_cell(|measured| measured.allocated_bytes += 1));
     let elsewhere = compare("elsewhere", 0, &|record| {
-        if let Record::Run(run) = record {
+        if let Some(run) = record.try_as_run_mut() {
             run.adapter.driver_info = "another driver".to_owned();
         }
     });
     holds(&elsewhere, &["time gate skipped: times of different adapters or drivers"]);
     let other = compare("other", 2, &|record| {
-        if let Record::Cell(cell) = record {
+        if let Some(cell) = record.try_as_cell_mut() {
             cell.scene = "port".to_owned();
         }
     });

@@ -2,10 +2,9 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 use super::builds::Builds;
-use super::common::{Ends, wait_until};
+use super::common::{Ends, by_shell, wait_until};
 use super::script::{Script, hello};
 
 /// A greeting that first starts a process in a session of its own and writes its number down.
@@ -55,11 +54,8 @@ fn a_base_that_floods_its_standard_error_costs_no_memory() {
     let flood = "echo begin >&2; head -c 1200000000 /dev/zero >&2; echo >&2; echo end >&2; exit 3";
     let base = Script { hello: format!("{flood}; {greeting}"), ..Script::default() };
     let builds = Builds::new(&base, &Script::default());
-    let compare = builds.command("");
-    let mut limited = Command::new("sh");
-    limited.args(["-c", "ulimit -v 600000; exec \"$0\" \"$@\""]).env("MALLOC_ARENA_MAX", "1");
-    limited.arg(compare.get_program()).args(compare.get_args());
-    let told = limited.current_dir(compare.get_current_dir().unwrap()).ends(2).err;
+    let mut limited = by_shell("ulimit -v 600000; exec \"$0\" \"$@\"", &builds.command(""));
+    let told = limited.env("MALLOC_ARENA_MAX", "1").ends(2).err;
     assert!(told.contains("exit status: 3: begin; ���") && told.trim_end().ends_with("…; end"));
     assert!(told.len() < 4_000, "{}", told.len());
 }

@@ -27,7 +27,8 @@ pub struct Script<'a> {
     /// Shell commands by pattern, before the usual answers.
     pub instead: &'a [(&'a str, &'a str)],
     pub bytes: u64,
-    pub error: f64,
+    /// As JSON.
+    pub error: &'a str,
     pub ns: u64,
     /// What it does before it prepares.
     pub first: String,
@@ -39,7 +40,7 @@ impl Default for Script<'_> {
             hello: hello(1, r#""exact","checks","time""#),
             instead: &[],
             bytes: 1000,
-            error: 0.01,
+            error: "0.01",
             ns: 2_000_000,
             first: ":".to_owned(),
         }

@@ -4,27 +4,24 @@
 
 use std::path::PathBuf;
 
-use fathom::gpu::{Audit, ClockPlan, Gpu, Options, audit, audit_table};
+use fathom::gpu::{Gpu, Options, audit, audit_table};
 use fathom::record::{AuditRow, Clock, PassKind};
-use serde::{Deserialize, Serialize};
 
 const RESULT: &str = "audit result: ";
 
-#[derive(Serialize, Deserialize)]
-struct Found {
-    rows: Vec<AuditRow>,
-    clocks: [Clock; 3],
-}
+/// What is found: the clocks are those of [`KINDS`].
+type Found = (Vec<AuditRow>, [Clock; 3]);
+
+const KINDS: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
 
 /// Audits the only adapter that the environment leaves, and prints what it found.
 #[test]
 #[ignore = "run by the other tests, in a process with the driver chosen"]
 fn child() {
     let gpu = Gpu::open(&Options::default()).expect("the driver opens");
-    let Audit { rows, plan } = audit(&gpu).expect("the audit runs");
-    println!("{}", audit_table(&Audit { rows: rows.clone(), plan }));
-    let ClockPlan { compute, render, copy, .. } = plan;
-    let found = Found { rows, clocks: [compute, render, copy] };
+    let audit = audit(&gpu).expect("the audit runs");
+    println!("{}", audit_table(&audit));
+    let found: Found = (audit.rows, KINDS.map(|kind| audit.plan.clock(kind)));
     println!("{RESULT}{}", serde_json::to_string(&found).expect("it is plain data"));
 }
 
@@ -43,8 +40,6 @@ fn manifest(folder: &str, prefix: &str) -> Option<PathBuf> {
 
 /// Far from 1, whatever the surrounding: the audit's tolerances are 1.15 and 1.25.
 const WRONG: f64 = 1.3;
-/// The kinds in the order of [`Found::clocks`].
-const KINDS: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
 
 /// No clock is used that is far from the host's, and each that is sound in both surroundings is used.
 #[track_caller]
@@ -53,9 +48,9 @@ fn agrees_with_itself(folder: &str, prefix: &str) {
     let text = super::child("audit::child", &manifest);
     println!("{text}");
     let line = text.lines().find_map(|line| line.strip_prefix(RESULT)).unwrap();
-    let found: Found = serde_json::from_str(line).unwrap();
-    for (kind, clock) in KINDS.into_iter().zip(found.clocks) {
-        let rows: Vec<&AuditRow> = found.rows.iter().filter(|row| row.pass == kind).collect();
+    let (found, clocks): Found = serde_json::from_str(line).unwrap();
+    for (kind, clock) in KINDS.into_iter().zip(clocks) {
+        let rows: Vec<&AuditRow> = found.iter().filter(|row| row.pass == kind).collect();
         let [a, b] = rows[..] else { panic!("{rows:?}") };
         assert_ne!(a.context, b.context);
         let sound = a.sound && b.sound;
@@ -66,7 +61,7 @@ fn agrees_with_itself(folder: &str, prefix: &str) {
             assert_eq!(row.sound, row.reason.starts_with("agrees with the host clock"), "{row:?}");
         }
     }
-    assert_eq!(found.rows.len(), 2 * KINDS.len());
+    assert_eq!(found.len(), 2 * KINDS.len());
 }
 
 #[test]

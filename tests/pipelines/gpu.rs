@@ -62,21 +62,14 @@ impl Work {
 
     fn stage(&self, kind: PassKind) -> Encoded<'_> {
         match kind {
-            PassKind::Compute => {
-                Encoded::new("test/compute", |scope| scope.compute(|pass| self.dispatch.run(pass)))
+            PassKind::Compute => encoded(|scope| scope.compute(|pass| self.dispatch.run(pass))),
+            PassKind::Render => {
+                encoded(|scope| self.render.render(scope, |pass| pass.draw(0..6 * 32 * 32, 0..1)))
             }
-            PassKind::Render => Encoded::new("test/render", |scope| {
-                self.render.render(scope, |pass| pass.draw(0..6 * 32 * 32, 0..1));
+            PassKind::Copy => encoded(|scope| self.copy(scope, self.scratch[0].size())),
+            PassKind::Host => encoded(|scope| {
+                scope.host(|queue| queue.write_buffer(&self.uniform, 0, &200u32.to_le_bytes()));
             }),
-            PassKind::Copy => {
-                Encoded::new("test/copy", |scope| self.copy(scope, self.scratch[0].size()))
-            }
-            PassKind::Host => {
-                let turns = 200u32.to_le_bytes();
-                Encoded::new("test/host", move |scope| {
-                    scope.host(|queue| queue.write_buffer(&self.uniform, 0, &turns));
-                })
-            }
         }
     }
 
@@ -87,28 +80,19 @@ impl Work {
 }
 
 /// A stage that is a function.
-struct Encoded<'a> {
-    name: &'static str,
-    encode: Box<dyn Fn(&mut StageScope<'_>) + 'a>,
-}
+struct Encoded<'a>(Box<dyn Fn(&mut StageScope<'_>) + 'a>);
 
-impl<'a> Encoded<'a> {
-    fn new(name: &'static str, encode: impl Fn(&mut StageScope<'_>) + 'a) -> Self {
-        Self { name, encode: Box::new(encode) }
-    }
-
-    fn unnamed(encode: impl Fn(&mut StageScope<'_>) + 'a) -> Self {
-        Self::new("test/encoded", encode)
-    }
+fn encoded<'a>(encode: impl Fn(&mut StageScope<'_>) + 'a) -> Encoded<'a> {
+    Encoded(Box::new(encode))
 }
 
 impl TimedStage for Encoded<'_> {
     fn name(&self) -> &'static str {
-        self.name
+        "test"
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        (self.encode)(scope);
+        (self.0)(scope);
     }
 }
 
@@ -123,10 +107,8 @@ fn plan(gpu: &Gpu) -> ClockPlan {
     }
 }
 
-/// The plan with copies on timestamps, too, if renders are.
-fn plan_with_copies(gpu: &Gpu) -> ClockPlan {
-    let plan = plan(gpu);
-    plan.with(PassKind::Copy, plan.render)
+fn timer(gpu: &Gpu, most_passes: u32) -> FrameTimer {
+    FrameTimer::new(gpu, plan(gpu), most_passes).expect("it is made")
 }
 
 /// Whatever the machine does meanwhile: on one clock, stages and gaps are the whole of the frame.
@@ -136,7 +118,7 @@ fn stages_and_gaps_make_up_the_envelope() {
     let work = Work::new(&gpu);
     let kinds = [PassKind::Host, PassKind::Compute, PassKind::Render, PassKind::Copy];
     let stages: Vec<_> = kinds.into_iter().chain(kinds).map(|kind| work.stage(kind)).collect();
-    let frame: Vec<&dyn TimedStage> = stages.iter().map(|stage| stage as &dyn TimedStage).collect();
+    let frame: Vec<_> = stages.iter().collect();
     let costs = SubmitCost { compute_ns: 5e4, render_ns: 5e4, copy_ns: 5e4 };
     for plan in [ClockPlan::fenced(costs), ClockPlan::process_cpu(costs)] {
         let mut timer = FrameTimer::new(&gpu, plan, 16).expect("it is made");
@@ -150,7 +132,7 @@ fn stages_and_gaps_make_up_the_envelope() {
             assert!(timer.untimed(&gpu, &frame).expect("the frame runs") > 0.0);
         }
     }
-    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 16).expect("it is made");
+    let mut timer = timer(&gpu, 16);
     let sample = timer.timed(&gpu, &frame).expect("the frame runs");
     let clocks: Vec<Clock> = sample.stages.iter().map(|stage| stage.clock).collect();
     assert_eq!(clocks, kinds.map(|kind| plan(&gpu).clock(kind)).repeat(2));
@@ -160,9 +142,9 @@ fn stages_and_gaps_make_up_the_envelope() {
 #[test]
 fn a_stage_without_passes_is_a_fault() {
     let gpu = open();
-    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
-    let idle = Encoded::unnamed(|_| {});
-    let sample = timer.timed(&gpu, &[&idle as &dyn TimedStage]).expect("the frame runs");
+    let mut timer = timer(&gpu, 4);
+    let idle = encoded(|_| {});
+    let sample = timer.timed(&gpu, &[&idle]).expect("the frame runs");
     assert!(sample.stages[0].ns.is_nan());
     assert_eq!(sample.faults[0].kind, FaultKind::NoPass);
 }
@@ -173,13 +155,11 @@ fn more_passes_than_queries_is_an_error() {
     let work = Work::new(&gpu);
     let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
     let timed = plan(&gpu).clock(PassKind::Render) == Clock::Timestamp;
-    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 1).expect("it is made");
-    timer.timed(&gpu, &[&host as &dyn TimedStage, &render]).expect("one pass fits");
-    let outcome = timer.timed(&gpu, &[&host as &dyn TimedStage, &render, &render]);
+    let mut timer = timer(&gpu, 1);
+    timer.timed(&gpu, &[&host, &render]).expect("one pass fits");
+    let outcome = timer.timed(&gpu, &[&host, &render, &render]);
     assert_eq!(matches!(outcome, Err(DeviceError::TooManyPasses(1))), timed);
-    timer
-        .timed(&gpu, &[&host as &dyn TimedStage, &render])
-        .expect("the timer is usable afterwards");
+    timer.timed(&gpu, &[&host, &render]).expect("the timer is usable afterwards");
 }
 
 #[test]
@@ -188,9 +168,11 @@ fn many_passes_span_several_query_sets() {
     let work = Work::new(&gpu);
     let copy = work.stage(PassKind::Copy);
     let passes = 2100;
-    let mut timer = FrameTimer::new(&gpu, plan_with_copies(&gpu), passes).expect("it is made");
-    let many = Encoded::unnamed(|scope| (1..passes).for_each(|_| work.copy(scope, 65_536)));
-    let sample = timer.timed(&gpu, &[&many as &dyn TimedStage, &copy]).expect("the frame runs");
+    // Copies are on timestamps, too, if renders are.
+    let plan = plan(&gpu).with(PassKind::Copy, plan(&gpu).render);
+    let mut timer = FrameTimer::new(&gpu, plan, passes).expect("it is made");
+    let many = encoded(|scope| (1..passes).for_each(|_| work.copy(scope, 65_536)));
+    let sample = timer.timed(&gpu, &[&many, &copy]).expect("the frame runs");
     // Copies this small may read as nothing. The last pass, whose query is in another set than the first, copies 4 MiB.
     assert!(sample.faults.iter().all(|fault| fault.kind == FaultKind::Zero), "{:?}", sample.faults);
     assert!(sample.stages[1].ns > 0.0, "{:?}", sample.stages);
@@ -202,8 +184,8 @@ fn invocations_are_counted_exactly() {
     let work = Work::new(&gpu);
     let (host, compute, render) =
         (work.stage(PassKind::Host), work.stage(PassKind::Compute), work.stage(PassKind::Render));
-    let counted = count(&gpu, &[&host as &dyn TimedStage, &compute, &render, &compute], 8)
-        .expect("the frame runs");
+    let frame = [&host, &compute, &render, &compute];
+    let counted = count(&gpu, &frame, 8).expect("the frame runs");
     let Some(counted) = counted else {
         println!("skipped: {} does not count invocations", gpu.adapter.name);
         return;
@@ -220,9 +202,9 @@ fn invocations_are_counted_exactly() {
 fn what_was_rendered_is_read_back() {
     let gpu = open();
     let work = Work::new(&gpu);
-    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
+    let mut timer = timer(&gpu, 4);
     let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
-    timer.untimed(&gpu, &[&host as &dyn TimedStage, &render]).expect("the frame runs");
+    timer.untimed(&gpu, &[&host, &render]).expect("the frame runs");
     let pixels = read_texture(&gpu, work.render.texture()).expect("it is read");
     assert_eq!((pixels.width, pixels.height, pixels.channels), (EDGE, EDGE, 4));
     assert!(pixels.data.chunks(4).all(|texel| texel[0] > 0.0 && texel[3] == 1.0));
@@ -233,7 +215,7 @@ fn what_was_rendered_is_read_back() {
 fn every_format_is_read_back_whatever_its_row_length() {
     use wgpu::TextureFormat as Format;
     let gpu = open();
-    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
+    let mut timer = timer(&gpu, 4);
     let formats = [
         (Format::R32Float, 1, 1e-7),
         (Format::Rgba32Float, 4, 1e-7),
@@ -250,12 +232,12 @@ fn every_format_is_read_back_whatever_its_row_length() {
         }
         let texture = texture(&gpu, 37, 5, format);
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let clear = Encoded::unnamed(|scope| {
+        let clear = encoded(|scope| {
             let clear = Some(wgpu::Color { r: 0.2, g: 0.4, b: 0.6, a: 1.0 });
             let color = [ColorTarget { view: &view, clear, slice: None }];
             scope.render(&Targets { color: &color, depth: None }, |_| {});
         });
-        timer.untimed(&gpu, &[&clear as &dyn TimedStage]).expect("the frame runs");
+        timer.untimed(&gpu, &[&clear]).expect("the frame runs");
         let pixels = read_texture(&gpu, &texture).expect("it is read");
         assert_eq!(pixels.data.len(), 37 * 5 * channels);
         for (value, cleared) in pixels.texel(36, 4).iter().zip([0.2, 0.4, 0.6, 1.0]) {
@@ -305,14 +287,11 @@ fn an_error_outside_any_scope_comes_with_the_next_call_and_once() {
 fn a_lost_device_is_an_error_and_not_a_panic() {
     let gpu = open();
     let work = Work::new(&gpu);
-    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
+    let mut timer = timer(&gpu, 4);
     gpu.device.destroy();
     let render = work.stage(PassKind::Render);
-    assert!(timer.timed(&gpu, &[&render as &dyn TimedStage]).is_err());
-    assert!(matches!(
-        timer.untimed(&gpu, &[&render as &dyn TimedStage]),
-        Err(DeviceError::Lost(_))
-    ));
+    assert!(timer.timed(&gpu, &[&render]).is_err());
+    assert!(matches!(timer.untimed(&gpu, &[&render]), Err(DeviceError::Lost(_))));
     assert!(matches!(gpu.shader("kernels", &[]), Err(GpuError::Device(DeviceError::Lost(_)))));
 }
 

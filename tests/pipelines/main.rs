@@ -45,8 +45,7 @@ fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &str) -> (Scene, P::Params
     }
     let params: P::Params = fathom::pipelines::read(&tree).unwrap();
     let scene = Scene::build(&fathom::pipelines::staged(&params, &file).unwrap()).unwrap();
-    let configured = (PipelineKind::of::<P>().configure)(&tree).unwrap();
-    gpu.check(&configured.plan(&scene).unwrap().demand).unwrap();
+    gpu.check(&(PipelineKind::of::<P>().plan)(&tree, &scene).unwrap().demand).unwrap();
     (scene, params)
 }
 

@@ -127,7 +127,7 @@ fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
     let gbuffer = &drawn.pipeline.buffers.gbuffer;
     let [depth, normal] = [&gbuffer.depth, &gbuffer.normal].map(|t| read_texture(gpu, t).unwrap());
     let rays = PixelRays::new(&drawn.params.camera, image.width, image.height);
-    let tracer = Tracer::new(&drawn.scene.objects).unwrap();
+    let tracer = Tracer::new(&drawn.scene.objects);
     let r_max_m = drawn.params.marching(&drawn.scene).r_max_m;
     let seen: Vec<usize> = (0..depth.data.len()).filter(|i| depth.data[*i] < 1.0).collect();
     assert!(seen.len() >= 2_000, "{} points", seen.len());

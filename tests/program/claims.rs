@@ -68,6 +68,7 @@ fn planted_sentences_get_their_verdicts_and_no_verdict_rests_on_few_samples() {
     let place = measured(PLANTED);
     let measured = cells(&place.path("out"));
     agrees_with_itself(&measured, &place.read("out/summary.md"));
+    is_timed_by_the_cpu_time_of_a_quiet_process(&records(&place.path("out"))[0], &measured);
     for seed in 0..draws {
         let verdicts = |samples, noise| verdicts(&modelled(&measured, samples, noise, seed));
         assert!(verdicts(24, 0.05).iter().all(|(right, verdict)| verdict == right), "{seed}");
@@ -141,12 +142,10 @@ fn agrees_with_itself(cells: &[Cell], summary: &str) {
     holds(summary, &[&tally]);
 }
 
-#[test]
-fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process_if_that_is_sound() {
-    let place = measured(PLANTED);
-    let out = &place.path("out");
-    let records = records(out);
-    let Record::Run(header) = &records[0] else { panic!("{records:?}") };
+/// On a software driver, if that clock is sound.
+#[track_caller]
+fn is_timed_by_the_cpu_time_of_a_quiet_process(header: &Record, cells: &[Cell]) {
+    let header = header.try_as_run_ref().unwrap();
     if !header.adapter.software || cfg!(not(target_os = "linux")) {
         return;
     }
@@ -158,7 +157,7 @@ fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process_if_that_is_soun
     assert_eq!(audited.len(), 3, "{header:?}");
     let sound = audited.iter().all(|row| row.sound);
     assert!(header.clocks.values().all(|clock| is_cpu(clock) == sound), "{header:?}");
-    for cell in cells(out) {
+    for cell in cells {
         let measured = cell.measured().unwrap();
         let timed = measured.stages.iter().filter(|stage| stage.clock != Clock::Host);
         assert!(timed.clone().count() > 0);

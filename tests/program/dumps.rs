@@ -36,16 +36,8 @@ impl Dump {
             .unwrap_or_else(|| panic!("{pointer} is not found or another type in {:#}", self.about))
     }
 
-    fn number(&self, pointer: &str) -> f64 {
-        self.at(pointer)
-    }
-
     fn matrix(&self, pointer: &str) -> DMat4 {
         DMat4::from_cols_array_2d(&self.at(pointer)).transpose()
-    }
-
-    fn vector(&self, pointer: &str) -> DVec3 {
-        self.at(pointer)
     }
 
     fn column(&self, name: &str) -> usize {
@@ -93,8 +85,8 @@ fn dumps(gpu: &Gpu, set: &str) -> Dumps {
 fn landed(photons: &Dump) -> Vec<(DVec3, f64)> {
     let [x, residual, distance, weight] =
         ["hit_x_m", "residual_m", "distance_m", "weight"].map(|name| photons.column(name));
-    let flux_w = photons.number("/photons/flux_w");
-    let gamma = photons.number("/photons/attenuation_per_m");
+    let flux_w: f64 = photons.at("/photons/flux_w");
+    let gamma: f64 = photons.at("/photons/attenuation_per_m");
     let photon = |row: &[f64]| {
         let hit = DVec3::new(row[x], row[x + 1], row[x + 2]);
         let decay = (-gamma * row[distance]).exp();
@@ -107,11 +99,11 @@ fn landed(photons: &Dump) -> Vec<(DVec3, f64)> {
 /// The buffer's sum by the description's rules, and the energy of the photons whose hits lie in view.
 fn expected(dumps: &Dumps) -> (f64, f64) {
     let (splat, depth) = (&dumps.splat, &dumps.depth.array);
-    let (eye, project) =
-        (splat.vector("/camera/position_m"), splat.matrix("/camera/view_projection"));
+    let eye: DVec3 = splat.at("/camera/position_m");
+    let project = splat.matrix("/camera/view_projection");
     let size = [128.0, 128.0];
-    let (a, b) = (splat.number("/splat/size_a_px"), splat.number("/splat/size_b_px_m"));
-    let bias_m = splat.number("/splat/depth_bias_m");
+    let [a, b, bias_m]: [f64; 3] = ["size_a_px", "size_b_px_m", "depth_bias_m"]
+        .map(|name| splat.at(&format!("/splat/{name}")));
     let conserving = splat.about["photons"]["intensity"] == "conserving";
     let (mut sum, mut energy) = (0.0, 0.0);
     for (hit, photon_w) in landed(&dumps.photons) {
@@ -190,18 +182,22 @@ fn the_light_frustum_and_the_photons_belong_together() {
     let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
     let dumps = dumps(&gpu, "water.amplitude_m=0.0");
     let photons = &dumps.photons;
+    assert_eq!(photons.array.shape, [64 * 64 * 4, 13]);
+    assert_eq!(photons.at::<Vec<usize>>("/shape"), photons.array.shape);
+    assert_eq!(photons.at::<Vec<Value>>("/columns").len(), 13);
+    assert_eq!(photons.at::<f64>("/params/water/refractive_index"), 1.33);
     let project = photons.matrix("/light_frustum/view_projection");
     let inverse = photons.matrix("/light_frustum/inverse");
     assert!((project * inverse - DMat4::IDENTITY).to_cols_array().iter().all(|v| v.abs() < 1e-9));
-    let extents = |name: &str| photons.number(&format!("/light_frustum/extents/{name}"));
-    let width = extents("near_max_m/0") - extents("near_min_m/0");
-    let height = extents("near_max_m/1") - extents("near_min_m/1");
-    let emitted = photons.number("/light_frustum/emitted_w");
-    assert!(off(width * height * 9.2, emitted) < 1e-9);
-    let count = photons.number("/photons/count");
-    assert!(off(photons.number("/photons/flux_w") * count, emitted) < 1e-5);
-    let (forward, eta) =
-        (photons.vector("/light_frustum/forward"), photons.number("/photons/refractive_index"));
+    let extents =
+        |name: &str| -> [f64; 2] { photons.at(&format!("/light_frustum/extents/{name}")) };
+    let (low, high) = (extents("near_min_m"), extents("near_max_m"));
+    let emitted: f64 = photons.at("/light_frustum/emitted_w");
+    assert!(off((high[0] - low[0]) * (high[1] - low[1]) * 9.2, emitted) < 1e-9);
+    let [count, flux_w, eta] = ["count", "flux_w", "refractive_index"]
+        .map(|name| photons.at::<f64>(&format!("/photons/{name}")));
+    assert!(off(flux_w * count, emitted) < 1e-5);
+    let forward: DVec3 = photons.at("/light_frustum/forward");
     let [entry, direction, weight] =
         ["entry_x_m", "direction_x", "weight"].map(|name| photons.column(name));
     let mut judged = 0;

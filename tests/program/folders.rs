@@ -4,11 +4,11 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use crate::common::{
-    Ends, Place, SMALL, Told, cells, holds, measured, names, own_experiment, records, repetitions,
-    signal, skipped_cell, wait_until, write_records,
+    Ends, Place, SMALL, Told, cells, ended, holds, measured, names, own_experiment, records,
+    repetitions, signal, skipped_cell, wait_until, write_records,
 };
 use fathom::record::{self, Addition, Cell, FramePair, Record, Run, SCHEMA, SampleLine, StageTime};
 use rand::{RngExt, SeedableRng};
@@ -179,20 +179,6 @@ fn what_is_no_run_is_not_resumed_and_what_is_garbage_is_not_reported() {
     }
 }
 
-/// Gives what a command says, which ends by itself. Far longer than it takes: only a hang ends otherwise.
-#[track_caller]
-fn ended(command: &mut Command) -> Output {
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    wait_until("its end", || child.try_wait().unwrap().is_some());
-    child.wait_with_output().unwrap()
-}
-
-/// It is refused by itself, with this reason.
-#[track_caller]
-fn refused(command: &mut Command, reason: &str) {
-    Told::of(ended(command), 2).error(reason);
-}
-
 fn pipe(path: &Path) {
     assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
 }
@@ -217,11 +203,11 @@ fn reports_are_written_through_no_link_and_no_pipe() {
         let path = out.join(name);
         fs::remove_file(&path).unwrap();
         std::os::unix::fs::symlink(&precious, &path).unwrap();
-        refused(&mut report(), &format!("`{name}` is a symbolic link"));
+        ended(report(), 2).error(&format!("`{name}` is a symbolic link"));
         assert!(path.is_symlink() && place.read("precious") == "keep");
         fs::remove_file(&path).unwrap();
         pipe(&path);
-        refused(&mut report(), &format!("`{name}` is a pipe or a device"));
+        ended(report(), 2).error(&format!("`{name}` is a pipe or a device"));
         fs::remove_file(&path).unwrap();
     }
     // The folder that the user names may be a link; what it holds may not.
@@ -231,7 +217,7 @@ fn reports_are_written_through_no_link_and_no_pipe() {
     let (records, elsewhere) = (out.join("records.jsonl"), place.path("elsewhere.jsonl"));
     fs::rename(&records, &elsewhere).unwrap();
     std::os::unix::fs::symlink(elsewhere, &records).unwrap();
-    refused(&mut report(), "`records.jsonl` is a symbolic link");
+    ended(report(), 2).error("`records.jsonl` is a symbolic link");
 }
 
 #[test]
@@ -249,9 +235,9 @@ fn files_that_a_user_names_are_replaced_only_if_they_are_regular() {
         (&format!("render tank -o pipe.png {SMALL}"), "`pipe.png` is a pipe or a device"),
         ("compare --base-bin pipe --out compared", "it is a pipe or a device"),
     ] {
-        refused(&mut place.fathom(words), reason);
+        ended(place.fathom(words), 2).error(reason);
     }
-    Told::of(ended(&mut place.fathom("export csv out -o old.csv")), 0);
+    ended(place.fathom("export csv out -o old.csv"), 0);
     holds(&place.read("old.csv"), &["own"]);
     assert_eq!(place.read("precious"), "keep");
 }

@@ -7,93 +7,45 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use crate::common::{
-    Ends, Place, cells, hostile, measured, names, own_experiments, reference, write_records,
+    Ends, Place, cells, hostile, measured, names, own_experiments, reference, reference_of,
+    write_records,
 };
 use fathom::experiments::Experiment;
 use fathom::harness::plan::{self, Request};
 use fathom::harness::shard;
-use fathom::record::{self, Cell, End, Part, Record, Run};
+use fathom::record::{self, Part, Record};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// A run's records as shards would have written them, with the run's header and in sum its end.
-struct Split {
-    experiments: Vec<Experiment>,
-    header: Run,
-    cells: Vec<Cell>,
-    end: End,
-}
-
-impl Split {
-    fn of(records: Vec<Record>) -> Self {
-        let (mut experiments, mut header, mut cells, mut end) =
-            (Vec::new(), None, Vec::new(), None);
-        for record in records {
-            match record {
-                Record::Run(run) => header = Some(*run),
-                Record::Experiment(definition) => {
-                    experiments.push(Experiment::parse(&definition.id, &definition.toml).unwrap());
-                }
-                Record::Cell(cell) => cells.push(*cell),
-                Record::End(ended) => end = Some(ended),
-                Record::Comparison(_) => unreachable!(),
+/// Writes so many shards of a run as they would have been measured, with the run's header, and its end in the first; their folders.
+fn shards(run: &[Record], of: u32, place: &Place) -> Vec<String> {
+    let definitions = run.iter().filter_map(Record::try_as_experiment_ref);
+    let experiments: Vec<Experiment> = definitions
+        .map(|definition| Experiment::parse(&definition.id, &definition.toml).unwrap())
+        .collect();
+    let request = Request::default();
+    let profile = run[0].try_as_run_ref().unwrap().profile;
+    let shard = |number| {
+        let part = Part { number, of };
+        let mut plans = plan::expand(&experiments, &request, profile).unwrap();
+        shard::keep(part, &experiments, &mut plans);
+        let plans = plans.iter().flatten();
+        let mine: BTreeSet<_> = plans.map(|plan| (&*plan.experiment, &*plan.cell)).collect();
+        let mut records = run.to_vec();
+        records.retain_mut(|record| match record {
+            Record::Run(run) => {
+                run.shard = Some(shard::of(part, &experiments, &request, profile).unwrap());
+                true
             }
-        }
-        Self { experiments, header: header.unwrap(), cells, end: end.unwrap() }
-    }
-
-    fn write(&self, part: Part, folder: &Path) {
-        let request = Request::default();
-        let profile = self.header.profile;
-        let shard = shard::of(part, &self.experiments, &request, profile).unwrap();
-        let mut mine = plan::expand(&self.experiments, &request, profile).unwrap();
-        shard::keep(part, &self.experiments, &mut mine);
-        let mine: BTreeSet<(&str, &str)> = mine
-            .iter()
-            .flatten()
-            .map(|plan| (plan.experiment.as_str(), plan.cell.as_str()))
-            .collect();
-        let header = Run { shard: Some(shard), ..self.header.clone() };
-        let definition = |experiment: &Experiment| {
-            let (id, toml) = (experiment.id.clone(), experiment.text.clone());
-            Record::Experiment(record::Definition { id, toml })
-        };
-        let is_mine = |cell: &&Cell| mine.contains(&(cell.experiment.as_str(), cell.cell.as_str()));
-        let mut records = vec![Record::Run(Box::new(header))];
-        records.extend(self.experiments.iter().map(definition));
-        let mine = self.cells.iter().filter(is_mine);
-        records.extend(mine.map(|cell| Record::Cell(Box::new(cell.clone()))));
-        if part.number == 1 {
-            records.push(Record::End(self.end.clone()));
-        }
-        write_records(folder, &records);
-    }
-
-    /// Writes so many shards of the run; their folders.
-    fn shards(&self, of: u32, place: &Place) -> Vec<String> {
-        let folders: Vec<String> =
-            (1..=of).map(|number| format!("shard-{number}-of-{of}")).collect();
-        for (number, folder) in (1..).zip(&folders) {
-            self.write(Part { number, of }, &place.path(folder));
-        }
-        folders
-    }
-}
-
-/// The committed run's records.
-fn committed() -> Vec<Record> {
-    reference().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
-}
-
-/// The reference run's records of the experiments `uw-…`.
-fn underwater() -> Vec<Record> {
-    let mut records = committed();
-    records.retain(|record| match record {
-        Record::Cell(cell) => cell.experiment.starts_with("uw-"),
-        Record::Experiment(definition) => definition.id.starts_with("uw-"),
-        _ => true,
-    });
-    records
+            Record::Cell(cell) => mine.contains(&(&*cell.experiment, &*cell.cell)),
+            Record::End(_) => number == 1,
+            _ => true,
+        });
+        let folder = format!("shard-{number}-of-{of}");
+        write_records(&place.path(&folder), &records);
+        folder
+    };
+    (1..=of).map(shard).collect()
 }
 
 fn merge(place: &Place, folders: &[String], out: &str) -> Command {
@@ -113,9 +65,9 @@ fn merged_shards_give_the_reports_of_the_run() {
     place.write("whole/records.jsonl", reference());
     place.fathom("report whole").ends(0);
     let whole = files(&place.path("whole"));
-    let split = Split::of(committed());
+    let run = reference_of("");
     for of in [1, 7, 64] {
-        let mut folders = split.shards(of, &place);
+        let mut folders = shards(&run, of, &place);
         // The order in which folders are named does not matter.
         folders.rotate_left(of as usize / 2);
         let out = format!("merged-{of}");
@@ -131,21 +83,20 @@ fn merged_shards_give_the_reports_of_the_run() {
 /// A run that went on elsewhere has cells of two machines. A claim that speaks of both is not judged.
 #[test]
 fn no_verdict_rests_on_two_machines() {
-    let mut split = Split::of(committed());
-    split.experiments.retain(|experiment| experiment.id == "uw-photons");
-    split.cells.retain(|cell| cell.experiment == "uw-photons");
+    let [header, _, cells @ .., end] = &reference_of("uw-photons")[..] else {
+        panic!("the run has no such experiment")
+    };
     let summary = |hosts: [&str; 2]| {
         let place = Place::new();
         let mut records = Vec::new();
         for (number, host) in hosts.into_iter().enumerate() {
+            let mut header = header.clone();
+            header.try_as_run_mut().unwrap().conditions.host = Some(host.to_owned());
+            records.push(header);
             // Every second cell, so that each claim speaks of both machines.
-            let cells = split.cells.iter().skip(number).step_by(hosts.len());
-            let mut header = split.header.clone();
-            header.conditions.host = Some(host.to_owned());
-            records.push(Record::Run(Box::new(header)));
-            records.extend(cells.map(|cell| Record::Cell(Box::new(cell.clone()))));
+            records.extend(cells.iter().skip(number).step_by(hosts.len()).cloned());
         }
-        records.push(Record::End(split.end.clone()));
+        records.push(end.clone());
         write_records(&place.path(""), &records);
         place.fathom("report .").ends(0);
         place.read("summary.md")
@@ -194,7 +145,7 @@ fn shards_that_were_measured_make_a_run() {
 fn killed_at_any_moment_it_leaves_all_or_nothing() {
     const MOMENTS: u64 = 15;
     let place = Place::new();
-    let folders = Split::of(underwater()).shards(4, &place);
+    let folders = shards(&reference_of("uw-"), 4, &place);
     let inputs = || folders.iter().map(|folder| files(&place.path(folder))).collect::<Vec<_>>();
     let before = inputs();
     let merge = || merge(&place, &folders, "merged");
@@ -240,7 +191,7 @@ fn killed_at_any_moment_it_leaves_all_or_nothing() {
 #[test]
 fn what_lies_where_it_might_be_made_stays() {
     let place = Place::new();
-    let folders = Split::of(underwater()).shards(2, &place);
+    let folders = shards(&reference_of("uw-"), 2, &place);
     for folder in ["precious", ".out.merging"] {
         place.write(format!("{folder}/a"), "keep");
     }
@@ -257,9 +208,10 @@ fn what_lies_where_it_might_be_made_stays() {
 #[test]
 fn hostile_names_stay_in_the_folder() {
     let place = Place::new();
-    let mut split = Split::of(underwater());
-    let folders = split.shards(2, &place);
-    for (cell, name) in split.cells.iter_mut().zip(hostile::HOSTILE.iter().cycle()) {
+    let run = reference_of("uw-");
+    let folders = shards(&run, 2, &place);
+    let mut cells: Vec<_> = run.into_iter().filter_map(Record::try_as_cell).collect();
+    for (cell, name) in cells.iter_mut().zip(hostile::HOSTILE.iter().cycle()) {
         cell.cell = format!("{}{name}", cell.cell);
         for picture in cell.measured_mut().into_iter().flat_map(|measured| &mut measured.pictures) {
             picture.path = "../../../passwd".into();
@@ -267,12 +219,9 @@ fn hostile_names_stay_in_the_folder() {
     }
     let other = place.path(&folders[1]);
     let mut lines = record::read(&other.join("records.jsonl")).unwrap().records;
-    for line in &mut lines {
-        if let Record::Run(run) = line {
-            run.adapter.name = "../../../evil'; DROP TABLE x; --\u{1b}[2J/\u{202e}".to_owned();
-        }
-    }
-    lines.extend(split.cells.into_iter().map(|cell| Record::Cell(Box::new(cell))));
+    let header = lines[0].try_as_run_mut().unwrap();
+    header.adapter.name = "../../../evil'; DROP TABLE x; --\u{1b}[2J/\u{202e}".to_owned();
+    lines.extend(cells.into_iter().map(Record::Cell));
     write_records(&other, &lines);
     let told = merge(&place, &folders, "merged").ends(1);
     assert_eq!(names(&place.path("")), ["merged", &folders[0], &folders[1]]);

@@ -1,18 +1,11 @@
 //! One page of several folders: runs beside each other, comparisons, and records that cannot be read.
 
-use crate::common::{Ends, Place, holds, reference};
+use crate::common::{Ends, Place, holds, lines, reference_of};
 use serde_json::{Value, json};
 
 /// The header, one experiment with its definition, and the end of the committed run.
 fn some() -> Vec<String> {
-    let of_experiment = |line: &Value| match line["record"].as_str() {
-        Some("cell") => line["experiment"] == "uw-photons",
-        Some("experiment") => line["id"] == "uw-photons",
-        _ => true,
-    };
-    let text = reference();
-    let lines = text.lines().filter(|line| of_experiment(&serde_json::from_str(line).unwrap()));
-    lines.map(str::to_owned).collect()
+    lines(reference_of("uw-photons")).lines().map(str::to_owned).collect()
 }
 
 fn changed(line: &str, change: impl FnOnce(&mut Value)) -> String {

@@ -3,9 +3,9 @@
 
 use std::fs::OpenOptions;
 use std::io::Read;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
-use crate::common::{Ends, Place, SMALL, cells, fathom, skipped_cell, write_records};
+use crate::common::{Ends, Place, SMALL, by_shell, cells, fathom, skipped_cell, write_records};
 
 type Stream = fn() -> Stdio;
 
@@ -68,26 +68,19 @@ fn reports_are_written_whatever_can_be_printed() {
     fathom("fetch no-such-asset").stdout(full()).stderr(full()).ends(2);
 }
 
-/// The same command with both standard streams closed from the start.
-fn closed(command: &Command) -> Command {
-    let mut shell = Command::new("sh");
-    shell.args(["-c", "\"$0\" \"$@\" >&- 2>&-"]).arg(command.get_program());
-    shell.args(command.get_args()).current_dir(command.get_current_dir().unwrap());
-    shell
-}
-
 /// A file that gets the number of a closed stream would be written into by whatever prints.
 #[test]
 fn closed_streams_write_into_no_file() {
     let (place, open) = (recorded(), recorded());
     let before = place.read("run/records.jsonl");
-    closed(&place.fathom("report run")).ends(0);
+    let closed = |words: &str| by_shell("\"$0\" \"$@\" >&- 2>&-", &place.fathom(words));
+    closed("report run").ends(0);
     assert_eq!(place.read("run/records.jsonl"), before);
     open.fathom("report run").ends(0);
     for file in ["run/summary.md", "run/cells.csv"] {
         assert_eq!(place.read(file), open.read(file), "{file}");
     }
-    closed(&place.fathom("list")).ends(0);
+    closed("list").ends(0);
 }
 
 #[test]

@@ -6,12 +6,14 @@ use std::process::{Command, Stdio};
 use fathom::compare::{store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::Experiment;
 use fathom::history::{History, Location, NewRun, Selection};
-use fathom::record;
+use fathom::record::comparison::{Compared, Launch};
+use fathom::record::{self, Record};
 
-use super::common::{Place, fathom, holds};
+use super::common::{Place, ended, fathom, holds, lines};
 use super::files::gzip;
 use super::memory::peak_of;
-use super::{Answer, HANGS, MOST_MEMORY, READERS, Reader, experiment, mesh, scene, seeds, told};
+use super::stored::{TRACE, pair};
+use super::{Answer, MOST_MEMORY, READERS, Reader, experiment, mesh, scene, seeds, told};
 
 /// The error of a reader that must refuse what it is given, in one line and little memory.
 fn refused(what: &str, reader: impl FnOnce() -> Answer) -> String {
@@ -75,9 +77,7 @@ fn the_program_says_so_too() {
         "query ao --scene plane --points pipe.toml",
         "report /dev",
     ] {
-        let command = assert_cmd::Command::from_std(place.fathom(words)).timeout(HANGS).assert();
-        let output = command.code(2).get_output().clone();
-        let text = String::from_utf8_lossy(&output.stderr);
+        let text = ended(place.fathom(words), 2).err;
         assert_eq!(text.lines().count(), 1, "{words}: {text}");
     }
     // A pipe as standard input is no file either.
@@ -219,28 +219,23 @@ fn shares_of_a_comparison_lie_between_0_and_1() {
 
 #[test]
 fn thousands_of_launches_and_pairs_are_judged_by_those_that_count() {
-    let launch = |n: usize| {
-        let times = "\"cell\":\"tank caustics/trace\",\"base_ns\":1e6,\"head_ns\":2e6";
-        format!(
-            "{{\"record\":\"comparison\",\"kind\":\"launch\",\"launch\":{n},\"wall_s\":1,\"notes\":[]}}\n{{\"record\":\"comparison\",\"kind\":\"pair\",\"launch\":{n},\"round\":0,\"first\":\"base\",{times}}}\n"
-        )
-    };
+    let launches = (10..5000).flat_map(|launch| {
+        let pair = Compared::Pair(pair(launch, 0, TRACE, 2.0));
+        [Compared::Launch(Launch { launch, ..Launch::default() }), pair]
+    });
+    let more = lines(launches.map(Record::from));
     let (read, peak) = peak_of(|| {
-        let read = changed(|text| text + &(10..5000).map(launch).collect::<String>()).unwrap();
+        let read = changed(|text| text + &more).unwrap();
         Verdicts::of(&read);
         read
     });
     assert_eq!(read.launches.len(), 200);
     assert!(read.damaged[0].contains("4800 launches"), "{:?}", read.damaged);
     assert!(peak < 64 << 20, "{peak}");
-    let pair = |n: usize| {
-        let first = ["base", "head"][n % 2];
-        format!(
-            "{{\"record\":\"comparison\",\"kind\":\"pair\",\"launch\":0,\"round\":{n},\"first\":\"{first}\",\"cell\":\"tank caustics/trace\",\"base_ns\":1e6,\"head_ns\":{n}e3}}\n"
-        )
-    };
+    let pairs = (1..40_000).map(|round| pair(0, round, TRACE, 5e-4 * f64::from(round)));
+    let more = lines(pairs.map(|pair| Compared::Pair(pair).into()));
     let (_, peak) = peak_of(|| {
-        let read = changed(|text| text + &(1..40_000).map(pair).collect::<String>()).unwrap();
+        let read = changed(|text| text + &more).unwrap();
         Verdicts::of(&read);
     });
     assert!(peak < 256 << 20, "{peak}");

@@ -17,7 +17,7 @@ mod stored;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use common::Place;
+use common::{HANGS, Place};
 use fathom::compare::protocol::{Reply, parse_request};
 use fathom::compare::{cells::Gates, driver, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, parse_axis, parse_set};
@@ -40,9 +40,6 @@ static COUNTING: memory::Counting = memory::Counting;
 
 /// Most memory that any input may take, bytes.
 const MOST_MEMORY: usize = 1 << 30;
-
-/// Only a reader that hangs takes so long: the slowest input takes a fifth of a second.
-pub const HANGS: Duration = Duration::from_secs(600);
 
 /// How many inputs of each reader, where the usual thousand are not enough.
 const CASES: &str = "FATHOM_FUZZ_CASES";

@@ -8,7 +8,7 @@ use fathom::npy;
 use fathom::record::Record;
 use fathom::record::comparison::{Compared, Gate, Side, Skip, UnpairedSamples};
 
-use super::common::{Place, reference};
+use super::common::{Place, lines, reference};
 use super::files::nifti;
 use super::stored::{BYTES, Stored, TRACE, cell};
 
@@ -110,19 +110,13 @@ pub fn records() -> Seeds {
     };
     let cell = shortest("\"status\":\"measured\"");
     let id = serde_json::from_str::<serde_json::Value>(cell).unwrap()["experiment"].clone();
-    let lines = [
+    let whole = [
         shortest("\"record\":\"run\""),
         shortest(&format!("\"record\":\"experiment\",\"id\":{id}")),
         cell,
         shortest("\"record\":\"end\""),
     ];
-    vec![(lines.join("\n") + "\n").into_bytes(), cell.into()]
-}
-
-fn text<'a>(lines: impl IntoIterator<Item = &'a Compared>) -> Vec<u8> {
-    let records = lines.into_iter().cloned().map(Record::from);
-    let lines = records.map(|record| serde_json::to_string(&record).unwrap() + "\n");
-    lines.collect::<String>().into_bytes()
+    vec![(whole.join("\n") + "\n").into_bytes(), cell.into()]
 }
 
 /// A comparison with lines of every kind, and a part of it.
@@ -139,8 +133,9 @@ pub fn comparisons() -> Seeds {
         .fault(Gate::Time, Side::Head, Some(other), false);
     comparison.header.skipped = vec![Skip { gate: Gate::Instructions, reason: "none".into() }];
     comparison.header.notes = vec!["a note".into()];
-    let lines = comparison.lines();
-    vec![text(&lines), text(lines.iter().step_by(3))]
+    let records = comparison.lines().into_iter().map(Record::from);
+    let part = lines(records.clone().step_by(3));
+    vec![lines(records).into(), part.into()]
 }
 
 pub fn manifests() -> Seeds {

@@ -259,37 +259,30 @@ impl Findings {
         verdicts: &Verdicts<'_>,
         result: &TrialResult,
     ) {
-        let own = |stage: &str| stage == injection.stage;
-        let regressions = verdicts.regressions();
-        let caught = regressions.iter().any(|cell| own(cell.cell.stage()));
-        let first = regressions.first().is_some_and(|cell| own(cell.cell.stage()));
-        let mut others = Share::default();
-        for cell in verdicts.cells.iter().filter(|cell| !own(cell.cell.stage())) {
-            if !matches!(
-                cell.verdict,
-                CellVerdict::Failed | CellVerdict::New | CellVerdict::NotMeasured
-            ) {
-                others.add(cell.verdict.is_regression());
+        use CellVerdict::{Failed, New, NotMeasured};
+        let (own, others): (Vec<_>, Vec<_>) =
+            verdicts.cells.iter().partition(|cell| cell.cell.stage() == injection.stage);
+        let caught = own.iter().any(|cell| cell.verdict.is_regression());
+        let named_first = result.named_first == result.stage;
+        let mut others_blamed = Share::default();
+        for cell in others {
+            if !matches!(cell.verdict, Failed | New | NotMeasured) {
+                others_blamed.add(cell.verdict.is_regression());
             }
         }
         let Variant::Injected(_, Some(size)) = &trial.variant else {
-            let cells = verdicts.cells.iter().filter(|cell| own(cell.cell.stage()));
-            let found = KindResult {
-                stage: injection.stage.clone(),
-                caught,
-                named_first: first,
-                others_blamed: others,
-                verdicts: cells.map(|cell| format!("{}: {}", cell.cell, cell.verdict)).collect(),
-            };
+            let verdicts = own.iter().map(|cell| format!("{}: {}", cell.cell, cell.verdict));
+            let (stage, verdicts) = (injection.stage.clone(), verdicts.collect());
+            let found = KindResult { stage, caught, named_first, others_blamed, verdicts };
             self.kinds.insert(injection.kind.clone(), found);
             return;
         };
         let detection = self.detection.entry(size.label().to_owned()).or_default();
         detection.caught.add(caught);
         if caught {
-            detection.named_first.add(first);
+            detection.named_first.add(named_first);
         }
-        detection.others_blamed += others;
+        detection.others_blamed += others_blamed;
         let tuned = CellId::new(&injection.configuration, &injection.stage);
         let measured = result.cells.iter().find(|cell| cell.cell == tuned);
         if *size == Size::Slow5 {
@@ -297,8 +290,7 @@ impl Findings {
             stage.caught.add(caught);
             stage.truth = measured.and_then(|cell| cell.truth);
             stage.changes.extend(measured.and_then(|cell| cell.change));
-            let detectable = measured.and_then(|cell| cell.detectable);
-            stage.detectable.extend(detectable);
+            stage.detectable.extend(measured.and_then(|cell| cell.detectable));
         }
         let change = measured.and_then(|cell| match size {
             Size::Instructions => cell.instructions,
@@ -323,21 +315,11 @@ impl Findings {
         }
     }
 
-    /// All intervals whose truth is known.
-    pub fn covered(&self) -> Share {
-        self.covered_zero + self.covered_injected
-    }
-
     /// How often a cell is called slower or faster where nothing changed.
     pub fn no_op_changes(&self) -> Share {
-        let count = |verdict: CellVerdict| {
-            let found = self.no_op_verdicts.get(&verdict.to_string());
-            found.copied().unwrap_or(0)
-        };
-        Share {
-            count: count(CellVerdict::Slower) + count(CellVerdict::Faster),
-            of: self.no_op_verdicts.values().sum(),
-        }
+        let changed = [CellVerdict::Slower, CellVerdict::Faster];
+        let counts = changed.iter().filter_map(|it| self.no_op_verdicts.get(&it.to_string()));
+        Share { count: counts.sum(), of: self.no_op_verdicts.values().sum() }
     }
 }
 

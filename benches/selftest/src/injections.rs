@@ -26,7 +26,7 @@ pub struct Injection {
     pub id: String,
     /// The only stage that is changed.
     pub stage: String,
-    /// Such as `extra loop iterations`.
+    #[serde(default = "iterations")]
     pub kind: String,
     /// The configuration of the gates in which its sizes are what they say.
     #[serde(default = "pool")]
@@ -41,6 +41,10 @@ pub struct Injection {
     /// Its one place in the file.
     find: String,
     replace: String,
+}
+
+fn iterations() -> String {
+    "extra loop iterations".to_owned()
 }
 
 fn pool() -> String {
@@ -72,6 +76,11 @@ impl Size {
             Self::Slow10 => "+10 % time",
         }
     }
+}
+
+/// An edit that does not fit.
+pub fn unfit(reason: String) -> anyhow::Error {
+    anyhow::anyhow!("injections do not fit these sources: {reason}")
 }
 
 /// Changed files with their new text.

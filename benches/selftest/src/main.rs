@@ -7,7 +7,6 @@
 
 mod findings;
 mod injections;
-mod load;
 mod report;
 mod selftest;
 mod trials;
@@ -19,9 +18,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::anyhow;
 use clap::Parser;
-use fathom::record::comparison::{self, GateSettings};
-use fathom::{gpu, tell};
-use selftest::SelfTest;
+use fathom::record::comparison;
+use fathom::tell;
 use trials::Plan;
 
 /// By convention 128 + SIGINT.
@@ -42,12 +40,8 @@ struct Cli {
     /// Only trials whose names hold this
     #[arg(long, value_name = "FILTER", default_value = "")]
     trials: String,
-    /// Time gates between equal builds, every third on a loaded machine
-    #[arg(long, value_name = "N", default_value_t = 60)]
-    no_ops: u32,
-    /// Time gates with 5 % injected into a stage
-    #[arg(long, value_name = "N", default_value_t = 40)]
-    slowdowns: u32,
+    #[command(flatten)]
+    plan: Plan,
     /// Pairs of worker processes in each time gate
     #[arg(long, default_value_t = comparison::LAUNCHES)]
     launches: u32,
@@ -79,21 +73,9 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         tell::note("ending with what is measured so far; interrupt again to abort");
     });
     handled.map_err(|error| anyhow!("cannot watch for Ctrl-C: {error}"))?;
-    let test = SelfTest {
-        repository: ".".into(),
-        settings: GateSettings {
-            launches: cli.launches,
-            pairs: cli.pairs,
-            ..GateSettings::default()
-        },
-        out: cli.out,
-        gpu: gpu::Options { adapter: cli.adapter, ..gpu::Options::default() },
-        plan: Plan { no_ops: cli.no_ops, slow5: cli.slowdowns },
-        filter: cli.trials,
-    };
-    selftest::run(&test)?;
+    selftest::run(&cli)?;
     for name in selftest::RESULTS {
-        tell::done(test.out.join(name).display());
+        tell::done(cli.out.join(name).display());
     }
     Ok(())
 }

@@ -8,7 +8,7 @@ use fathom::text;
 use itertools::Itertools;
 use strum::IntoEnumIterator;
 
-use crate::findings::{Detection, Findings, Share};
+use crate::findings::{Findings, Share};
 use crate::injections::Size;
 
 /// `38 of 40 (95 %)`.
@@ -29,15 +29,14 @@ pub fn markdown(findings: &Findings) -> String {
     );
     text += "## Equal builds\n\n";
     let mut table = Table::new(["", "result"]);
-    let rows = [
+    for (name, found) in [
         ("time gates with a false alarm", findings.false_alarms),
         ("of them on a loaded machine", findings.false_alarms_loaded),
         ("cells of time gates called slower or faster", findings.no_op_changes()),
         ("exact and instruction gates with a false alarm", findings.counted_alarms),
         ("time gates whose control moved", findings.void),
-    ];
-    for (name, found) in rows {
-        table.row([name.to_owned(), share(found)]);
+    ] {
+        table.row([name, &share(found)]);
     }
     text += &table.markdown();
     let _ = writeln!(text, "Cells of those time gates: {}.\n", counts(&findings.no_op_verdicts));
@@ -53,54 +52,46 @@ pub fn markdown(findings: &Findings) -> String {
     ]);
     for size in Size::iter() {
         if let Some(found) = findings.detection.get(size.label()) {
-            table.row(detection(size, found));
+            let ends: Vec<f64> = found.smallest.into_iter().chain(found.largest).collect();
+            let shares = [found.caught, found.named_first, found.others_blamed].map(share);
+            table.row([size.label().to_owned(), span(&ends)].iter().chain(&shares));
         }
     }
     text += &table.markdown();
 
-    if !findings.stages.is_empty() {
-        text += "## +5 % time, stage by stage\n\n";
-        text += "The truth is what a longer measurement gives for the injection; detectable is the least slowdown that a trial finds in \
-                 80 % of cases; both in the configuration in which the injection is tuned. A stage that several \
-                 configurations have is caught in any of them.\n\n";
-        let header = ["stage", "truth", "measured", "detectable", "caught"];
-        let mut table = Table::new(header);
-        for (stage, found) in &findings.stages {
-            table.row([
-                stage.clone(),
-                found.truth.map_or("–".to_owned(), percent),
-                span(&found.changes),
-                span(&found.detectable),
-                share(found.caught),
-            ]);
-        }
-        text += &table.markdown();
+    let mut table = Table::new(["stage", "truth", "measured", "detectable", "caught"]);
+    for (stage, found) in &findings.stages {
+        table.row([
+            stage.clone(),
+            found.truth.map_or("–".to_owned(), percent),
+            span(&found.changes),
+            span(&found.detectable),
+            share(found.caught),
+        ]);
     }
+    let above = "## +5 % time, stage by stage\n\n\
+        The truth is what a longer measurement gives for the injection; detectable is the least slowdown that a trial finds in \
+        80 % of cases; both in the configuration in which the injection is tuned. A stage that several \
+        configurations have is caught in any of them.\n\n";
+    table.add_to(&mut text, above);
 
-    if !findings.kinds.is_empty() {
-        text += "## Other changes of one stage\n\n";
-        let mut table = Table::new(["change", "stage", "caught", "named first", "verdicts"]);
-        for (kind, found) in &findings.kinds {
-            let yes = |yes| if yes { "yes" } else { "no" };
-            table.row([
-                kind.as_str(),
-                &found.stage,
-                yes(found.caught),
-                yes(found.named_first),
-                &found.verdicts.join("; "),
-            ]);
-        }
-        text += &table.markdown();
+    let mut table = Table::new(["change", "stage", "caught", "named first", "verdicts"]);
+    for (kind, found) in &findings.kinds {
+        let yes = |yes| if yes { "yes" } else { "no" };
+        let (caught, first) = (yes(found.caught), yes(found.named_first));
+        table.row([kind.as_str(), &found.stage, caught, first, &found.verdicts.join("; ")]);
     }
+    table.add_to(&mut text, "## Other changes of one stage\n\n");
 
     text += "## Intervals that hold the truth\n\n";
     let mut table = Table::new(["truth", "covered"]);
-    table.row(["0".to_owned(), share(findings.covered_zero)]);
-    table.row([
-        "an injection, as a long measurement gives it".to_owned(),
-        share(findings.covered_injected),
-    ]);
-    table.row(["both".to_owned(), share(findings.covered())]);
+    for (truth, covered) in [
+        ("0", findings.covered_zero),
+        ("an injection, as a long measurement gives it", findings.covered_injected),
+        ("both", findings.covered_zero + findings.covered_injected),
+    ] {
+        table.row([truth, &share(covered)]);
+    }
     text += &table.markdown();
     if let Some(seconds) = findings.time_gate_s {
         let _ =
@@ -124,17 +115,6 @@ fn span(changes: &[f64]) -> String {
 /// `40 same, 1 slower`.
 fn counts(verdicts: &BTreeMap<String, usize>) -> String {
     verdicts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ")
-}
-
-fn detection(size: Size, found: &Detection) -> [String; 5] {
-    let ends: Vec<f64> = found.smallest.into_iter().chain(found.largest).collect();
-    [
-        size.label().to_owned(),
-        span(&ends),
-        share(found.caught),
-        share(found.named_first),
-        share(found.others_blamed),
-    ]
 }
 
 /// One line for each trial.

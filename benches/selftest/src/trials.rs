@@ -74,11 +74,13 @@ impl Trial {
 }
 
 /// How many trials of each sort.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::Args)]
 pub struct Plan {
-    /// Time gates between equal builds, every third on a loaded machine.
+    /// Time gates between equal builds, every third on a loaded machine
+    #[arg(long, value_name = "N", default_value_t = 60)]
     pub no_ops: u32,
-    /// Time gates with 5 % more time in one stage.
+    /// Time gates with 5 % injected into a stage
+    #[arg(long = "slowdowns", value_name = "N", default_value_t = 40)]
     pub slow5: u32,
 }
 

@@ -1,7 +1,6 @@
 //! Every command over the crate's own pipeline, on the adapter at hand.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -82,28 +81,18 @@ fn criterion_times_the_gate_cell() {
     assert!(told.contains("puddle/ripple/blur") && !told.contains("ripple/draw"), "{told}");
 }
 
-/// The program over shaders in a folder of their own.
-fn with_shaders(folder: &Path, name: &str, shaders: &Path) {
-    let path = folder.join(name);
-    let script =
-        format!("#!/bin/sh\nOWN_PIPELINE_SHADERS={} exec {PROGRAM} \"$@\"\n", shaders.display());
-    fs::write(&path, script).unwrap();
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-}
-
-/// The crate's shaders, with each pass over the rings made `times` times.
-fn shaders(folder: &Path, times: u32) -> PathBuf {
+/// The crate's shaders, with each pass over the rings made twice.
+fn slowed_shaders(folder: &Path) -> PathBuf {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders/ripple");
-    let target = folder.join(format!("shaders-{times}"));
-    fs::create_dir_all(target.join("ripple")).unwrap();
+    let slowed = folder.join("shaders");
+    fs::create_dir_all(slowed.join("ripple")).unwrap();
     for file in ["draw.wgsl", "blur.wgsl"] {
         let source = fs::read_to_string(own.join(file)).unwrap();
-        let bound = "ring <= settings.rings";
-        let slowed = source.replace(bound, &format!("ring <= settings.rings * {times}u"));
-        assert!(file != "draw.wgsl" || source.contains(bound));
-        fs::write(target.join("ripple").join(file), slowed).unwrap();
+        let twice = source.replace("ring <= settings.rings", "ring <= settings.rings * 2u");
+        assert_eq!(twice != source, file == "draw.wgsl");
+        fs::write(slowed.join("ripple").join(file), twice).unwrap();
     }
-    target
+    slowed
 }
 
 /// The same comparison, whose draws took so many times as long with the head, and all else as long: 1 ms, but for 0.4 %.
@@ -128,10 +117,9 @@ fn with_times(from: &Path, to: &Path, draw: f64) {
 fn its_own_compare_catches_a_slowdown_of_its_shader_and_nothing_else() {
     let place = TempDir::new().unwrap();
     let folder = place.path();
-    with_shaders(folder, "base", &shaders(folder, 1));
-    with_shaders(folder, "slow", &shaders(folder, 2));
-    let [base, head] = ["base", "slow"].map(|name| folder.join(name).display().to_string());
-    let sides = format!("--base-bin {base} --head-bin {head} --out compared");
+    let shaders = format!("OWN_PIPELINE_SHADERS={}", slowed_shaders(folder).display());
+    let programs = format!("--base-bin {PROGRAM} --head-bin {PROGRAM} --out compared");
+    let sides = format!("{programs} --head-env {shaders}");
     let gates = "--gates exact,time --launches 10 --pairs 2";
     let measured = run(folder, &format!("compare {gates} {sides}"));
     let judged = |name: &str| {

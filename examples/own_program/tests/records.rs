@@ -157,23 +157,20 @@ fn planted(folder: &Path, run: &Run, cell: &Cell, blur: f64) {
 
 /// Two versions of the program compared: on planted times, as those of this machine depend on its load.
 fn compared(folders: &Path, run: &Run, cell: &Cell) {
-    for (name, blur) in [("base", 1.0), ("equal", 1.0), ("slower", 2.0)] {
+    let [base, head] = [("base", 1.0), ("slower", 2.0)].map(|(name, blur)| {
         planted(&folders.join(name), run, cell, blur);
+        folders.join(name).join(RECORDS)
+    });
+    let lines = files::lines(&base, &head, &GateSettings::default()).expect("they compare");
+    let comparison = StoredComparison::from_records(lines.into_iter().map(Record::from));
+    let comparison = comparison.expect("it has a header");
+    let changes = unpaired::judge(&comparison);
+    assert_eq!(changes.len(), PASSES.len());
+    for (cell, times) in changes {
+        let change = times.change().expect("both are resolved");
+        let expected = if cell.as_str().ends_with("blur") { 1.0 } else { 0.0 };
+        assert!((change - expected).abs() < 0.005, "{}: {change}", cell.as_str());
     }
-    for (name, changed) in [("equal", false), ("slower", true)] {
-        let [base, head] = ["base", name].map(|name| folders.join(name).join(RECORDS));
-        let lines = files::lines(&base, &head, &GateSettings::default()).expect("they compare");
-        let comparison = StoredComparison::from_records(lines.into_iter().map(Record::from));
-        let comparison = comparison.expect("it has a header");
-        let changes = unpaired::judge(&comparison);
-        assert_eq!(changes.len(), PASSES.len());
-        for (cell, times) in changes {
-            let change = times.change().expect("both are resolved");
-            let slower = changed && cell.as_str().ends_with("blur");
-            assert_eq!(change > 0.5, slower, "{name} {}: {change}", cell.as_str());
-            assert!(slower || change.abs() < 0.005, "{name} {}: {change}", cell.as_str());
-        }
-        let verdicts = Verdicts::of(&comparison);
-        assert!(verdicts.cells.iter().all(|cell| cell.verdict == CellVerdict::NotJudged));
-    }
+    let verdicts = Verdicts::of(&comparison);
+    assert!(verdicts.cells.iter().all(|cell| cell.verdict == CellVerdict::NotJudged));
 }

@@ -50,12 +50,10 @@ pub enum Test {
         over: String,
         expected: f64,
         tolerance: f64,
-        /// Cells in which the fixed cost (an affine fit's) is a greater share of the time are left out.
-        #[serde(default = "default_fixed_share")]
-        max_fixed_share: f64,
-        /// Decades of x that must be left.
-        #[serde(default = "default_decades")]
-        min_decades: f64,
+        /// Cells in which the fixed cost (an affine fit's) is a greater share of the time are left out; [`FIXED_SHARE`] where absent.
+        max_fixed_share: Option<f64>,
+        /// Decades of x that must be left; 1 where absent.
+        min_decades: Option<f64>,
     },
     /// `y = F + k x` with k > 0: no cell is off the fitted line by more than `tolerance` of its own y.
     Affine {
@@ -63,9 +61,8 @@ pub enum Test {
         x: Measure,
         over: String,
         tolerance: f64,
-        /// Least share of k x in the largest cell's y: a line that hardly rises tells nothing of linearity.
-        #[serde(default = "default_rising_share")]
-        min_rising_share: f64,
+        /// Least share of k x in the largest cell's y: a line that hardly rises tells nothing of linearity. [`RISING_SHARE`] where absent.
+        min_rising_share: Option<f64>,
     },
     /// The same along the axis, up to a factor of `1 + tolerance` between the largest and the smallest.
     Independent { y: Measure, over: String, tolerance: f64 },
@@ -107,18 +104,8 @@ pub enum Direction {
 /// A tenth: over the decade above it, a fixed cost bends a slope of 1 to 0.96 at worst.
 pub const FIXED_SHARE: f64 = 0.1;
 
-fn default_fixed_share() -> f64 {
-    FIXED_SHARE
-}
-
-fn default_decades() -> f64 {
-    1.0
-}
-
 /// Half: what is fixed is then at most as much as what grows.
-fn default_rising_share() -> f64 {
-    0.5
-}
+pub const RISING_SHARE: f64 = 0.5;
 
 impl Test {
     /// The axis along which cells are compared.

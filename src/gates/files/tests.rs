@@ -16,17 +16,7 @@ fn run(adapter: &str) -> Record {
 
 /// A cell whose stages all last so long.
 fn measured(stages: &[&str], ns: f64) -> Outcome {
-    let stage = |stage: &&str| StageRecord {
-        stage: (*stage).into(),
-        clock: record::Clock::Timestamp,
-        samples_ns: vec![ns; 5],
-        time: record::Estimate::default(),
-        fenced: None,
-        work: record::Work::default(),
-        least_work: None,
-        counters: record::Named::default(),
-        ceiling: None,
-    };
+    let stage = |stage: &&str| StageRecord::of(*stage, record::Clock::Timestamp, vec![ns; 5]);
     Outcome::Measured(Box::new(Measured {
         stages: stages.iter().map(stage).collect(),
         allocated_bytes: 1,

@@ -7,7 +7,7 @@ use crate::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
 use fathom_record::{Estimate, Interval};
 use fathom_report::axis::{Axis, ScaleKind, tenth};
 use fathom_report::format::trim_zeros;
-use fathom_report::page::table::{table, words};
+use fathom_report::page::parts::{table, words};
 use fathom_report::page::{ComparisonOnPage, Page, Tone};
 
 /// Columns of [`rows::cell`] that the page shows as text: all but cell and verdict.

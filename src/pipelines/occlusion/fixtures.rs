@@ -1,7 +1,7 @@
 //! A corner and what a G-buffer has of it, for tests.
 
 use super::*;
-use fathom_scene::{Material, Mesh, Object};
+use fathom_scene::Mesh;
 
 /// A floor y = 0 and a wall x = 0 above it, 8 m wide.
 pub fn corner() -> Vec<Object> {

@@ -16,7 +16,7 @@ fn question(scale: u32) -> Question {
 }
 
 fn points(question: &Question, most: usize) -> Vec<JudgedPoint> {
-    let tracer = Tracer::new(&corner()).unwrap();
+    let tracer = Tracer::new(&corner());
     let [depth, normal] = gbuffer(&tracer, &question.camera, question.size_px);
     cast(question, &tracer, (&depth, &normal), most, 64)
 }
@@ -92,8 +92,8 @@ fn points_behind_glass_are_judged_and_glass_is_not() {
     question.opaque.push(false);
     question.alphas.push(0.3);
     question.model = Model::Through;
-    let tracer = Tracer::new(&objects).unwrap();
-    let bare = Tracer::new(&corner()).unwrap();
+    let tracer = Tracer::new(&objects);
+    let bare = Tracer::new(&corner());
     let [depth, normal] = gbuffer(&bare, &question.camera, question.size_px);
     let through = cast(&question, &tracer, (&depth, &normal), 400, 64);
     assert_eq!(through.len(), plain.len());
@@ -118,7 +118,7 @@ fn moving_geometry_is_judged_where_it_is() {
         let ball = scene.objects[1].mesh.bounds().center();
         tracer.cast(eye, (ball - eye).normalize(), 0.0, 100.0).unwrap().distance_m
     };
-    let rest = at(&known.tracer(&scene, &Animation::default()).unwrap());
-    let moved = at(&known.tracer(&scene, &spun).unwrap());
+    let rest = at(&known.tracer(&scene, &Animation::default()));
+    let moved = at(&known.tracer(&scene, &spun));
     assert!((rest - moved).abs() > 0.01, "{rest} {moved}");
 }

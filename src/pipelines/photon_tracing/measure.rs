@@ -3,18 +3,16 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::{PhotonTracing, under_water};
-use crate::caustics_image::{Compared, FoundCaustics, first_channel};
-use crate::{Drawing, Judge, JudgeError, Judged};
+use crate::caustics_image::{Compared, FoundCaustics, channel};
+use crate::{Drawing, Judge, JudgeError, Judged, exact_of, named, objects_of, share};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
-use fathom_record::ErrorFigure;
-use fathom_reference::photons::land;
+use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
 use fathom_reference::rays::Tracer;
 use fathom_reference::specular::{End, Surfaces};
-use fathom_scene::{Object, Scene};
+use fathom_scene::Scene;
 use fathom_stages::geometry::Part;
 use fathom_stages::photon::{MISSED, ON_ITS_WAY, OUTSIDE};
 use fathom_stages::sprites;
@@ -58,16 +56,15 @@ impl Drawing for PhotonTracing {
     /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass; fragments in lists, and those without room.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let photons = self.stored(gpu)?;
-        let share = |residual_m: f32| {
+        let rate = |residual_m: f32| {
             let alike = photons.iter().filter(|p| p.residual_m == f64::from(residual_m));
-            alike.count() as f64 / photons.len() as f64
+            share(alike.count(), photons.len())
         };
-        let figures = [
-            ("missed_water_rate", share(MISSED)),
-            ("photon_no_hit_rate", share(OUTSIDE)),
-            ("photon_on_its_way_rate", share(ON_ITS_WAY)),
-        ];
-        let mut figures = BTreeMap::from(figures.map(|(name, value)| (name.to_owned(), value)));
+        let mut figures = named([
+            ("missed_water_rate", rate(MISSED)),
+            ("photon_no_hit_rate", rate(OUTSIDE)),
+            ("photon_on_its_way_rate", rate(ON_ITS_WAY)),
+        ]);
         if let Some(lists) = &self.lists {
             let heads: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &lists.heads)?);
             let fragments = heads.first().copied().unwrap_or(0);
@@ -85,7 +82,7 @@ impl Drawing for PhotonTracing {
 
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Option<Compared>, JudgeError> {
         // What the sprites have added up.
-        let irradiance = first_channel(&read_texture(judge.gpu, &self.irradiance)?)?;
+        let irradiance = channel(&read_texture(judge.gpu, &self.irradiance)?, 0);
         let found = FoundCaustics { irradiance, stage: sprites::draw::INFO.name };
         Compared::new(judge, &self.view, &found).map(Some)
     }
@@ -107,10 +104,9 @@ impl PhotonTracing {
         let Ends { mut errors_m, lost, off_frustum, false_hits } = ends;
         let in_view = errors_m.len() + lost;
         let wrong = errors_m.iter().filter(|error_m| **error_m > WRONG_M).count();
-        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         let all = in_view + off_frustum;
         let (median_m, p99_m) = (quantile(&mut errors_m, 0.5), quantile(&mut errors_m, 0.99));
-        let figures = [
+        let errors = [
             ("photon_miss_rate", share(lost, in_view), "1"),
             ("photon_wrong_surface_rate", share(wrong, errors_m.len()), "1"),
             ("photon_error_median_m", median_m, "m"),
@@ -118,23 +114,16 @@ impl PhotonTracing {
             ("caustics_photon_error_median_m", median_m, "m"),
             ("caustics_photon_miss_rate", share(lost + off_frustum, all), "1"),
         ];
-        let stage = self.params.rays.method.info().name;
         let quantities = [
             ("photon_off_frustum_rate", share(off_frustum, all)),
             ("photon_false_hit_rate", share(false_hits, all)),
         ];
-        Ok(Judged {
-            errors: figures
-                .map(|(name, value, unit)| ErrorFigure::new(name, value, unit, stage))
-                .into(),
-            quantities: quantities.map(|(name, value)| (name.to_owned(), value)).into(),
-        })
+        Ok(Judged::of(self.params.rays.method.info().name, errors, quantities))
     }
 
     fn ends(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Ends, JudgeError> {
-        let solid = scene.objects.iter().filter(|object| Part::Solid.holds(&object.material));
-        let objects: Vec<Object> = solid.cloned().collect();
-        let tracer = &Tracer::new(&objects)?;
+        let objects = objects_of(scene, Part::Solid);
+        let tracer = &Tracer::new(&objects);
         let (frame, water) = (self.view.light_frame(), &self.view.water);
         let bounces = self.params.ways() - 1;
         let surfaces = Surfaces {
@@ -144,35 +133,24 @@ impl PhotonTracing {
             top_m: under_water(scene).max.y,
         };
         let matrix = self.view.camera.view_projection(self.view.aspect());
-        let [columns, rows] = self.params.transfer.grid.map(|n| n as usize);
-        let ndc = |index: usize, n: usize| 2.0 * (index as f64 + 0.5) / n as f64 - 1.0;
-        let step = found.len().div_ceil(MOST_PHOTONS).max(1) | 1;
-        let exact: Vec<_> = (0..found.len())
-            .into_par_iter()
-            .step_by(step)
-            .map(|index| {
-                let place = [ndc(index % columns, columns), ndc(index / columns, rows)];
-                let landing = land(&frame, water, tracer, place);
-                let end = landing.landed().map(|landed| {
-                    let ray = surfaces.ray(landed.entry.position, landed.direction);
-                    surfaces.follow(ray, bounces)
-                });
-                let place = |end| match end {
-                    End::Diffuse(hit) => Some(hit.position),
-                    End::Leaves(_) | End::OnItsWay => None,
-                };
-                (index, end.and_then(place))
-            })
-            .collect();
+        let grid = self.params.transfer.grid;
+        let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
+            let place = place_in_grid(index as u32, grid);
+            let landing = land(&frame, water, tracer, place);
+            let landed = landing.landed()?;
+            let ray = surfaces.ray(landed.entry.position, landed.direction);
+            match surfaces.follow(ray, bounces) {
+                End::Diffuse(hit) => Some(hit.position),
+                End::Leaves(_) | End::OnItsWay => None,
+            }
+        });
         let mut ends = Ends::default();
         for (index, exact) in exact {
-            if let Some(exact) = exact {
-                let clip = matrix * exact.extend(1.0);
-                let in_view = clip.x.abs() <= clip.w
-                    && clip.y.abs() <= clip.w
-                    && (0.0..=clip.w).contains(&clip.z);
-                ends.add(&found[index], exact, in_view);
-            }
+            let clip = matrix * exact.extend(1.0);
+            let in_view = clip.x.abs() <= clip.w
+                && clip.y.abs() <= clip.w
+                && (0.0..=clip.w).contains(&clip.z);
+            ends.add(&found[index], exact, in_view);
         }
         Ok(ends)
     }

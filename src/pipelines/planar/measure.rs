@@ -4,13 +4,11 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::Planar;
-use crate::{Drawing, Judge, JudgeError, Judged};
+use crate::{Drawing, Judge, JudgeError, Judged, exact_of, named, share};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
-use fathom_record::ErrorFigure;
-use fathom_reference::photons::{Landing, land};
+use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::pool::{Counted, Face, face_by_face, middle_photon_w, share_left};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::Tracer;
@@ -60,18 +58,16 @@ impl Drawing for Planar {
         let ended = photons.iter().filter(|photon| self.end(photon).is_some()).count();
         let map = self.map(gpu)?;
         let floor = &map[..map.len() / Face::ALL.len()];
-        let share = |count: usize, of: usize| count as f64 / of as f64;
-        let figures = [
+        Ok(named([
             ("missed_water_rate", share(missed, photons.len())),
             ("photon_no_hit_rate", share(photons.len() - missed - ended, photons.len())),
             ("map_floor_hole_rate", share(holes(floor), floor.len())),
-        ];
-        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+        ]))
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
-        judged.errors.extend(self.map_errors(judge.gpu)?);
+        judged.errors.extend(self.map_errors(judge.gpu)?.errors);
         Ok(judged)
     }
 }
@@ -99,46 +95,35 @@ impl Planar {
     /// `photon_error_p99_m`, `photon_wrong_face_rate` of those that end by both, and `photon_miss_rate` of those that end exactly. Of
     /// large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
-        let ends = self.ends(&self.stored(gpu)?, &Tracer::new(&scene.objects)?);
+        let ends = self.ends(&self.stored(gpu)?, &Tracer::new(&scene.objects));
         let Ends { mut errors_m, wrong_face, lost } = ends;
-        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
-        let figures = [
+        let errors = [
             ("photon_miss_rate", share(lost, lost + errors_m.len()), "1"),
             ("photon_wrong_face_rate", share(wrong_face, errors_m.len()), "1"),
             ("photon_error_median_m", quantile(&mut errors_m, 0.5), "m"),
             ("photon_error_p99_m", quantile(&mut errors_m, 0.99), "m"),
         ];
-        let stage = transfer::map::INFO.name;
-        let errors = figures.map(|(name, value, unit)| ErrorFigure::new(name, value, unit, stage));
-        Ok(Judged { errors: errors.into(), ..Judged::default() })
+        Ok(Judged::of(transfer::map::INFO.name, errors, []))
     }
 
     fn ends(&self, found: &[Transfer], tracer: &Tracer) -> Ends {
         let (frame, water) = (self.view.light_frame(), &self.view.water);
-        let [columns, rows] = self.params.transfer.grid.map(|n| n as usize);
-        let ndc = |index: usize, n: usize| 2.0 * (index as f64 + 0.5) / n as f64 - 1.0;
-        let step = found.len().div_ceil(MOST_PHOTONS).max(1) | 1;
-        let exact: Vec<(usize, Landing)> = (0..found.len())
-            .into_par_iter()
-            .step_by(step)
-            .map(|index| {
-                let place = [ndc(index % columns, columns), ndc(index / columns, rows)];
-                (index, land(&frame, water, tracer, place))
-            })
-            .collect();
+        let grid = self.params.transfer.grid;
+        let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
+            let place = place_in_grid(index as u32, grid);
+            let hit = land(&frame, water, tracer, place).landed()?.hit;
+            Some((hit.position, hit.normal))
+        });
         let mut ends = Ends::default();
-        for (index, landing) in exact {
-            if let Some(landed) = landing.landed() {
-                let exact = (landed.hit.position, landed.hit.normal);
-                ends.add(self.end(&found[index]), exact);
-            }
+        for (index, exact) in exact {
+            ends.add(self.end(&found[index]), exact);
         }
         ends
     }
 
     /// Errors of the illumination map against the transfer map's photons counted in f64: `map_energy_error`, the difference of the flux over
     /// all texels, and `map_misplaced_rate`, flux that lies in other texels. Both are shares of the flux of all photons.
-    fn map_errors(&self, gpu: &Gpu) -> Result<[ErrorFigure; 2], GpuError> {
+    fn map_errors(&self, gpu: &Gpu) -> Result<Judged, GpuError> {
         let texels = self.params.planar.texels;
         let counted = self.counted(&self.stored(gpu)?);
         let map = self.map(gpu)?;
@@ -151,12 +136,11 @@ impl Planar {
             misplaced_w += 0.5 * counted.off(texel, *irradiance) * area_m2;
         }
         let of_all = |watts: f64| watts / counted.flux_w;
-        let figures = [
-            ("map_energy_error", of_all((flux_w - counted.flux_w).abs())),
-            ("map_misplaced_rate", of_all(misplaced_w)),
+        let errors = [
+            ("map_energy_error", of_all((flux_w - counted.flux_w).abs()), "1"),
+            ("map_misplaced_rate", of_all(misplaced_w), "1"),
         ];
-        let stage = points::INFO.name;
-        Ok(figures.map(|(name, value)| ErrorFigure::new(name, value, "1", stage)))
+        Ok(Judged::of(points::INFO.name, errors, []))
     }
 
     fn counted(&self, photons: &[Transfer]) -> Counted {

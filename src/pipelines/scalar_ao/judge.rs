@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::{Gather, Mode, ScalarAo};
 use crate::occlusion::{figures, lattice};
 use crate::settings::Attenuation;
-use crate::{Judge, JudgeError, Judged};
+use crate::{Judge, JudgeError, Judged, named};
 use fathom_gpu::read_texture;
 use fathom_reference::isosurface::FieldSurface;
 use fathom_reference::occlusion as reference;
@@ -49,9 +49,7 @@ impl ScalarAo {
         let (values, exact): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
         let errors: Vec<f64> = values.iter().zip(&exact).map(|(a, exact)| a - exact).collect();
         let quantities = [("ao_mean", mean(&values)), ("ao_reference_mean", mean(&exact))];
-        Ok(Judged {
-            errors: figures("ao", INFO.name, &errors).into(),
-            quantities: quantities.map(|(name, value)| (name.to_owned(), value)).into(),
-        })
+        let errors = figures("ao", INFO.name, &errors).into();
+        Ok(Judged { errors, quantities: named(quantities) })
     }
 }

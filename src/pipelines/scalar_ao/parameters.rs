@@ -145,25 +145,19 @@ impl Scalar {
         }
     }
 
-    /// Length of the rays in a scene whose longest side is `longest_m`, metres.
-    pub fn reach_m(&self, longest_m: f64) -> f64 {
-        if self.r_max_m > 0.0 { self.r_max_m } else { self.r_max_share * longest_m }
-    }
-
-    /// Whether rays and steps suit the volume.
+    /// Whether rays of this length and view steps suit the volume.
     ///
     /// # Errors
     /// Rays shorter than a voxel, and view steps too many.
-    pub fn suits(&self, volume: &Volume, longest_m: f64) -> Result<(), ParamError> {
+    pub fn suits(&self, volume: &Volume, r_max_m: f64) -> Result<(), ParamError> {
         let voxel_m = scalar_field::voxel_m(volume.spacing_m);
-        let r_max_m = self.reach_m(longest_m);
         if r_max_m < voxel_m {
             let name = if self.r_max_m > 0.0 { "r_max_m" } else { "r_max_share" };
             return Err(ParamError::Unfit(format!(
                 "scalar.{name} makes rays of {r_max_m:.4} m: they must be at least a voxel long, {voxel_m:.4} m"
             )));
         }
-        let steps = volume.bounds().size().length() / (self.view_step_voxels * voxel_m);
+        let steps = self.view_steps(volume);
         if steps > MAX_VIEW_STEPS {
             return Err(ParamError::Unfit(format!(
                 "scalar.view_step_voxels is {}: {steps:.0} steps through the volume, at most {MAX_VIEW_STEPS}",
@@ -173,12 +167,16 @@ impl Scalar {
         Ok(())
     }
 
+    /// Along the volume's diagonal.
+    fn view_steps(&self, volume: &Volume) -> f64 {
+        let voxel_m = scalar_field::voxel_m(volume.spacing_m);
+        volume.bounds().size().length() / (self.view_step_voxels * voxel_m)
+    }
+
     /// Look-ups of a pixel whose ray crosses the volume: half of the steps along the view ray meet something, and each of
     /// these takes all its occlusion rays. On an isosurface one point does.
     pub fn typical_fetches(&self, volume: &Volume) -> u64 {
-        let voxel_m = scalar_field::voxel_m(volume.spacing_m);
-        let steps = volume.bounds().size().length() / (self.view_step_voxels * voxel_m);
-        let steps = (steps / 2.0).ceil() as u64;
+        let steps = (self.view_steps(volume) / 2.0).ceil() as u64;
         let occlusion = u64::from(self.rays) * u64::from(self.samples);
         match self.mode {
             Mode::Isosurface => steps + occlusion,

@@ -18,7 +18,9 @@ impl Underwater {
         });
         match stage.split('/').next() {
             Some("caustics") => {
-                about["photons"] = self.caustic_photons();
+                let settings = &self.params.caustics;
+                let (grid, intensity) = (settings.grid_settings(), settings.photon_intensity());
+                about["photons"] = self.photons(&grid, intensity, self.plan.splat.photon_w);
                 match self.params.caustics.method {
                     CausticMethod::Splats => about["splat"] = self.splat(),
                     CausticMethod::Mesh => about["mesh"] = self.mesh(),
@@ -26,7 +28,9 @@ impl Underwater {
                 about["irradiance"] = self.irradiance();
             }
             Some("godrays") => {
-                about["photons"] = self.godray_photons();
+                let settings = &self.params.godrays;
+                let (grid, flux_w) = (settings.grid_settings(), self.plan.lines.photon_w);
+                about["photons"] = self.photons(&grid, settings.intensity, flux_w);
                 about["line"] = self.line();
                 about["radiance"] = json!({
                     "scale": self.plan.compose.godrays_scale,
@@ -50,18 +54,6 @@ impl Underwater {
             "meaning": "clip = view_projection * (x, y, z, 1), the matrix by rows; ndc = clip.xyz / clip.w; pixel of a \
                 buffer of w × h: ((ndc.x + 1) / 2 * w, (1 - ndc.y) / 2 * h)",
         })
-    }
-
-    fn caustic_photons(&self) -> Value {
-        let settings = &self.params.caustics;
-        let grid = settings.grid_settings();
-        self.photons(&grid, settings.photon_intensity(), self.plan.splat.photon_w)
-    }
-
-    fn godray_photons(&self) -> Value {
-        let settings = &self.params.godrays;
-        let grid = settings.grid_settings();
-        self.photons(&grid, settings.intensity, self.plan.lines.photon_w)
     }
 
     fn photons(&self, grid: &PhotonGrid, intensity: Intensity, flux_w: f32) -> Value {

@@ -2,7 +2,7 @@
 
 use super::Underwater;
 use super::parameters::CausticsUnit;
-use crate::caustics_image::{FoundCaustics, first_channel};
+use crate::caustics_image::{FoundCaustics, channel};
 use crate::settings::Animation;
 use crate::{Judge, JudgeError};
 use fathom_gpu::read_texture;
@@ -18,7 +18,7 @@ impl Underwater {
         &self,
         judge: &mut Judge<'_>,
     ) -> Result<FoundCaustics, JudgeError> {
-        let texels = first_channel(&read_texture(judge.gpu, self.caustics.texture())?)?;
+        let texels = channel(&read_texture(judge.gpu, self.caustics.texture())?, 0);
         let scale = f64::from(self.plan.compose.caustics_scale);
         let irradiance = match self.params.caustics.buffer_holds() {
             CausticsUnit::PhotonFlux | CausticsUnit::Irradiance => {
@@ -26,7 +26,7 @@ impl Underwater {
             }
             CausticsUnit::Flux => {
                 let still = Animation::default();
-                let tracer = judge.known.occlusion.tracer(judge.scene, &still)?;
+                let tracer = judge.known.occlusion.tracer(judge.scene, &still);
                 self.per_area(&texels, &tracer)
             }
         };

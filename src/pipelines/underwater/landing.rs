@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{PhotonGrid, Underwater};
-use crate::{JudgeError, Judged};
+use crate::{JudgeError, Judged, even_step};
 use fathom_gpu::{Gpu, read_buffer};
 use fathom_record::ErrorFigure;
 use fathom_reference::photons::{PhotonGrid as ExactGrid, land_all};
@@ -21,13 +21,12 @@ impl Underwater {
     /// selection is compared.
     pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let frame = self.view.light_frame();
-        let tracer = Tracer::new(&scene.objects)?;
+        let tracer = Tracer::new(&scene.objects);
         let mut errors = Vec::new();
         for (name, stage, settings, photons) in self.grids() {
-            let grid = ExactGrid::new(settings.grid, settings.subdivision)?
-                .with_offset(settings.offset)
-                .with_jitter(settings.jitter);
-            let step = step(grid.count() as usize);
+            let PhotonGrid { grid: cells, offset, jitter, .. } = settings;
+            let grid = ExactGrid { cells, side: settings.side(), offset, jitter };
+            let step = even_step(grid.count() as usize, MOST_PHOTONS);
             let photons = stored_photons(&read_buffer(gpu, photons)?);
             let tolerance_m = f64::from(settings.tolerance_m as f32);
             let unconverged = photons.iter().filter(|p| p.residual_m > tolerance_m);
@@ -57,25 +56,5 @@ impl Underwater {
             ("caustics", caustics::trace::INFO.name, caustics.0, caustics.1),
             ("godrays", godrays::trace::INFO.name, godrays.0, godrays.1),
         ]
-    }
-}
-
-/// Step through a grid's memory that leaves [`MOST_PHOTONS`]: odd, so that it meets every sub-photon
-/// of a cell and not always the same column.
-fn step(count: usize) -> usize {
-    count.div_ceil(MOST_PHOTONS).max(1) | 1
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn steps_are_odd_and_leave_few() {
-        for count in [1, 9_999, 10_000, 160_000, 4_000_000] {
-            let step = step(count);
-            assert!(step % 2 == 1 && count.div_ceil(step) <= MOST_PHOTONS);
-        }
-        assert_eq!(step(500), 1);
     }
 }

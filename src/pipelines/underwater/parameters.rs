@@ -331,8 +331,7 @@ impl Parameters for Params {
         let mut larger = self.clone();
         larger.caustics.buffer = self.caustics_buffer();
         larger.godrays.buffer = self.godrays_buffer();
-        (larger.view.width, larger.view.height) =
-            (self.view.width * factor, self.view.height * factor);
+        larger.view = self.view.enlarged(factor);
         Some(larger)
     }
 }

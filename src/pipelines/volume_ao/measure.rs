@@ -3,7 +3,7 @@
 use super::{Params, VolumeAo, voxelize};
 use crate::occlusion::OcclusionBuffers;
 use crate::settings::Update;
-use crate::{Drawing, Pipeline};
+use crate::{Drawing, Pipeline, named};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_scene::Scene;
 use fathom_stages::ao::march;
@@ -51,8 +51,7 @@ impl Drawing for VolumeAo {
             figures.push(("r_max_voxels", self.marching.r_max_voxels(&grid)));
             figures.push(("step_voxels", self.marching.step_in(&grid)));
         }
-        let named = figures.into_iter();
-        Ok(named.map(|(name, value)| (name.to_owned(), value)).collect())
+        Ok(named(figures))
     }
 
     fn occlusion(&self) -> Option<&OcclusionBuffers> {

@@ -45,7 +45,7 @@ fn field(
         depths.push(rays.project(p).unwrap().depth);
         normals.push(normal(p));
     }
-    (Image::from_data(SIZE[0], SIZE[1], depths).unwrap(), normals)
+    (Image::from_data(SIZE, depths), normals)
 }
 
 fn mean_occlusion(

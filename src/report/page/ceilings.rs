@@ -3,7 +3,7 @@
 use itertools::Itertools;
 use maud::{Markup, html};
 
-use super::table::{numbers, table, words};
+use super::parts::{numbers, table, words};
 use super::{Page, PageRun, PageSection};
 use crate::ceilings::{Bound, bounds};
 use crate::format::{percent, si, three};

@@ -3,8 +3,8 @@
 use itertools::Itertools;
 use maud::{Markup, html};
 
-use super::table::{self, numbers, words};
-use super::{Page, PageRun, PageSection, setting};
+use super::parts::{numbers, setting_words, words};
+use super::{Page, PageRun, PageSection};
 use crate::Entry;
 use crate::format::{NS_PER_MS, percent, three};
 use fathom_base::text;
@@ -45,7 +45,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         div.scroll tabindex="0" role="region" aria-label="Cells" {
             table #cell-table {
                 thead { tr {
-                    (table::run(page.is_overlay()))
+                    (page.run_head())
                     (words(&["Experiment", "Cell"]))
                     (numbers(&["Frame (ms)", "± %", "n", "Cost of timing"]))
                     (words(&["Slowest stage"]))
@@ -111,7 +111,7 @@ fn name(cell: &Cell) -> String {
     if cell.axes.is_empty() {
         return cell.cell.clone();
     }
-    setting::in_words(&cell.axes)
+    setting_words(&cell.axes)
 }
 
 fn figures(measured: &Measured) -> Markup {
@@ -156,7 +156,7 @@ pub fn command(cell: &Cell, run: Option<&Run>) -> String {
     let mut words = vec!["fathom".to_owned(), "run".to_owned(), text::shell(&cell.experiment)];
     words.extend(["--cell".to_owned(), text::shell(&cell.cell)]);
     if let Some(run) = run {
-        words.extend(["--profile".to_owned(), run.profile.name().to_owned()]);
+        words.extend(["--profile".to_owned(), run.profile.to_string()]);
         words.extend(kept(&run.command).iter().map(|word| text::shell(word)));
     }
     words.join(" ")

@@ -3,8 +3,8 @@
 use indexmap::IndexMap;
 use maud::{Markup, html};
 
-use super::table::{numbers, table, words};
-use super::{Page, PageSection, Tone};
+use super::parts::{Tone, numbers, table, words};
+use super::{Page, PageSection};
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{three, trim_zeros};
 use fathom_experiments::schema::Claim;

@@ -11,7 +11,7 @@ use super::{Page, PageRun};
 use crate::axis::tenth;
 use crate::colors::StageColors;
 use crate::format::NS_PER_MS;
-use crate::{ReportView, Section, plots};
+use crate::{ReportView, Section};
 use fathom_record::{Cell, Measured};
 
 /// Significant digits of a sample: a hundredth of a per cent, less than any clock resolves.
@@ -37,7 +37,7 @@ struct RunData<'a> {
 #[derive(Serialize)]
 struct PlotData<'a> {
     experiment: &'a str,
-    svg: String,
+    svg: &'a str,
 }
 
 /// Of a measured cell. Times are milliseconds; samples of one frame have the same index.
@@ -96,16 +96,11 @@ fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
         .copied()
         .fold(f64::INFINITY, f64::min);
     let cells = Cells { view: run.view, started_s };
-    RunData { label: &run.label, cells, plots: plots(run.view) }
-}
-
-fn plots<'a>(view: &'a ReportView<'a>) -> Vec<PlotData<'a>> {
-    let drawn = view.sections.iter().filter(|section| section.figure().is_drawn());
-    let plot = |section: &'a Section<'a>| PlotData {
-        experiment: section.id,
-        svg: plots::svg(view, section),
+    let plot = |section: &'a Section<'a>| {
+        Some(PlotData { experiment: section.id, svg: section.figure().svg.as_deref()? })
     };
-    drawn.map(plot).collect()
+    let plots = run.view.sections.iter().filter_map(plot).collect();
+    RunData { label: &run.label, cells, plots }
 }
 
 fn of_cell<'a>(cell: &'a Cell, measured: &'a Measured, started_s: f64) -> CellData<'a> {

@@ -8,20 +8,18 @@ mod cells;
 mod claims;
 mod data;
 mod overview;
+pub mod parts;
 mod pictures;
 mod plots;
 mod published;
 mod quality;
 mod scaling;
-mod setting;
-pub mod table;
 #[cfg(test)]
 mod testing;
 mod time;
-mod tone;
 mod trust;
 
-pub use tone::Tone;
+pub use parts::Tone;
 
 use std::path::Path;
 
@@ -149,6 +147,11 @@ impl<'a> Page<'a> {
     /// Several runs are compared: marks and rows name theirs.
     pub fn is_overlay(&self) -> bool {
         self.runs.len() > 1
+    }
+
+    /// The head of the column that names the run, where there are several.
+    fn run_head(&self) -> Markup {
+        html! { @if self.is_overlay() { (parts::words(&["Run"])) } }
     }
 
     /// The name of a run and what stands behind it, where there are several.

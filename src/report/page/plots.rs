@@ -96,7 +96,7 @@ fn claims(section: &Section<'_>) -> Markup {
 fn plot(page: &Page<'_>, (run, section): &Part<'_>) -> Markup {
     let about = format!("Plot of {}: {}", section.id, section.title());
     html! {
-        @if section.figure().is_drawn() {
+        @if section.figure().svg.is_some() {
             div.scroll.script-only tabindex="0" role="region" aria-label=(about) {
                 div.drawing role="img" aria-label=(about) data-run=(run.label) data-plot=(section.id) {}
             }

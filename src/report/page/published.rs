@@ -6,9 +6,9 @@ use indexmap::IndexSet;
 use maud::{Markup, html};
 use serde_json::Value;
 
+use super::parts::{numbers, setting_words, table, words};
 use super::scaling::runs;
-use super::table::{self, numbers, table, words};
-use super::{Page, PageRun, PageSection, setting};
+use super::{Page, PageRun, PageSection};
 use crate::Section;
 use crate::axis::{Axis, ScaleKind};
 use crate::format::three;
@@ -171,7 +171,7 @@ fn conditions(published: &Published) -> String {
 }
 
 fn in_words(conditions: &[Condition]) -> String {
-    setting::in_words(conditions.iter().map(|(path, value)| (path, value)))
+    setting_words(conditions.iter().map(|(path, value)| (path, value)))
 }
 
 /// Measured against published figures, with the line on which both are the same.
@@ -204,7 +204,7 @@ fn scatter(page: &Page<'_>, what: &str, pairs: &[Pair]) -> Markup {
 /// The exact numbers of the marks.
 fn pairs_table(page: &Page<'_>, pairs: &[Pair]) -> Markup {
     let heads = html! {
-        (table::run(page.is_overlay())) (words(&["What"])) (numbers(&["Published", "Measured (interval)", "Measured / published"]))
+        (page.run_head()) (words(&["What"])) (numbers(&["Published", "Measured (interval)", "Measured / published"]))
     };
     let rows = html! { @for pair in pairs { (pair_row(page, pair)) } };
     html! { @if !pairs.is_empty() { (table("Published and measured ratios", "", &heads, &rows)) } }

@@ -8,12 +8,12 @@ use itertools::Itertools;
 use maud::{Markup, html};
 use serde_json::Value;
 
-use super::table::{self, numbers, table, words};
-use super::{Page, PageRun, PageSection, setting};
+use super::parts::{numbers, setting_words, table, words};
+use super::{Page, PageSection};
 use crate::axis::{Axis, ScaleKind};
 use crate::format::{NS_PER_MS, three};
 use crate::svg::{self, Paint, Shape};
-use fathom_experiments::words::{Unit, figure as label};
+use fathom_experiments::words::{Unit, figure as figure_words};
 use fathom_experiments::{flatten, label_text};
 use fathom_record::{Cell, ErrorFigure, Estimate, Measured};
 
@@ -51,6 +51,9 @@ struct Task<'a> {
     params: String,
 }
 
+/// A cell as the run at that place of the page timed it.
+type Timed<'a> = (usize, &'a Cell, &'a Measured);
+
 /// A setting of a task as a run measured it.
 struct Setting<'a> {
     run: usize,
@@ -60,15 +63,21 @@ struct Setting<'a> {
     error: f64,
     /// No other setting of the run is better in one and as good in the other.
     front: bool,
+    /// The axes by which the settings differ, in words.
+    words: String,
+    /// `RMS error of occlusion 0.031`, `caustic photons lost 3.1 %`
+    error_words: String,
 }
 
 /// A task with one of its errors.
 struct Comparison<'a> {
-    task: Task<'a>,
-    error: &'a ErrorFigure,
+    experiment: &'a str,
+    /// Those of its settings: `hsao and volume_ao`.
+    pipelines: String,
+    /// Scene, size and the other axes that its settings share: `crates, 160 × 160 px, crates 3`.
+    conditions: String,
+    error_title: String,
     settings: Vec<Setting<'a>>,
-    /// Axes by which the settings differ.
-    varying: BTreeSet<&'a str>,
 }
 
 fn write(page: &Page<'_>) -> Option<Markup> {
@@ -77,7 +86,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         return None;
     }
     let (told, folded): (Vec<_>, Vec<_>) =
-        comparisons.iter().enumerate().partition(|(_, one)| count(one) >= LEAST_TOLD);
+        comparisons.iter().enumerate().partition(|(_, one)| one.count() >= LEAST_TOLD);
     Some(html! {
         p.lead {
             "Settings are compared where they solve the same task: the same experiment and axes, scene, view, size, light and water, and "
@@ -94,24 +103,15 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         }
         div.multiples {
             @for (place, one) in &told {
-                @if is_charted(one) { (figure(page, *place, one)) }
+                @if one.is_charted() { (figure(page, *place, one)) }
             }
         }
     })
 }
 
-fn is_charted(one: &Comparison<'_>) -> bool {
-    count(one) >= LEAST_CHARTED
-}
-
-/// Its settings, those of several runs once.
-fn count(one: &Comparison<'_>) -> usize {
-    one.settings.iter().map(|setting| setting.cell.cell.as_str()).unique().count()
-}
-
 fn best_settings(page: &Page<'_>, comparisons: &[(usize, &Comparison<'_>)]) -> Markup {
     let heads = html! {
-        (table::run(page.is_overlay()))
+        (page.run_head())
         (words(&["Task"]))
         th scope="col" { "Best setting of at most " span.quality-limit { (three(LIMIT_MS)) } " ms" }
         (words(&["Its error and time"]))
@@ -123,24 +123,21 @@ fn best_settings(page: &Page<'_>, comparisons: &[(usize, &Comparison<'_>)]) -> M
 
 /// Those of many settings first within a pipeline.
 fn comparisons<'a>(page: &Page<'a>) -> Vec<Comparison<'a>> {
-    let mut tasks = IndexMap::<Task<'a>, Vec<(usize, &'a Cell, &'a Measured)>>::new();
+    let mut tasks = IndexMap::<Task<'a>, Vec<Timed<'a>>>::new();
     for (place, run) in page.runs.iter().enumerate() {
         for (cell, measured) in run.view.timed() {
             tasks.entry(task(cell)).or_default().push((place, cell, measured));
         }
     }
     let mut compared: Vec<Comparison<'a>> =
-        tasks.into_iter().filter_map(|(task, cells)| compare(task, &cells)).collect();
+        tasks.values().filter_map(|cells| Comparison::new(cells)).collect();
+    let pipeline = |one: &Comparison<'a>| one.settings[0].cell.pipeline.as_str();
     let pipelines: Vec<&str> = compared.iter().map(pipeline).unique().collect();
     compared.sort_by_key(|one| {
         let place = pipelines.iter().position(|known| *known == pipeline(one));
-        (place, Reverse(count(one)))
+        (place, Reverse(one.count()))
     });
     compared
-}
-
-fn pipeline<'a>(one: &Comparison<'a>) -> &'a str {
-    &one.settings[0].cell.pipeline
 }
 
 fn task(cell: &Cell) -> Task<'_> {
@@ -166,35 +163,17 @@ fn last(path: &str) -> &str {
     path.rsplit('.').next().unwrap_or(path)
 }
 
-/// None where fewer than two settings differ in an error that all have.
-fn compare<'a>(
-    task: Task<'a>,
-    cells: &[(usize, &'a Cell, &'a Measured)],
-) -> Option<Comparison<'a>> {
-    let error = shown_error(cells)?;
-    let factor = factor(error);
-    let settings = cells.iter().filter_map(|(run, cell, measured)| {
-        let error = measured.errors.iter().find(|known| known.name == error.name)?;
-        let time_ms = measured.frame.untimed.scaled(1.0 / NS_PER_MS);
-        let error = error.value.abs() * factor;
-        Some(Setting { run: *run, cell, time_ms, error, front: false })
-    });
-    let mut settings: Vec<Setting<'_>> = settings.collect();
-    let fronts: Vec<bool> = settings.iter().map(|one| is_front(one, &settings)).collect();
-    settings.iter_mut().zip(fronts).for_each(|(one, front)| one.front = front);
-    let varying = varying(&settings);
-    Some(Comparison { task, error, settings, varying })
+fn error_of<'a>(measured: &'a Measured, name: &str) -> Option<&'a ErrorFigure> {
+    measured.errors.iter().find(|known| known.name == name)
 }
 
 /// Of the errors that all cells have and that differ between them, the first of the stage that runs last.
-fn shown_error<'a>(cells: &[(usize, &'a Cell, &'a Measured)]) -> Option<&'a ErrorFigure> {
+fn shown_error<'a>(cells: &[Timed<'a>]) -> Option<&'a ErrorFigure> {
     let (_, _, first) = cells.first()?;
     let differs = |error: &ErrorFigure| {
-        let of_cell = |measured: &Measured| {
-            measured.errors.iter().find(|known| known.name == error.name).map(|e| e.value.abs())
-        };
+        let size = |measured| error_of(measured, &error.name).map(|error| error.value.abs());
         let values: Option<Vec<f64>> =
-            cells.iter().map(|(.., m)| of_cell(m).filter(|e| e.is_finite())).collect();
+            cells.iter().map(|(.., measured)| size(measured).filter(|e| e.is_finite())).collect();
         let (low, high) = values?.into_iter().minmax().into_option()?;
         Some(high - low > LEAST_DIFFERENCE * high)
     };
@@ -203,163 +182,189 @@ fn shown_error<'a>(cells: &[(usize, &'a Cell, &'a Measured)]) -> Option<&'a Erro
     shown.rev().max_by_key(runs_at)
 }
 
-fn is_front(one: &Setting<'_>, all: &[Setting<'_>]) -> bool {
-    let (time, error) = (one.time_ms.median, one.error);
-    !all.iter().any(|other| {
-        let [faster, better] = [other.time_ms.median < time, other.error < error];
-        other.run == one.run
-            && other.time_ms.median <= time
-            && other.error <= error
-            && (faster || better)
-    })
-}
-
-/// The least error within the limit; of equal ones the fastest.
-fn best<'s, 'a>(one: &'s Comparison<'a>, run: usize, limit_ms: f64) -> Option<&'s Setting<'a>> {
-    let of_run = one.settings.iter().filter(|setting| setting.run == run);
-    let within = of_run.filter(|setting| setting.time_ms.median <= limit_ms);
-    within.min_by(|a, b| {
-        let by_time = || a.time_ms.median.total_cmp(&b.time_ms.median);
-        a.error.total_cmp(&b.error).then_with(by_time)
-    })
-}
-
-/// From the record to what is shown: the table of words may show a share as per cent.
-fn factor(error: &ErrorFigure) -> f64 {
-    label(&error.name).unit.factor()
-}
-
-/// `RMS error of occlusion 0.031`, `caustic photons lost 3.1 %`
-fn error_text(error: &ErrorFigure, shown: f64) -> String {
-    let label = label(&error.name);
-    format!("{} {} {}", label.words, three(shown), unit(error)).trim_end().to_owned()
-}
-
-/// The unit shown: that of the words, else the record's.
-fn unit(error: &ErrorFigure) -> &str {
-    match label(&error.name).unit {
-        Unit::One if error.unit != "1" => &error.unit,
-        unit => unit.symbol(),
-    }
-}
-
-fn error_title(error: &ErrorFigure) -> String {
-    let label = label(&error.name);
-    match unit(error) {
-        "" => label.words,
-        unit => format!("{} ({unit})", label.words),
-    }
-}
-
-fn varying<'a>(settings: &[Setting<'a>]) -> BTreeSet<&'a str> {
-    let axes = settings.iter().flat_map(|setting| setting.cell.axes.keys()).map(String::as_str);
-    let value = |setting: &Setting<'_>, axis: &str| setting.cell.axes.get(axis).map(label_text);
-    let differ = |axis: &&str| !settings.iter().map(|setting| value(setting, axis)).all_equal();
+/// Names of the axes whose values differ.
+fn varying<'a>(cells: &[Timed<'a>]) -> BTreeSet<&'a str> {
+    let axes = cells.iter().flat_map(|(_, cell, _)| cell.axes.keys()).map(String::as_str);
+    let value = |cell: &Cell, axis: &str| cell.axes.get(axis).map(label_text);
+    let differ = |axis: &&str| !cells.iter().map(|(_, cell, _)| value(cell, axis)).all_equal();
     axes.unique().filter(differ).collect()
 }
 
-/// The axes by which its settings differ, in words.
-fn setting_text(one: &Comparison<'_>, setting: &Setting<'_>) -> String {
-    let axes = setting.cell.axes.iter().filter(|(name, _)| one.varying.contains(name.as_str()));
-    setting::in_words(axes)
-}
-
-/// Scene, size and the other axes that its settings share: `crates, 160 × 160 px, crates 3`.
-fn conditions(one: &Comparison<'_>) -> String {
-    let cell = one.settings[0].cell;
+fn conditions(cell: &Cell, varying: &BTreeSet<&str>) -> String {
     let side = |name: &str| cell.params.get("view")?.get(name).and_then(Value::as_u64);
     let sides = side("width").zip(side("height"));
     let is_told = |value: &Value| {
         let size = sides.map(|(width, height)| format!("{width}x{height}"));
         value.as_str().is_some_and(|text| text == cell.scene || Some(text) == size.as_deref())
     };
-    let shared = cell
-        .axes
-        .iter()
-        .filter(|(name, value)| !one.varying.contains(name.as_str()) && !is_told(value));
+    let axes = cell.axes.iter();
+    let shared = axes.filter(|(name, value)| !varying.contains(name.as_str()) && !is_told(value));
     let size = sides.map(|(width, height)| format!("{width} × {height} px"));
-    let parts = [Some(cell.scene.clone()), size, Some(setting::in_words(shared))];
+    let parts = [Some(cell.scene.clone()), size, Some(setting_words(shared))];
     parts.into_iter().flatten().filter(|part| !part.is_empty()).join(", ")
 }
 
-/// Pipelines of its settings: `hsao and volume_ao`.
-fn pipelines(one: &Comparison<'_>) -> String {
-    one.settings.iter().map(|setting| setting.cell.pipeline.as_str()).unique().join(" and ")
+impl<'a> Comparison<'a> {
+    /// None where fewer than two settings differ in an error that all have.
+    fn new(cells: &[Timed<'a>]) -> Option<Comparison<'a>> {
+        let error = shown_error(cells)?;
+        let (_, first, _) = cells.first()?;
+        // From the record to what is shown: the table of words may show a share as per cent.
+        let label = figure_words(&error.name);
+        let unit = match label.unit {
+            Unit::One if error.unit != "1" => error.unit.as_str(),
+            unit => unit.symbol(),
+        };
+        let varying = varying(cells);
+        let setting = |(run, cell, measured): &Timed<'a>| {
+            let error = error_of(measured, &error.name)?.value.abs() * label.unit.factor();
+            let axes = cell.axes.iter().filter(|(name, _)| varying.contains(name.as_str()));
+            Some(Setting {
+                run: *run,
+                cell,
+                time_ms: measured.frame.untimed.scaled(1.0 / NS_PER_MS),
+                error,
+                front: false,
+                words: setting_words(axes),
+                error_words: format!("{} {} {unit}", label.words, three(error))
+                    .trim_end()
+                    .to_owned(),
+            })
+        };
+        let mut settings: Vec<Setting<'_>> = cells.iter().filter_map(setting).collect();
+        let fronts: Vec<bool> = settings.iter().map(|one| one.is_front(&settings)).collect();
+        settings.iter_mut().zip(fronts).for_each(|(one, front)| one.front = front);
+        let pipelines = settings.iter().map(|setting| setting.cell.pipeline.as_str()).unique();
+        Some(Comparison {
+            experiment: &first.experiment,
+            pipelines: pipelines.collect_vec().join(" and "),
+            conditions: conditions(first, &varying),
+            error_title: match unit {
+                "" => label.words,
+                unit => format!("{} ({unit})", label.words),
+            },
+            settings,
+        })
+    }
+
+    /// Its settings, those of several runs once.
+    fn count(&self) -> usize {
+        self.settings.iter().map(|setting| setting.cell.cell.as_str()).unique().count()
+    }
+
+    fn is_charted(&self) -> bool {
+        self.count() >= LEAST_CHARTED
+    }
+
+    /// Places of the runs that have a setting of it.
+    fn runs(&self) -> impl Iterator<Item = usize> {
+        self.settings.iter().map(|setting| setting.run).dedup()
+    }
+
+    fn of_run(&self, run: usize) -> impl Iterator<Item = &Setting<'a>> {
+        self.settings.iter().filter(move |setting| setting.run == run)
+    }
+
+    /// The least error within the limit; of equal ones the fastest.
+    fn best(&self, run: usize, limit_ms: f64) -> Option<&Setting<'a>> {
+        let within = self.of_run(run).filter(|setting| setting.time_ms.median <= limit_ms);
+        within.min_by(|a, b| {
+            let by_time = || a.time_ms.median.total_cmp(&b.time_ms.median);
+            a.error.total_cmp(&b.error).then_with(by_time)
+        })
+    }
+
+    /// Why there is no best setting.
+    fn none(&self, run: usize) -> String {
+        let times = self.of_run(run).map(|setting| setting.time_ms.median);
+        format!("none: the fastest takes {} ms", three(times.fold(f64::INFINITY, f64::min)))
+    }
 }
 
-fn runs_of<'p, 'a>(page: &'p Page<'a>, one: &Comparison<'_>) -> Vec<(usize, &'p PageRun<'a>)> {
-    let runs = page.runs.iter().enumerate();
-    runs.filter(|(place, _)| one.settings.iter().any(|setting| setting.run == *place)).collect()
+impl Setting<'_> {
+    fn is_front(&self, all: &[Setting<'_>]) -> bool {
+        let figures = |one: &Setting<'_>| [one.time_ms.median, one.error];
+        let [time, error] = figures(self);
+        !all.iter().filter(|other| other.run == self.run).any(|other| {
+            let [other_time, other_error] = figures(other);
+            other_time <= time && other_error <= error && (other_time < time || other_error < error)
+        })
+    }
+
+    /// Its error and time.
+    fn figures(&self) -> String {
+        format!("{} in {} ms", self.error_words, three(self.time_ms.median))
+    }
+
+    fn tip(&self, page: &Page<'_>) -> String {
+        let [low, high] = self.time_ms.ends().map(three);
+        format!(
+            "{}{}\n{}\nframe {} ms ({low} – {high}), n = {}{}",
+            page.naming(self.run, "\n"),
+            self.words,
+            self.error_words,
+            three(self.time_ms.median),
+            self.time_ms.n,
+            if self.front { "\nno other setting beats it" } else { "" }
+        )
+    }
 }
 
 fn rows(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
-    let charted = is_charted(one);
+    let charted = one.is_charted();
     html! {
-        @for (index, (run, of_run)) in runs_of(page, one).into_iter().enumerate() {
-            @let best = best(one, run, LIMIT_MS);
+        @for (index, run) in one.runs().enumerate() {
+            @let best = one.best(run, LIMIT_MS);
             tr data-comparison=(place) data-run=(run) {
-                @if page.is_overlay() { td { (of_run.label) } }
+                @if page.is_overlay() { td { (page.runs[run].label) } }
                 th scope="row" {
                     @if index == 0 {
-                        b { (pipelines(one)) } " " (conditions(one)) " "
-                        @if charted { a.source href={ "#quality-" (place) } { (one.task.experiment) } }
-                        @else { span.source { (one.task.experiment) } }
+                        b { (one.pipelines) } " " (one.conditions) " "
+                        @if charted { a.source href={ "#quality-" (place) } { (one.experiment) } }
+                        @else { span.source { (one.experiment) } }
                     }
                 }
-                td.best-setting { @match best { Some(best) => { b { (setting_text(one, best)) } } None => { span.faint { (none(one, run)) } } } }
-                td.best-figures { @if let Some(best) = best { (figures_text(one, best)) } }
-                td.number { (one.settings.iter().filter(|setting| setting.run == run).count()) }
+                td.best-setting { @match best { Some(best) => { b { (best.words) } } None => { span.faint { (one.none(run)) } } } }
+                td.best-figures { @if let Some(best) = best { (best.figures()) } }
+                td.number { (one.of_run(run).count()) }
             }
-            @if !charted { (uncharted(place, one, run)) }
+            // The figures of settings without a chart, which the script reads.
+            @if !charted {
+                tr hidden data-of=(place) { td {
+                    @for setting in one.of_run(run) {
+                        span data-setting=(setting.words) data-run=(run) data-ms=(setting.time_ms.median)
+                            data-error=(setting.error) data-figures=(setting.figures()) {}
+                    }
+                } }
+            }
         }
     }
 }
 
-/// Why there is no best setting.
-fn none(one: &Comparison<'_>, run: usize) -> String {
-    let of_run = one.settings.iter().filter(|setting| setting.run == run);
-    let fastest = of_run.map(|setting| setting.time_ms.median).fold(f64::INFINITY, f64::min);
-    format!("none: the fastest takes {} ms", three(fastest))
-}
-
-/// The figures of settings without a chart, which the script reads.
-fn uncharted(place: usize, one: &Comparison<'_>, run: usize) -> Markup {
-    html! {
-        tr hidden data-of=(place) { td {
-            @for setting in one.settings.iter().filter(|setting| setting.run == run) {
-                span data-setting=(setting_text(one, setting)) data-run=(run) data-ms=(setting.time_ms.median)
-                    data-error=(setting.error) data-figures=(figures_text(one, setting)) {}
-            }
-        } }
-    }
-}
-
-fn figures_text(one: &Comparison<'_>, setting: &Setting<'_>) -> String {
-    let time = setting.time_ms.median;
-    format!("{} in {} ms", error_text(one.error, setting.error), three(time))
-}
-
-/// Error against time of a task's settings.
-struct Scatter<'s, 'a> {
-    page: &'s Page<'a>,
-    one: &'s Comparison<'a>,
-    x: Axis,
-    y: Axis,
-}
-
 fn figure(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
-    let Some(scatter) = Scatter::new(page, one) else { return html! {} };
-    let about = format!("{} against frame time, {}", error_title(one.error), conditions(one));
+    let times: Vec<f64> = one.settings.iter().map(|setting| setting.time_ms.median).collect();
+    let errors: Vec<f64> = one.settings.iter().map(|setting| setting.error).collect();
+    let x = Axis::fit(kind(&times), times, X_PX);
+    let y = Axis::fit(kind(&errors), errors, Y_PX);
+    let (Some(x), Some(y)) = (x, y) else { return html! {} };
+    let about = format!("{} against frame time, {}", one.error_title, one.conditions);
     html! {
         figure.multiple.quality id={ "quality-" (place) } data-of=(place) {
-            figcaption { b { (pipelines(one)) " " (one.task.experiment) } br; (conditions(one)) }
-            p.axis-title { "↑ " (error_title(one.error)) ", " (scatter.y.kind.name()) }
-            (svg::chart(SIZE_PX, &about, &scatter.content()))
-            p.axis-title.x { "→ frame time (ms), " (scatter.x.kind.name()) }
-            @for (run, of_run) in runs_of(page, one) {
+            figcaption { b { (one.pipelines) " " (one.experiment) } br; (one.conditions) }
+            p.axis-title { "↑ " (one.error_title) ", " (y.kind.name()) }
+            (svg::chart(SIZE_PX, &about, &scatter(page, one, &x, &y)))
+            p.axis-title.x { "→ frame time (ms), " (x.kind.name()) }
+            @for run in one.runs() {
                 p.best data-run=(run) {
-                    @if page.is_overlay() { (Shape::of(run).symbol()) " " (of_run.label) ": " }
-                    span.best-words { (sentence(one, run)) }
+                    @if page.is_overlay() { (Shape::of(run).symbol()) " " (page.runs[run].label) ": " }
+                    span.best-words {
+                        "Best of at most " (three(LIMIT_MS)) " ms: "
+                        @match one.best(run, LIMIT_MS) {
+                            Some(best) => { (best.words) ": " (best.figures()) }
+                            None => { (one.none(run)) }
+                        }
+                        "."
+                    }
                 }
                 (front_table(one, run))
             }
@@ -367,93 +372,48 @@ fn figure(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
     }
 }
 
-fn sentence(one: &Comparison<'_>, run: usize) -> String {
-    let limit = three(LIMIT_MS);
-    match best(one, run, LIMIT_MS) {
-        Some(best) => format!(
-            "Best of at most {limit} ms: {}: {}.",
-            setting_text(one, best),
-            figures_text(one, best)
-        ),
-        None => format!("Best of at most {limit} ms: {}.", none(one, run)),
-    }
-}
-
 fn front_table(one: &Comparison<'_>, run: usize) -> Markup {
-    let of_run = || one.settings.iter().filter(|setting| setting.run == run);
-    let front = of_run().filter(|setting| setting.front);
+    let front = one.of_run(run).filter(|setting| setting.front);
     let front = front.sorted_by(|a, b| a.time_ms.median.total_cmp(&b.time_ms.median));
     html! {
         details {
-            summary { "the front: " (front.len()) " of " (of_run().count()) " settings that no other beats" }
-            ul.fits { @for setting in front { li { (setting_text(one, setting)) ": " (figures_text(one, setting)) } } }
+            summary { "the front: " (front.len()) " of " (one.of_run(run).count()) " settings that no other beats" }
+            ul.fits { @for setting in front { li { (setting.words) ": " (setting.figures()) } } }
         }
     }
 }
 
-impl<'s, 'a> Scatter<'s, 'a> {
-    fn new(page: &'s Page<'a>, one: &'s Comparison<'a>) -> Option<Scatter<'s, 'a>> {
-        let times: Vec<f64> = one.settings.iter().map(|setting| setting.time_ms.median).collect();
-        let errors: Vec<f64> = one.settings.iter().map(|setting| setting.error).collect();
-        let x = Axis::fit(kind(&times), times, X_PX)?;
-        let y = Axis::fit(kind(&errors), errors, Y_PX)?;
-        Some(Scatter { page, one, x, y })
-    }
-
-    fn content(&self) -> Markup {
-        let [x_low, x_high] = self.x.coordinates();
-        html! {
-            (svg::x_axis(&self.x, [Y_PX[1], Y_PX[0]], ""))
-            (svg::y_axis(&self.y, X_PX, ""))
-            @for (run, _) in runs_of(self.page, self.one) { (self.front(run)) }
-            @let limit = self.x.px_within(LIMIT_MS);
-            line.limit x1=(limit) x2=(limit) y1=(Y_PX[1]) y2=(Y_PX[0]) data-low=(x_low) data-high=(x_high)
-                data-log=(self.x.kind == ScaleKind::Log) data-left=(X_PX[0]) data-right=(X_PX[1]) {}
-            @for setting in &self.one.settings { (self.mark(setting)) }
-        }
-    }
-
-    /// Steps along the settings that no other beats.
-    fn front(&self, run: usize) -> Markup {
-        let front = self.one.settings.iter().filter(|setting| setting.run == run && setting.front);
-        let places = front.filter_map(|setting| self.place(setting));
+/// Error against time of a task's settings, with steps along those that no other of the run beats. Marks are filled on these, hollow
+/// else; the best within the limit is ringed.
+fn scatter(page: &Page<'_>, one: &Comparison<'_>, x: &Axis, y: &Axis) -> Markup {
+    let [x_low, x_high] = x.coordinates();
+    let limit = x.px_within(LIMIT_MS);
+    let place = |setting: &Setting<'_>| Some([x.px(setting.time_ms.median)?, y.px(setting.error)?]);
+    let front = |run| {
+        let places = one.of_run(run).filter(|setting| setting.front).filter_map(place);
         let places = places.sorted_by(|a, b| a[0].total_cmp(&b[0])).collect_vec();
         let steps = places.iter().tuple_windows().flat_map(|(from, to)| [[to[0], from[1]], *to]);
         let all = places.first().copied().into_iter().chain(steps);
-        html! { polyline.front points=(all.map(|[x, y]| format!("{x},{y}")).join(" ")) {} }
-    }
-
-    fn place(&self, setting: &Setting<'_>) -> Option<[f64; 2]> {
-        Some([self.x.px(setting.time_ms.median)?, self.y.px(setting.error)?])
-    }
-
-    /// Filled on the front, hollow else; the best within the limit is ringed.
-    fn mark(&self, setting: &Setting<'_>) -> Markup {
-        let Some([x, y]) = self.place(setting) else { return html! {} };
-        let best = best(self.one, setting.run, LIMIT_MS);
-        let is_best = best.is_some_and(|best| std::ptr::eq(best, setting));
-        let path = Shape::of(setting.run).path([x, y]);
-        let tip = self.tip(setting);
-        let fill = if setting.front { Paint::Accent.css() } else { "var(--ground)".to_owned() };
-        html! {
-            path.mark.setting.best[is_best] d=(path) style={ "fill:" (fill) } data-tip=(tip)
-                data-setting=(setting_text(self.one, setting)) data-run=(setting.run) data-ms=(setting.time_ms.median)
-                data-error=(setting.error) data-figures=(figures_text(self.one, setting)) { title { (tip) } }
+        all.map(|[x, y]| format!("{x},{y}")).join(" ")
+    };
+    let is_best = |setting: &Setting<'_>| {
+        one.best(setting.run, LIMIT_MS).is_some_and(|best| std::ptr::eq(best, setting))
+    };
+    let fill = |setting: &Setting<'_>| {
+        if setting.front { Paint::Accent.css() } else { "var(--ground)".to_owned() }
+    };
+    html! {
+        (svg::x_axis(x, [Y_PX[1], Y_PX[0]], ""))
+        (svg::y_axis(y, X_PX, ""))
+        @for run in one.runs() { polyline.front points=(front(run)) {} }
+        line.limit x1=(limit) x2=(limit) y1=(Y_PX[1]) y2=(Y_PX[0]) data-low=(x_low) data-high=(x_high)
+            data-log=(x.kind == ScaleKind::Log) data-left=(X_PX[0]) data-right=(X_PX[1]) {}
+        @for (setting, at) in one.settings.iter().filter_map(|setting| Some((setting, place(setting)?))) {
+            @let tip = setting.tip(page);
+            path.mark.setting.best[is_best(setting)] d=(Shape::of(setting.run).path(at)) style={ "fill:" (fill(setting)) } data-tip=(tip)
+                data-setting=(setting.words) data-run=(setting.run) data-ms=(setting.time_ms.median)
+                data-error=(setting.error) data-figures=(setting.figures()) { title { (tip) } }
         }
-    }
-
-    fn tip(&self, setting: &Setting<'_>) -> String {
-        let run = self.page.naming(setting.run, "\n");
-        let [low, high] = setting.time_ms.ends().map(three);
-        format!(
-            "{}{}\n{}\nframe {} ms ({low} – {high}), n = {}{}",
-            run,
-            setting_text(self.one, setting),
-            error_text(self.one.error, setting.error),
-            three(setting.time_ms.median),
-            setting.time_ms.n,
-            if setting.front { "\nno other setting beats it" } else { "" }
-        )
     }
 }
 
@@ -496,7 +456,7 @@ mod tests {
         let view = ReportView::new(&records, None);
         let compared = comparisons(&page(&[&view]));
         let [one] = compared.as_slice() else { panic!("{} comparisons", compared.len()) };
-        let best_at = |limit| best(one, 0, limit).map(|best| best.time_ms.median);
+        let best_at = |limit| one.best(0, limit).map(|best| best.time_ms.median);
         assert_eq!(best_at(LIMIT_MS), Some(50.0));
         assert_eq!(best_at(5.0), None);
         assert!(one.settings.iter().all(|setting| setting.front));
@@ -543,7 +503,7 @@ mod tests {
         ];
         let views = [&ReportView::new(&slow, None), &ReportView::new(&fast, None)];
         let compared = comparisons(&page(&views));
-        let bests = [0, 1].map(|run| best(&compared[0], run, LIMIT_MS).unwrap().time_ms.median);
+        let bests = [0, 1].map(|run| compared[0].best(run, LIMIT_MS).unwrap().time_ms.median);
         assert_eq!(bests, [40.0, 50.0]);
         let html = write(&page(&views)).unwrap().into_string();
         assert!(html.contains("● one: ") && html.contains("■ two: "));

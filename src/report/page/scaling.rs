@@ -7,7 +7,8 @@ use itertools::Itertools;
 use maud::{Markup, html};
 use serde_json::{Map, Value};
 
-use super::{Page, PageRun, PageSection, setting};
+use super::parts::setting_words;
+use super::{Page, PageRun, PageSection};
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::facts;
 use crate::format::{si, three};
@@ -203,7 +204,7 @@ fn grouped<'a>(run: &PageRun<'a>, id: &str, spec: &Spec<'_>) -> Vec<(String, Vec
     let Some(over) = spec.over else { return vec![(String::new(), cells)] };
     let in_words = |cells: &[&Cell]| {
         let axes = cells.first().into_iter().flat_map(|cell| &cell.axes);
-        setting::in_words(axes.filter(|(name, _)| *name != over))
+        setting_words(axes.filter(|(name, _)| *name != over))
     };
     groups(&cells, over).into_iter().map(|(_, cells)| (in_words(&cells), cells)).collect()
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 use maud::{Markup, html};
 
-use super::table::{numbers, table, words};
+use super::parts::{numbers, table, words};
 use super::{Page, PageRun, PageSection};
 use crate::axis::tenth;
 use crate::facts::{self, Representative, StageShare};

@@ -2,10 +2,9 @@
 
 use plotters::chart::{ChartContext, MeshStyle};
 use plotters::coord::ranged1d::{Ranged, ValueFormatter};
-use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
-use super::{Area, Drawn, Fault, WIDTH_PX, style};
+use super::{Area, Drawn, Panel, WIDTH_PX, style};
 use crate::axis::{Scale, ScaleKind};
 
 /// Axis below the bars, with its title.
@@ -14,11 +13,9 @@ const MARGIN_PX: u32 = 16;
 /// Most pixels for the labels of rows.
 const MOST_LABELS_PX: u32 = 400;
 
-type Context<'a, 'b, Y> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Scale, Y>>;
-
 /// Grid and axes of every chart.
 pub fn mesh<'a, 'b, 'm, Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
-    chart: &'m mut Context<'a, 'b, Y>,
+    chart: &'m mut ChartContext<'a, SVGBackend<'b>, Cartesian2d<Scale, Y>>,
 ) -> MeshStyle<'a, 'm, Scale, Y, SVGBackend<'b>> {
     let mut mesh = chart.configure_mesh();
     mesh.bold_line_style(style::GRID)
@@ -35,11 +32,27 @@ pub struct BarChart {
     pub x_title: String,
     pub scale: Scale,
     pub rows_px: u32,
-    /// Labels at the left of the rows; as wide as the longest.
-    pub labels_px: u32,
+    /// The top of the vertical coordinate, which starts at 0.
+    pub rows: f64,
     /// Room for figures at the right.
     pub right_px: u32,
     pub legend: Legend,
+    /// From back to front.
+    pub items: Vec<Item>,
+}
+
+/// What a chart of rows shows, by its coordinates.
+pub enum Item {
+    Bar([(f64, f64); 2], RGBColor),
+    /// With its width in pixels.
+    Line([(f64, f64); 2], u32),
+    Dot((f64, f64), RGBColor),
+    /// The untimed frame.
+    Diamond((f64, f64)),
+    /// A row's label at the left of the chart.
+    Label(String, f64),
+    /// Words so many pixels to the right of a place.
+    Words(String, (f64, f64), i32),
 }
 
 impl BarChart {
@@ -50,66 +63,64 @@ impl BarChart {
         Some(scale)
     }
 
-    /// Pixels that these labels need at the left of a chart.
-    pub fn labels_px<'l>(labels: impl Iterator<Item = &'l str>) -> u32 {
-        let widths = labels.map(|label| style::width_px(label, style::LABEL_PX) + 20);
+    /// Pixels that its labels need at the left.
+    fn labels_px(&self) -> u32 {
+        let widths = self.items.iter().filter_map(|item| match item {
+            Item::Label(label, _) => Some(style::width_px(label, style::LABEL_PX) + 20),
+            _ => None,
+        });
         widths.max().unwrap_or_default().clamp(60, MOST_LABELS_PX)
     }
+}
 
-    pub fn height_px(&self) -> u32 {
+impl Panel for BarChart {
+    fn height_px(&self) -> u32 {
         self.legend.height_px() + self.rows_px + AXIS_PX + 8
     }
 
-    /// Draws legend, grid and axis. `rows`: the top of the chart's vertical coordinate, which starts at 0.
-    pub fn draw<'b>(&self, area: &Area<'b>, rows: f64) -> Result<Canvas<'b>, Fault> {
-        let (legend, rest) = area.split_vertically(self.legend.height_px());
+    fn draw(&self, area: &Area<'_>) -> Drawn {
+        let (legend, area) = area.split_vertically(self.legend.height_px());
         self.legend.draw(&legend)?;
-        let mut chart = ChartBuilder::on(&rest)
+        let labels_px = self.labels_px();
+        let mut chart = ChartBuilder::on(&area)
             .margin_right(self.right_px)
             .margin_bottom(4)
             .margin_left(MARGIN_PX)
             .x_label_area_size(AXIS_PX)
-            .y_label_area_size(self.labels_px)
-            .build_cartesian_2d(self.scale.clone(), 0.0..rows)?;
+            .y_label_area_size(labels_px)
+            .build_cartesian_2d(self.scale.clone(), 0.0..self.rows)?;
         mesh(&mut chart)
             .disable_y_mesh()
             .y_labels(0)
             .x_label_formatter(&|at| self.scale.tick_label(*at))
             .x_desc(format!("{}, {} scale", self.x_title, self.scale.kind.short()))
             .draw()?;
-        let labels_px = self.labels_px;
-        Ok(Canvas { left: rest.clone(), area: chart.plotting_area().clone(), labels_px })
-    }
-}
-
-/// Where rows are drawn.
-pub struct Canvas<'b> {
-    /// Holds labels, in pixels.
-    left: Area<'b>,
-    pub area: DrawingArea<SVGBackend<'b>, Cartesian2d<Scale, RangedCoordf64>>,
-    labels_px: u32,
-}
-
-impl Canvas<'_> {
-    /// Text beside a place among the rows, `shift` pixels to the right of it.
-    pub fn write(&self, line: &str, style: TextStyle<'_>, at: (f64, f64), shift: i32) -> Drawn {
-        let (x, y) = self.area.map_coordinate(&at);
-        let (x0, y0) = self.left.get_base_pixel();
-        self.left.draw_text(
-            line,
-            &style,
-            (x.saturating_sub(x0).saturating_add(shift), y.saturating_sub(y0)),
-        )
-    }
-
-    /// A row's label at the left of the chart.
-    pub fn label(&self, line: &str, low: f64, row: f64) -> Drawn {
-        let line = style::cut(line, style::fitting(self.labels_px - 8));
-        self.write(&line, style::ending(style::label()), (low, row), -8)
-    }
-
-    pub fn line(&self, ends: [(f64, f64); 2], width_px: u32) -> Drawn {
-        self.area.draw(&PathElement::new(ends.to_vec(), style::INK.stroke_width(width_px)))
+        let plot = chart.plotting_area();
+        let write = |line: &str, style: TextStyle<'_>, at: (f64, f64), shift: i32| {
+            let (x, y) = plot.map_coordinate(&at);
+            let (x0, y0) = area.get_base_pixel();
+            let at = (x.saturating_sub(x0).saturating_add(shift), y.saturating_sub(y0));
+            area.draw_text(line, &style, at)
+        };
+        self.items.iter().try_for_each(|item| match item {
+            Item::Bar(corners, color) => plot.draw(&Rectangle::new(*corners, color.filled())),
+            Item::Line(ends, width_px) => {
+                plot.draw(&PathElement::new(ends.to_vec(), style::INK.stroke_width(*width_px)))
+            }
+            Item::Dot(at, color) => {
+                plot.draw(&(EmptyElement::at(*at) + Circle::new((0, 0), 6, color.filled())))
+            }
+            Item::Diamond(at) => {
+                plot.draw(&(EmptyElement::at(*at) + Polygon::new(DIAMOND, style::INK.filled())))
+            }
+            Item::Label(line, row) => {
+                let line = style::cut(line, style::fitting(labels_px - 8));
+                write(&line, style::ending(style::label()), (self.scale.low, *row), -8)
+            }
+            Item::Words(line, at, shift_px) => {
+                write(line, style::starting(style::small()), *at, *shift_px)
+            }
+        })
     }
 }
 
@@ -166,7 +177,7 @@ impl Legend {
 }
 
 /// The mark of the untimed frame.
-pub const DIAMOND: [(i32, i32); 4] = [(0, -6), (6, 0), (0, 6), (-6, 0)];
+const DIAMOND: [(i32, i32); 4] = [(0, -6), (6, 0), (0, 6), (-6, 0)];
 
 impl Mark {
     pub fn draw(&self, area: &Area<'_>, (x, y): (i32, i32)) -> Drawn {

@@ -3,18 +3,18 @@
 
 mod draw;
 
-use itertools::{Itertools, MinMaxResult};
+use itertools::Itertools;
 use plotters::prelude::*;
+use serde_json::Value;
 
 use super::chart::Mark;
 use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
 use crate::axis::{Scale, ScaleKind};
-use crate::colors::StageColors;
 use crate::facts::exponent;
-use crate::series;
+use crate::series::{Figures, Point, Source};
 use fathom_experiments::schema::{Plot, PlotKind, Published};
-use fathom_experiments::{Measure, Scaling, groups, label_text};
-use fathom_record::{Cell, Estimate};
+use fathom_experiments::{Measure, groups, label_text};
+use fathom_record::Cell;
 
 /// Series that one chart can hold.
 const MOST_TOGETHER: usize = 5;
@@ -27,83 +27,55 @@ const TITLE_PX: i32 = 22;
 /// Most pixels for the names at the ends of lines.
 const MOST_NAMES_PX: u32 = 230;
 
-pub struct Lines {
-    charts: Vec<Chart>,
+pub struct Lines<'s> {
+    charts: Vec<Chart<'s>>,
 }
 
-struct Chart {
+struct Chart<'s> {
     /// Empty where there is one chart.
     title: String,
     x_title: String,
     y_title: String,
     x: Scale,
     y: Scale,
-    series: Vec<Series>,
+    series: Vec<Series<'s>>,
+    /// The axis whose values are categories, which stand above the points.
+    category: Option<&'s str>,
 }
 
-struct Series {
+struct Series<'s> {
     /// What tells it from the others of its chart; may be empty where it is alone.
     name: String,
-    /// The fitted exponent and the number of samples.
-    remarks: Vec<String>,
-    color: SeriesColor,
+    color: RGBColor,
     marker: usize,
-    points: Vec<Point>,
-    /// Whether lines join the points.
-    joined: bool,
-    /// Ends of the fitted line, in the plot's units.
-    fit: Option<[[f64; 2]; 2]>,
+    figures: Figures<'s>,
+    input: &'s PlotInput<'s>,
 }
 
-#[derive(Clone)]
-enum SeriesColor {
-    Stage(String),
-    Number(usize),
-}
-
-impl SeriesColor {
-    fn of(&self, colors: &StageColors) -> RGBColor {
-        match self {
-            SeriesColor::Stage(stage) => style::of_stage(colors.of(stage)),
-            SeriesColor::Number(number) => style::color(*number),
-        }
-    }
-}
-
-/// A cell, in the plot's units.
-struct Point {
-    x: f64,
-    y: Estimate,
-    /// Of a category: its value on the axis.
-    name: Option<String>,
-    /// From the shortest to the longest published frame time.
-    published: Option<[f64; 2]>,
-}
-
-/// A measure of the cells of a group, and where it stands in the plot.
-struct Source<'p> {
-    y: &'p Measure,
+/// A measure of the cells of a group, and where both stand in the plot.
+struct Part<'s> {
+    y: &'s Measure,
     place: usize,
+    /// What its cells share on the other axes.
     group: String,
     group_place: usize,
     groups: usize,
-    cells: Vec<&'p Cell>,
+    cells: Vec<&'s Cell>,
 }
 
-impl Lines {
+impl<'s> Lines<'s> {
     /// None where no series has a point.
-    pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Option<Lines> {
-        let sources = sources(plot, input);
-        let together = sources.len() <= MOST_TOGETHER;
-        let charts: Vec<Vec<&Source<'_>>> = if together {
-            vec![sources.iter().collect()]
-        } else if plot.y.len() > 1 {
-            (0..plot.y.len()).map(|y| sources.iter().filter(|s| s.place == y).collect()).collect()
-        } else {
-            sources.iter().map(|source| vec![source]).collect()
+    pub fn new(plot: &'s Plot, input: &'s PlotInput<'s>) -> Option<Lines<'s>> {
+        let parts = parts(plot, input);
+        let together = parts.len() <= MOST_TOGETHER;
+        let chart_of = |part: &Part<'_>| match plot.y.len() {
+            _ if together => 0,
+            1 => part.group_place,
+            _ => part.place,
         };
-        let charts = charts.iter().filter_map(|sources| Chart::new(plot, sources, together, input));
-        let mut charts: Vec<Chart> = charts.collect();
+        let charts = parts.chunk_by(|a, b| chart_of(a) == chart_of(b));
+        let charts = charts.filter_map(|parts| Chart::new(plot, parts, together, input));
+        let mut charts: Vec<Chart<'_>> = charts.collect();
         if plot.kind == PlotKind::Scaling {
             share_scales(&mut charts)?;
         }
@@ -130,14 +102,14 @@ impl Lines {
     }
 }
 
-impl Panel for Lines {
+impl Panel for Lines<'_> {
     fn height_px(&self) -> u32 {
         self.charts.len().div_ceil(self.columns()) as u32 * self.row_px()
     }
 
-    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn {
+    fn draw(&self, area: &Area<'_>) -> Drawn {
         if let [chart] = self.charts.as_slice() {
-            return chart.draw_with_names(area, colors);
+            return chart.draw_with_names(area);
         }
         let width = WIDTH_PX / self.columns() as u32;
         let mut rest = area.clone();
@@ -145,7 +117,7 @@ impl Panel for Lines {
             let (mut line, below) = rest.split_vertically(self.row_px());
             for chart in row {
                 let (place, right) = line.split_horizontally(width);
-                chart.draw_small(&place, self.head_px(), colors)?;
+                chart.draw_small(&place, self.head_px())?;
                 line = right;
             }
             rest = below;
@@ -155,165 +127,126 @@ impl Panel for Lines {
 }
 
 /// The same scales for all charts, so that they can be compared; none where a scale cannot be made.
-fn share_scales(charts: &mut [Chart]) -> Option<()> {
-    let of_all = |ends: fn(&[Series]) -> Vec<f64>| {
-        Scale::fit(ScaleKind::Log, charts.iter().flat_map(|chart| ends(&chart.series)))
-    };
-    let (x, y) = (of_all(xs)?, of_all(ys)?);
+fn share_scales(charts: &mut [Chart<'_>]) -> Option<()> {
+    let all = || charts.iter().flat_map(|chart| &chart.series);
+    let x = Scale::fit(ScaleKind::Log, all().flat_map(Series::xs))?;
+    let y = Scale::fit(ScaleKind::Log, all().flat_map(Series::ys))?;
     for chart in charts {
         (chart.x, chart.y) = (x.clone(), y.clone());
     }
     Some(())
 }
 
-fn sources<'p>(plot: &'p Plot, input: &PlotInput<'p>) -> Vec<Source<'p>> {
-    let groups: Vec<(String, Vec<&Cell>)> = match &plot.over {
-        Some(over) => groups(&input.cells, over),
-        None => vec![(String::new(), input.cells.clone())],
+fn parts<'s>(plot: &'s Plot, input: &PlotInput<'s>) -> Vec<Part<'s>> {
+    let groups: Vec<Vec<&Cell>> = match &plot.over {
+        Some(over) => groups(&input.cells, over).into_iter().map(|(_, cells)| cells).collect(),
+        None => vec![input.cells.clone()],
     };
-    let count = groups.len();
-    let of = |(place, y): (usize, &'p Measure)| {
-        let groups = groups.iter().enumerate();
-        let of_group = groups.map(move |(group_place, (_, cells))| Source {
-            y,
-            place,
-            group: names::group(plot, cells, input.experiment),
-            group_place,
-            groups: count,
-            cells: cells.clone(),
-        });
-        of_group.collect::<Vec<_>>()
+    let pairs = plot.y.iter().enumerate().cartesian_product(groups.iter().enumerate());
+    let part = |((place, y), (group_place, cells)): ((usize, _), (usize, &Vec<&'s Cell>))| Part {
+        y,
+        place,
+        group: names::group(plot, cells, input.experiment),
+        group_place,
+        groups: groups.len(),
+        cells: cells.clone(),
     };
-    plot.y.iter().enumerate().flat_map(of).collect()
+    pairs.map(part).collect()
 }
 
-impl Chart {
+impl<'s> Chart<'s> {
     fn new(
-        plot: &Plot,
-        sources: &[&Source<'_>],
+        plot: &'s Plot,
+        parts: &[Part<'s>],
         together: bool,
-        input: &PlotInput<'_>,
-    ) -> Option<Chart> {
-        let x_measure = plot.x.as_ref()?;
-        let measures: Vec<&Measure> = sources.iter().map(|s| s.y).dedup().collect();
-        let series =
-            sources.iter().map(|source| Series::new(plot, x_measure, source, &measures, input));
-        let series: Vec<Series> = series.filter(|series| !series.points.is_empty()).collect();
+        input: &'s PlotInput<'s>,
+    ) -> Option<Chart<'s>> {
         let kind = match plot.kind {
             PlotKind::Scaling => ScaleKind::Log,
             _ => ScaleKind::Linear,
         };
-        let title = match sources {
-            _ if together => String::new(),
-            [only] if plot.y.len() == 1 => only.group.clone(),
-            several => names::measure(several.first()?.y),
-        };
+        let x = plot.x.as_ref()?;
+        let several = together && plot.y.len() > 1;
+        let series = parts.iter().map(|part| Series::new(plot, x, part, several, input));
+        let series: Vec<Series<'_>> =
+            series.filter(|series| !series.figures.points.is_empty()).collect();
+        let first = parts.first()?;
         Some(Chart {
-            title,
-            x_title: plot.x_title.clone().unwrap_or_else(|| x_measure.label().text()),
-            y_title: names::y_title(plot, &measures),
-            x: Scale::fit(kind, xs(&series))?,
-            y: Scale::fit(kind, ys(&series))?,
+            title: match plot.y.len() {
+                _ if together => String::new(),
+                1 => first.group.clone(),
+                _ => names::measure(first.y),
+            },
+            x_title: plot.x_title.clone().unwrap_or_else(|| x.label().text()),
+            y_title: names::y_title(plot, (!several).then_some(first.y)),
+            x: Scale::fit(kind, series.iter().flat_map(Series::xs))?,
+            y: Scale::fit(kind, series.iter().flat_map(Series::ys))?,
+            category: plot.over.as_deref().filter(|over| input.experiment.is_category(over)),
             series,
         })
     }
 
-    fn points(&self) -> impl Iterator<Item = &Point> {
-        self.series.iter().flat_map(|series| &series.points)
+    /// Of a category: its value on the axis.
+    fn category_of<'p>(&self, point: &Point<'p>) -> Option<&'p Value> {
+        point.cell.axes.get(self.category?)
     }
 }
 
-fn xs(series: &[Series]) -> Vec<f64> {
-    series.iter().flat_map(|series| &series.points).map(|point| point.x).collect()
-}
-
-fn ys(series: &[Series]) -> Vec<f64> {
-    let of = |point: &Point| {
-        let [low, high] = point.y.ends();
-        [low, point.y.median, high].into_iter().chain(point.published.into_iter().flatten())
-    };
-    series.iter().flat_map(|series| &series.points).flat_map(of).collect()
-}
-
-impl Series {
+impl<'s> Series<'s> {
+    /// `several`: its chart has several measures, which are told apart by colours. Groups of one measure have those of the palette.
     fn new(
-        plot: &Plot,
-        x: &Measure,
-        source: &Source<'_>,
-        measures: &[&Measure],
-        input: &PlotInput<'_>,
-    ) -> Series {
-        let y = source.y;
+        plot: &'s Plot,
+        x: &'s Measure,
+        part: &Part<'s>,
+        several: bool,
+        input: &'s PlotInput<'s>,
+    ) -> Series<'s> {
+        let Part { y, place, group_place, groups, .. } = *part;
         let factors = [(x, &plot.x_title), (y, &plot.y_title)]
             .map(|(measure, title)| names::factor(measure, title.as_ref()));
-        let is_category = plot.over.as_ref().is_some_and(|over| input.experiment.is_category(over));
+        let joined = plot.over.as_ref().is_none_or(|over| !input.experiment.is_category(over));
         let fitted = plot.kind == PlotKind::Scaling;
-        let figures = series::Source { x, y, factors, joined: !is_category, fitted };
-        let figures = figures.read(&source.cells);
-        let point = |point: &series::Point<'_>| {
-            let name = plot.over.as_ref().filter(|_| is_category);
-            let published = input.published(point.cell).filter(|_| *y == Measure::frame());
-            Point {
-                x: point.x,
-                y: point.y,
-                name: name.and_then(|over| point.cell.axes.get(over)).map(label_text),
-                published: published.map(Published::span_ms),
-            }
-        };
-        let fit = figures.fitted();
-        let remarks = [fit.map(remark), counts(figures.points.iter().filter_map(|point| point.n))];
+        let is_named = several || part.group.is_empty();
+        let name = is_named.then(|| names::measure(y));
+        let group = Some(part.group.clone()).filter(|group| !group.is_empty());
         Series {
-            name: source.name(measures),
-            remarks: remarks.into_iter().flatten().collect(),
-            color: source.color(measures),
-            marker: source.marker(measures),
-            points: figures.points.iter().map(point).collect(),
-            joined: figures.joined,
-            fit: fit.map(|fit| figures.ends_of(fit)),
-        }
-    }
-}
-
-impl Source<'_> {
-    /// The measure where a chart has several, then the group.
-    fn name(&self, measures: &[&Measure]) -> String {
-        let measure = (measures.len() > 1 || self.group.is_empty()).then(|| names::measure(self.y));
-        let group = Some(self.group.clone()).filter(|group| !group.is_empty());
-        measure.into_iter().chain(group).join(", ")
-    }
-
-    /// Stages have their own; groups of one measure are told apart by colours of the palette.
-    fn color(&self, measures: &[&Measure]) -> SeriesColor {
-        match self.y.stage_name() {
-            Some(stage) if measures.len() > 1 || self.group.is_empty() => SeriesColor::Stage(stage),
-            _ if measures.len() > 1 => SeriesColor::Number(self.place),
-            _ => SeriesColor::Number(self.group_place),
+            name: name.into_iter().chain(group).join(", "),
+            color: match y.stage_name() {
+                Some(stage) if is_named => style::of_stage(input.colors.of(&stage)),
+                _ if several => style::color(place),
+                _ => style::color(group_place),
+            },
+            marker: if several { place * groups + group_place } else { group_place },
+            figures: Source { x, y, factors, joined, fitted }.read(&part.cells),
+            input,
         }
     }
 
-    /// Another one for each series of a chart.
-    fn marker(&self, measures: &[&Measure]) -> usize {
-        match measures {
-            [_] => self.group_place,
-            _ => self.place * self.groups + self.group_place,
-        }
+    /// From the shortest to the longest published frame time of a point.
+    fn published(&self, point: &Point<'_>) -> Option<[f64; 2]> {
+        self.input.published(point.cell, self.figures.y).map(Published::span_ms)
     }
-}
 
-/// The fewest and the most samples of a point; none where all points are exact.
-fn counts(counts: impl Iterator<Item = usize>) -> Option<String> {
-    match counts.minmax() {
-        MinMaxResult::NoElements => None,
-        MinMaxResult::OneElement(n) => Some(format!("n = {n}")),
-        MinMaxResult::MinMax(least, most) if least == most => Some(format!("n = {least}")),
-        MinMaxResult::MinMax(least, most) => Some(format!("n = {least} – {most}")),
+    fn xs(&self) -> impl Iterator<Item = f64> {
+        self.figures.points.iter().map(|point| point.x)
     }
-}
 
-fn remark(fit: &Scaling) -> String {
-    let left_out = match fit.left_out {
-        0 => String::new(),
-        cells => format!(", {cells} left out"),
-    };
-    format!("exponent {}{left_out}", exponent(fit))
+    fn ys(&self) -> impl Iterator<Item = f64> {
+        let published = self.figures.points.iter().filter_map(|point| self.published(point));
+        self.figures.ends().chain(published.flatten())
+    }
+
+    /// The fitted exponent, and the fewest and the most samples of a point where not all are exact.
+    fn remarks(&self) -> Vec<String> {
+        let exponent = self.figures.fitted().map(|fit| match fit.left_out {
+            0 => format!("exponent {}", exponent(fit)),
+            cells => format!("exponent {}, {cells} left out", exponent(fit)),
+        });
+        let counts = self.figures.points.iter().filter_map(|point| point.n);
+        let counts = counts.minmax().into_option().map(|counts| match counts {
+            (least, most) if least == most => format!("n = {least}"),
+            (least, most) => format!("n = {least} – {most}"),
+        });
+        exponent.into_iter().chain(counts).collect()
+    }
 }

@@ -7,7 +7,6 @@ use plotters::prelude::*;
 use serde_json::Value;
 
 use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
-use crate::colors::StageColors;
 use crate::format::three;
 use fathom_experiments::label_text;
 use fathom_experiments::schema::{Experiment, Plot};
@@ -87,7 +86,7 @@ impl Map {
             Grid::new(title(plot, experiment, &panel), fields.collect())
         };
         let maps: Vec<Grid> = panels.into_iter().filter_map(grid).collect();
-        let shows = names::y_title(plot, &[y]);
+        let shows = names::y_title(plot, Some(y));
         Ok((!maps.is_empty()).then_some(Map { shows, columns, rows, maps }))
     }
 
@@ -159,7 +158,7 @@ impl Panel for Map {
         (TITLE_PX + lines * self.map_px().1 + 8) as u32
     }
 
-    fn draw(&self, area: &Area<'_>, _: &StageColors) -> Drawn {
+    fn draw(&self, area: &Area<'_>) -> Drawn {
         let of = if self.maps.len() > 1 { "each map's" } else { "the" };
         let line = format!(
             "{}. Colours run linearly from {of} smallest value (dark) to its largest (light).",

@@ -14,16 +14,17 @@ mod stacked;
 mod style;
 
 use indexmap::IndexSet;
+use itertools::Itertools;
 use plotters::drawing::DrawingAreaErrorKind;
 use plotters::prelude::*;
 
-use self::{bars::Bars, lines::Lines, map::Map, ratios::Ratios, stacked::Stacked};
+use self::{lines::Lines, map::Map};
 use super::colors::StageColors;
 use super::{Artifact, Exporter, OfRun, ReportView, RunExporter, Section, Written};
 use fathom_base::text;
 use fathom_experiments as experiments;
+use fathom_experiments::Measure;
 use fathom_experiments::schema::{Experiment, Plot, PlotKind, Published};
-use fathom_experiments::{Measure, Ruling, Verdict};
 use fathom_record::Cell;
 
 pub use roofline::EXPORTER as ROOFLINES;
@@ -48,9 +49,7 @@ const GAP_PX: u32 = 18;
 const LINE_CHARACTERS: usize = 134;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-/// Drawing on a string cannot fail but by a bug in the drawing.
-type Fault = DrawingAreaErrorKind<std::io::Error>;
-type Drawn = Result<(), Fault>;
+type Drawn<T = ()> = Result<T, DrawingAreaErrorKind<std::io::Error>>;
 
 /// Cells of a plot beyond which it is not drawn: nobody can read it.
 const MOST_CELLS: usize = 2_000;
@@ -59,15 +58,14 @@ const MOST_CELLS: usize = 2_000;
 trait Panel {
     fn height_px(&self) -> u32;
 
-    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn;
+    fn draw(&self, area: &Area<'_>) -> Drawn;
 }
 
 /// What plots are made from.
-#[derive(Clone)]
 struct PlotInput<'s> {
     experiment: &'s Experiment,
     cells: Vec<&'s Cell>,
-    rulings: &'s [Ruling],
+    colors: &'s StageColors,
     /// Measured on a software driver: published times are not drawn beside its own.
     software: bool,
 }
@@ -79,54 +77,56 @@ impl<'s> PlotInput<'s> {
             let on_axis = plot.over.as_ref().is_none_or(|over| cell.axes.contains_key(over));
             on_axis && experiments::fits(cell, &plot.filter)
         };
-        PlotInput { cells: self.cells.iter().copied().filter(belongs).collect(), ..self.clone() }
+        PlotInput { cells: self.cells.iter().copied().filter(belongs).collect(), ..*self }
     }
 
-    /// The published frame time of a cell's size; none beside a software driver's.
-    fn published(&self, cell: &Cell) -> Option<&'s Published> {
-        self.experiment.published_for(cell).filter(|_| !self.software)
+    /// The published frame time of a cell's size, beside that of frames; none beside a software driver's.
+    fn published(&self, cell: &Cell, y: &Measure) -> Option<&'s Published> {
+        let is_drawn = !self.software && *y == Measure::frame();
+        self.experiment.published_for(cell).filter(|_| is_drawn)
     }
 }
 
 /// A panel with its title and what is said below it.
-struct Framed {
-    title: String,
-    verdicts: Vec<(Verdict, String)>,
-    /// Published figures, in words.
-    published: Vec<String>,
-    body: Box<dyn Panel>,
+struct Framed<'s> {
+    title: &'s str,
+    lines: Vec<Line>,
+    body: Box<dyn Panel + 's>,
 }
 
-/// An experiment's panels, and its plots that have none.
+/// A line of small type.
+struct Line {
+    /// Of the verdict that begins here.
+    dot: Option<RGBColor>,
+    x: i32,
+    text: String,
+}
+
+/// The plots of an experiment.
 #[derive(Default)]
 pub struct Figure {
-    /// What holds for all of its cells.
-    common: String,
-    panels: Vec<Framed>,
+    /// All panels; none where no plot has one.
+    pub svg: Option<String>,
     /// Titles of the plots that have no panel, and why.
     pub missing: Vec<(String, &'static str)>,
 }
 
 impl Figure {
-    pub fn new(
-        experiment: &Experiment,
-        cells: Vec<&Cell>,
-        rulings: &[Ruling],
-        software: bool,
-    ) -> Figure {
-        let input = PlotInput { experiment, cells, rulings, software };
-        let mut figure = Figure { common: names::common(&input), ..Figure::default() };
-        for plot in &experiment.plot {
-            match Framed::new(plot, &input.of(plot)) {
-                Ok(panel) => figure.panels.push(panel),
-                Err(reason) => figure.missing.push((plot.title.clone(), reason)),
+    pub fn of(section: &Section<'_>) -> Figure {
+        let Some(experiment) = &section.experiment else { return Figure::default() };
+        let (cells, software) = (section.cells(), section.software());
+        let input = PlotInput { experiment, cells, colors: &section.colors, software };
+        let plots: Vec<(&Plot, PlotInput<'_>)> =
+            experiment.plot.iter().map(|plot| (plot, input.of(plot))).collect();
+        let (mut panels, mut missing) = (Vec::new(), Vec::new());
+        for (plot, input) in &plots {
+            match Framed::new(plot, input, section) {
+                Ok(panel) => panels.push(panel),
+                Err(reason) => missing.push((plot.title.clone(), reason)),
             }
         }
-        figure
-    }
-
-    pub fn is_drawn(&self) -> bool {
-        !self.panels.is_empty()
+        let svg = (!panels.is_empty()).then(|| picture(section, &names::common(&input), &panels));
+        Figure { svg, missing }
     }
 }
 
@@ -135,141 +135,140 @@ pub fn file_name(section: &Section<'_>) -> String {
 }
 
 fn export(view: &ReportView<'_>) -> Vec<Artifact> {
-    let drawn = view.sections.iter().filter(|section| section.figure().is_drawn());
-    drawn.map(|section| Artifact::of(file_name(section), svg(view, section))).collect()
+    let drawn = view.sections.iter().filter_map(|section| {
+        let svg = section.figure().svg.clone()?;
+        Some(Artifact::of(file_name(section), svg))
+    });
+    drawn.collect()
 }
 
-/// What a drawing on a string gives.
-fn drawn<T>(result: Result<T, Fault>) -> T {
-    result.expect("a string takes every drawing")
+/// A drawing of this height with a title.
+fn drawing(height_px: u32, title: &str, draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height_px)).into_drawing_area();
+        let drawn = root
+            .fill(&WHITE)
+            .and_then(|()| root.draw_text(title, &style::title(), (16, 12)))
+            .and_then(|()| draw(&root))
+            .and_then(|()| root.present());
+        // It cannot fail but by a bug in the drawing.
+        drawn.expect("a string takes every drawing");
+    }
+    // The backend escapes marks of XML; what XML cannot hold at all is left to do.
+    text::block(svg)
 }
 
-/// The figure of an experiment of a view.
-pub fn svg(view: &ReportView<'_>, section: &Section<'_>) -> String {
-    drawn(picture(section, view))
-}
-
-impl Framed {
-    fn new(plot: &Plot, input: &PlotInput<'_>) -> Result<Framed, &'static str> {
+impl<'s> Framed<'s> {
+    fn new(
+        plot: &'s Plot,
+        input: &'s PlotInput<'s>,
+        section: &Section<'_>,
+    ) -> Result<Framed<'s>, &'static str> {
         if input.cells.len() > MOST_CELLS {
             return Err("it has more than 2,000 cells, which cells.csv lists");
         }
         let body = body(plot, input)?.ok_or("no records hold its data")?;
-        let (verdicts, published) = (verdicts(plot, input), published_lines(plot, input));
-        Ok(Framed { title: plot.title.clone(), verdicts, published, body })
-    }
-
-    fn lines(&self) -> u32 {
-        let verdicts = self.verdicts.iter().map(|(verdict, text)| told(*verdict, text).len());
-        (verdicts.sum::<usize>() + self.published.len()) as u32
+        let mut lines = verdicts(plot, input, section);
+        lines.extend(published(plot, input));
+        Ok(Framed { title: &plot.title, lines, body })
     }
 
     fn head_px(&self) -> u32 {
-        HEADING_PX + self.lines() * LINE_PX + 4
+        HEADING_PX + self.lines.len() as u32 * LINE_PX + 4
     }
 
     fn height_px(&self) -> u32 {
         self.head_px() + self.body.height_px() + GAP_PX
     }
 
-    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn {
-        area.draw_text(&self.title, &style::heading(), (16, 8))?;
-        let mut y = HEADING_PX as i32 + 6;
-        for (verdict, text) in &self.verdicts {
-            let color = style::of_verdict(*verdict);
-            area.draw(&Circle::new((22, y), 5, color.filled()))?;
-            for line in told(*verdict, text) {
-                area.draw_text(&line, &style::starting(style::small()), (34, y))?;
-                y += LINE_PX as i32;
+    fn draw(&self, area: &Area<'_>) -> Drawn {
+        area.draw_text(self.title, &style::heading(), (16, 8))?;
+        for (row, Line { dot, x, text }) in (0..).zip(&self.lines) {
+            let y = (HEADING_PX + 6 + row * LINE_PX) as i32;
+            if let Some(color) = dot {
+                area.draw(&Circle::new((22, y), 5, color.filled()))?;
             }
-        }
-        for line in &self.published {
-            area.draw_text(line, &style::starting(style::small()), (16, y))?;
-            y += LINE_PX as i32;
+            area.draw_text(text, &style::starting(style::small()), (*x, y))?;
         }
         let (_, body) = area.split_vertically(self.head_px());
-        self.body.draw(&body, colors)
+        self.body.draw(&body)
     }
 }
 
-/// A claim's verdict and text, in lines.
-fn told(verdict: Verdict, text: &str) -> Vec<String> {
-    style::wrap(&format!("{verdict}: {text}"), LINE_CHARACTERS)
-}
-
-fn body(plot: &Plot, input: &PlotInput<'_>) -> Result<Option<Box<dyn Panel>>, &'static str> {
-    fn boxed<P: Panel + 'static>(panel: P) -> Box<dyn Panel> {
+fn body<'s>(
+    plot: &'s Plot,
+    input: &'s PlotInput<'s>,
+) -> Result<Option<Box<dyn Panel + 's>>, &'static str> {
+    fn boxed<'s, P: Panel + 's>(panel: P) -> Box<dyn Panel + 's> {
         Box::new(panel)
     }
     Ok(match plot.kind {
         PlotKind::Scaling | PlotKind::Lines => Lines::new(plot, input).map(boxed),
-        PlotKind::Stacked => Stacked::new(input).map(boxed),
-        PlotKind::Bars => Bars::new(plot, input).map(boxed),
-        PlotKind::Ratios => Ratios::new(plot, input).map(boxed),
+        PlotKind::Stacked => stacked::chart(input).map(boxed),
+        PlotKind::Bars => bars::chart(plot, input).map(boxed),
+        PlotKind::Ratios => ratios::chart(plot, input).map(boxed),
         PlotKind::Map => Map::new(plot, input)?.map(boxed),
     })
 }
 
 /// The rulings on the claims about what a plot shows: the same measure, along an axis that its cells have.
-fn verdicts(plot: &Plot, input: &PlotInput<'_>) -> Vec<(Verdict, String)> {
+fn verdicts(plot: &Plot, input: &PlotInput<'_>, section: &Section<'_>) -> Vec<Line> {
     let frame = [Measure::frame()];
     let shown = if plot.kind == PlotKind::Stacked { &frame } else { plot.y.as_slice() };
     let has_axis = |axis: &str| input.cells.iter().any(|cell| cell.axes.contains_key(axis));
-    let claims = input.experiment.claim.iter().zip(input.rulings);
+    let claims = input.experiment.claim.iter().zip(section.rulings());
     let about = claims.filter(|(claim, _)| {
         shown.contains(claim.test.y()) && claim.test.over().is_none_or(has_axis)
     });
-    about.map(|(_, ruling)| (ruling.verdict, ruling.text.clone())).collect()
+    let lines = about.flat_map(|(_, ruling)| {
+        let told = style::wrap(&format!("{}: {}", ruling.verdict, ruling.text), LINE_CHARACTERS);
+        let dots = std::iter::once(Some(style::of_verdict(ruling.verdict)));
+        let dots = dots.chain(std::iter::repeat(None));
+        told.into_iter().zip(dots).map(|(text, dot)| Line { dot, x: 34, text })
+    });
+    lines.collect()
 }
 
 /// Published figures of the sizes shown, in words: all figures, then the hardware.
-fn published_lines(plot: &Plot, input: &PlotInput<'_>) -> Vec<String> {
+fn published(plot: &Plot, input: &PlotInput<'_>) -> Vec<Line> {
     let of_frames = plot.kind == PlotKind::Stacked || plot.y.contains(&Measure::frame());
     let cells = input.cells.iter().filter(|cell| of_frames && cell.measured().is_some());
     let published: Vec<&Published> =
         cells.filter_map(|cell| input.experiment.published_for(cell)).collect();
-    let figures: IndexSet<String> = published.iter().map(|one| one.figure()).collect();
-    let hardware: IndexSet<&str> = published.iter().map(|one| one.hardware.as_str()).collect();
-    if figures.is_empty() {
+    if published.is_empty() {
         return Vec::new();
     }
-    let [figures, hardware] = [
-        figures.into_iter().collect::<Vec<_>>(),
-        hardware.into_iter().map(str::to_owned).collect(),
-    ]
-    .map(|parts| parts.join(", "));
+    let figures: IndexSet<String> = published.iter().map(|one| one.figure()).collect();
+    let hardware: IndexSet<&str> = published.iter().map(|one| one.hardware.as_str()).collect();
+    let (figures, hardware) = (figures.iter().join(", "), hardware.iter().join(", "));
     let mut line = format!("Published for cells of this size: {figures} frames/s on {hardware}.");
     if input.software {
         line += " Not drawn: a software driver's times are not comparable.";
     }
-    style::wrap(&line, LINE_CHARACTERS)
+    let told = style::wrap(&line, LINE_CHARACTERS).into_iter();
+    told.map(|text| Line { dot: None, x: 16, text }).collect()
 }
 
 /// Lines below the title: where and from what the figures are, and what all cells share.
-fn subtitle(section: &Section<'_>, view: &ReportView<'_>) -> Vec<String> {
-    let adapter = view.run().map(|run| {
+fn subtitle(section: &Section<'_>, common: &str) -> Vec<String> {
+    let adapter = section.run.map(|run| {
         let kind = if run.adapter.software { "software driver" } else { "hardware" };
-        format!("{} ({kind}) · profile {}", run.adapter.name, run.profile.name())
+        format!("{} ({kind}) · profile {}", run.adapter.name, run.profile)
     });
     let source = section.experiment.as_ref().map(|experiment| experiment.source.clone());
-    let first = adapter.into_iter().chain(source).collect::<Vec<_>>().join(" · ");
-    let common = Some(section.figure().common.as_str()).filter(|common| !common.is_empty());
-    let common = common.map(|common| format!("All cells: {common}"));
+    let first = adapter.into_iter().chain(source).join(" · ");
+    let common = (!common.is_empty()).then(|| format!("All cells: {common}"));
     let lines = std::iter::once(first).chain(common);
     lines.flat_map(|line| style::wrap(&line, LINE_CHARACTERS)).collect()
 }
 
-fn picture(section: &Section<'_>, view: &ReportView<'_>) -> Result<String, Fault> {
-    let panels = &section.figure().panels;
-    let subtitle = subtitle(section, view);
+fn picture(section: &Section<'_>, common: &str, panels: &[Framed<'_>]) -> String {
+    let subtitle = subtitle(section, common);
     let head_px = TITLE_PX + subtitle.len() as u32 * LINE_PX + 10;
-    let height = head_px + panels.iter().map(Framed::height_px).sum::<u32>();
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height)).into_drawing_area();
-        root.fill(&WHITE)?;
-        let title = format!("{}: {}", section.id, section.title());
-        root.draw_text(&title, &style::title(), (16, 12))?;
+    let height_px = head_px + panels.iter().map(Framed::height_px).sum::<u32>();
+    let title = format!("{}: {}", section.id, section.title());
+    let svg = drawing(height_px, &title, |root| {
         for (index, line) in (0..).zip(&subtitle) {
             let y = (TITLE_PX + index * LINE_PX) as i32;
             root.draw_text(line, &style::small(), (16, y))?;
@@ -277,19 +276,19 @@ fn picture(section: &Section<'_>, view: &ReportView<'_>) -> Result<String, Fault
         let (_, mut rest) = root.split_vertically(head_px);
         for panel in panels {
             let (area, below) = rest.split_vertically(panel.height_px());
-            panel.draw(&area, &view.colors)?;
+            panel.draw(&area)?;
             rest = below;
         }
-        root.present()?;
-    }
-    // The backend escapes marks of XML; what XML cannot hold at all is left to do.
-    Ok(style::themed(&text::block(&svg)))
+        Ok(())
+    });
+    style::themed(&svg)
 }
 
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
 
+    use super::chart::Item;
     use super::*;
     use fathom_experiments::fixtures;
     use fathom_record::{Definition, Outcome, Profile, Record};
@@ -520,11 +519,16 @@ mod tests {
         let records = mapped();
         let view = ReportView::new(&records, None);
         let experiment = Experiment::parse("own", MAPPED).unwrap();
-        let cells = view.sections[0].cells();
-        let input = PlotInput { experiment: &experiment, cells, rulings: &[], software: true };
+        let (cells, colors) = (view.sections[0].cells(), &view.colors);
+        let input = PlotInput { experiment: &experiment, cells, colors, software: true };
         let plot = &experiment.plot[1];
-        let bars = Bars::new(plot, &input.of(plot)).unwrap();
-        assert_eq!(bars.shape(), [("tank", 3), ("port", 2)]);
+        let chart = bars::chart(plot, &input.of(plot)).unwrap();
+        let shape = chart.items.iter().filter_map(|item| match item {
+            Item::Label(label, _) => Some(label.as_str()),
+            Item::Bar(..) => Some("bar"),
+            _ => None,
+        });
+        assert!(shape.eq(["tank", "bar", "bar", "bar", "port", "bar", "bar"]));
     }
 
     #[test]

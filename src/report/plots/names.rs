@@ -52,11 +52,11 @@ pub fn factor(y: &Measure, title: Option<&String>) -> f64 {
     }
 }
 
-/// The title of the ordinate.
-pub fn y_title(plot: &Plot, shown: &[&Measure]) -> String {
-    match (&plot.y_title, shown) {
+/// The title of the ordinate, which may show one measure only.
+pub fn y_title(plot: &Plot, only: Option<&Measure>) -> String {
+    match (&plot.y_title, only) {
         (Some(title), _) => title.clone(),
-        (None, [only]) if !only.is_time() => only.label().text(),
+        (None, Some(only)) if !only.is_time() => only.label().text(),
         _ => "time (ms)".to_owned(),
     }
 }

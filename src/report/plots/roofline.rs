@@ -4,7 +4,7 @@
 use plotters::prelude::*;
 
 use super::chart::mesh;
-use super::{Area, Drawn, Fault, WIDTH_PX, drawn, style};
+use super::{Area, Drawn, drawing, style};
 use crate::axis::{Scale, ScaleKind};
 use crate::ceilings::{RoofPoint, Roofline, rooflines};
 use crate::colors::StageColors;
@@ -32,7 +32,7 @@ const LABEL_PX: (i32, i32) = (7, 16);
 fn export(view: &ReportView<'_>) -> Vec<Artifact> {
     let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
     let files = rooflines(view).into_iter().filter_map(|(pipeline, roofline)| {
-        let svg = drawn(Chart::new(&roofline)?.svg(pipeline, adapter, &view.colors));
+        let svg = Chart::new(&roofline)?.svg(pipeline, adapter, &view.colors);
         Some(Artifact::of(format!("roofline-{}.svg", text::file_stem(pipeline)), svg))
     });
     files.collect()
@@ -62,22 +62,16 @@ impl<'r> Chart<'r> {
         Some(Self { roofline, x, y })
     }
 
-    fn svg(&self, pipeline: &str, adapter: &str, colors: &StageColors) -> Result<String, Fault> {
-        let mut svg = String::new();
-        {
-            let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, HEIGHT_PX)).into_drawing_area();
-            root.fill(&WHITE)?;
-            root.draw_text(&format!("Roofline of {pipeline}"), &style::title(), (16, 12))?;
+    fn svg(&self, pipeline: &str, adapter: &str, colors: &StageColors) -> String {
+        drawing(HEIGHT_PX, &format!("Roofline of {pipeline}"), |root| {
             let model =
                 "roofs as measured on this adapter; model: Williams, Waterman & Patterson 2009";
             root.draw_text(&[adapter, model].join(" · "), &style::small(), (16, 40))?;
             let (_, below) = root.split_vertically(TITLE_PX);
             let (chart, notes) = below.split_vertically(HEIGHT_PX - TITLE_PX - NOTES_PX);
             self.draw(&chart, colors)?;
-            self.notes(&notes)?;
-            root.present()?;
-        }
-        Ok(text::block(&svg))
+            self.notes(&notes)
+        })
     }
 
     fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn {
@@ -105,9 +99,7 @@ impl<'r> Chart<'r> {
             self.slope(&mut canvas, memory)?;
         }
         for point in &self.roofline.points {
-            let color = colors.of(point.stage);
-            let color = RGBColor(color.0, color.1, color.2);
-            canvas.point(self.at(point), point, color)?;
+            canvas.point(self.at(point), point, style::of_stage(colors.of(point.stage)))?;
         }
         Ok(())
     }

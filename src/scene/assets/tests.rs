@@ -11,7 +11,7 @@ const ABC: Asset = Asset {
     about: "three letters",
     file: "abc.txt",
     sha256: "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
-    source: Source::Package(Package::Debian { package: "abc-data", path: "/usr/share/abc.txt" }),
+    source: Source::Debian { package: "abc-data", path: "/usr/share/abc.txt" },
     content: Content::Mesh,
     stand_in: ("knot", &[]),
 };
@@ -47,10 +47,10 @@ fn absent_installed_and_cached_are_told_apart() {
 #[test]
 fn a_file_with_another_sum_is_never_used() {
     let (folder, places) = places(&[(INSTALLED, "abd")]);
-    let fault = places.locate(&ABC).unwrap_err().to_string();
+    let fault = places.locate(&ABC).unwrap_err();
     assert!(fault.contains("SHA-256"), "{fault}");
     let error = places.store(&ABC, &folder.path().join(INSTALLED)).unwrap_err();
-    assert!(matches!(error, AssetError::WrongSum { .. }), "{error}");
+    assert!(error.contains("was not kept"), "{error}");
     assert!(!folder.path().join("cache/abc.txt").exists());
 }
 
@@ -90,18 +90,14 @@ fn an_asset_put_there_by_hand_is_found_plain_and_packed_by_the_sum_of_its_conten
     let plain = cache.join("abc.txt");
     std::fs::write(&plain, "abc").expect("file");
     assert_eq!(places.fetch(&BY_HAND).expect("found").path, Some(plain));
-}
-
-#[test]
-fn an_asset_put_there_by_hand_with_another_sum_is_a_failure() {
-    let (_folder, places) = places(&[("cache/abc.txt", "abd")]);
-    let error = places.fetch(&BY_HAND).expect_err("wrong").to_string();
+    let (_folder, places) = self::places(&[("cache/abc.txt", "abd")]);
+    let error = places.fetch(&BY_HAND).err().expect("wrong");
     assert!(error.contains("put the right abc.txt"), "{error}");
 }
 
 #[test]
 fn unknown_assets_get_the_nearest_name() {
     let error = named("buny").err().expect("unknown");
-    assert!(error.to_string().contains("`bunny`"), "{error}");
+    assert!(error.contains("`bunny`"), "{error}");
     assert!(fetch(&["sponsa"])[0].is_err());
 }

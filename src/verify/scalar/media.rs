@@ -1,7 +1,7 @@
 //! `scalar/direct` and `scalar/positional` against closed forms and f64 marching.
 
 use super::*;
-use fathom_reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
+use fathom_reference::media::{self, Marching, in_ball, on_ramp, under_face};
 
 const DIRECT: &str = "scalar/direct";
 const POSITIONAL: &str = "scalar/positional";
@@ -96,8 +96,6 @@ fn many_rays(rig: &Rig<'_>, mode: Mode) -> Checks {
         seen_block(Scalar { rays, ..marched(mode, Law::Beer, r_max_m, 8) }, 8).run(rig)
     };
     let (many, few, longer) = (run(MANY_RAYS, 0.6)?, run(16, 0.6)?, run(16, 0.8)?);
-    let apart =
-        |a: &Image, b: &Image| largest(a.data().iter().zip(b.data()).map(|(a, b)| (a - b).abs()));
     let off = |other: &ScalarPicture| (many.visibility.mean() - other.visibility.mean()).abs();
     let black = Image::constant(8, 8, 0.0);
     let check = |what: &str| Check::of(rig, format!("{MANY_RAYS} rays: {what}"));
@@ -275,7 +273,7 @@ fn pyramid(rig: &Rig<'_>) -> Result<Check> {
     let marching = twin(&scalar, &volume);
     let error = |volume: &Volume| (a - marching.positional(volume, ROUGH_POINT, TWIN_RAYS)).abs();
     Ok(Check::of(rig, "A_P from the next coarser level against f64 marching of means")
-        .within((TOLERANCE, "1"), error(&halved(&volume)))
+        .within((TOLERANCE, "1"), error(&volume.clone().reduced(2)))
         .control("the level below", error(&volume))
         .with("occlusion", a))
 }

@@ -331,16 +331,6 @@ fn the_floor_follows_its_depth() {
 }
 
 #[test]
-fn unknown_scenes_get_the_nearest_name() {
-    for (name, told) in
-        [("tnk", "did you mean `tank`?"), ("no/such/file.toml", "no/such/file.toml")]
-    {
-        let error = Scene::load(name).unwrap_err().to_string();
-        assert!(error.contains(told), "{error}");
-    }
-}
-
-#[test]
 fn unusable_values_are_named() {
     let broken = |change: fn(&mut SceneFile)| {
         let mut file = SceneFile::load("tank").unwrap();

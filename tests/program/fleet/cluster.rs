@@ -14,7 +14,6 @@ pub const NODES: [&str; 2] = ["n1", "n2"];
 const PATH: &str = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin";
 pub struct Cluster {
     pub place: Place,
-    ports: [u16; 3],
     daemons: Vec<Child>,
     pub nodes: Vec<Child>,
 }
@@ -28,10 +27,7 @@ pub fn is_installed() -> bool {
 
 impl Cluster {
     pub fn start() -> Self {
-        let listeners = [0; 3].map(|_| TcpListener::bind("127.0.0.1:0").unwrap());
-        let ports = listeners.map(|listener| listener.local_addr().unwrap().port());
-        let place = Place::new();
-        let mut cluster = Self { place, ports, daemons: Vec::new(), nodes: Vec::new() };
+        let mut cluster = Self { place: Place::new(), daemons: Vec::new(), nodes: Vec::new() };
         cluster.configure();
         let munged = cluster.munged();
         cluster.daemons.push(munged);
@@ -53,7 +49,9 @@ impl Cluster {
         let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap();
         let (user, host, folder) = (name("-un"), host.trim(), self.place.path(""));
         let folder = folder.display();
-        let [controller, ports @ ..] = self.ports;
+        let listeners = [0; 3].map(|_| TcpListener::bind("127.0.0.1:0").unwrap());
+        let [controller, ports @ ..] =
+            listeners.map(|listener| listener.local_addr().unwrap().port());
         let mut text = format!(
             "ClusterName=fathom\nSlurmctldHost={host}(127.0.0.1)\nSlurmctldPort={controller}\nSlurmUser={user}\nSlurmdUser={user}\n\
              AuthType=auth/munge\nAuthInfo=socket={folder}/munge.socket\nCredType=cred/munge\n\

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use fathom::record::{
-    Adapter, Clock, ErrorFigure, FrameRecord, Measured, Outcome, Record, Run, SCHEMA,
+    Adapter, Clock, ErrorFigure, FrameRecord, Measured, Outcome, Record, Run, SCHEMA, StageRecord,
 };
 use fathom::statistics::estimate;
 use serde_json::json;
 
-use crate::common::{own_cell, stage};
+use crate::common::{lines, own_cell};
 
 pub const CELLS: usize = 3;
 /// Frame, a stage and an error.
@@ -24,7 +24,7 @@ fn cell(number: usize, ns: f64) -> Record {
     let untimed_samples_ns = samples(2.0 * ns);
     let untimed = estimate(&untimed_samples_ns);
     let measured = Measured {
-        stages: vec![stage("caustics/trace", Clock::ProcessCpu, samples(ns))],
+        stages: vec![StageRecord::of("caustics/trace", Clock::ProcessCpu, samples(ns))],
         frame: FrameRecord { untimed_samples_ns, untimed, ..FrameRecord::default() },
         errors: vec![ErrorFigure::new("photon_error_p99_m", 0.25, "m", "caustics/trace")],
         ..Measured::default()
@@ -44,18 +44,14 @@ fn header(second: usize, host: Option<&str>) -> Record {
     Record::Run(Box::new(run))
 }
 
-fn lines(records: impl Iterator<Item = Record>) -> Vec<u8> {
-    records.flat_map(|line| (serde_json::to_string(&line).unwrap() + "\n").into_bytes()).collect()
-}
-
 /// Shards of a cell each, measured on these machines and merged.
-pub fn merged(second: usize, hosts: &[&str]) -> Vec<u8> {
+pub fn merged(second: usize, hosts: &[&str]) -> String {
     let shard = |(number, host): (usize, &&str)| [header(second, Some(host)), cell(number, 5e6)];
     lines(hosts.iter().enumerate().flat_map(shard))
 }
 
 /// A run of so many cells, which starts at a second. Cell 0 takes `ns`, the others a time that never changes much.
-pub fn records(second: usize, cells: usize, ns: f64) -> Vec<u8> {
+pub fn records(second: usize, cells: usize, ns: f64) -> String {
     let jitter = 1.0 + 1e-3 * ((second * 7919) % 13) as f64;
     let time = |number: usize| jitter * if number == 0 { ns } else { 5e6 };
     let cells = (0..cells).map(|number| cell(number, time(number)));
@@ -83,13 +79,9 @@ impl Repository {
     }
 
     fn git(&self, arguments: &[&str], date: &str) -> String {
+        let someone = ["-c", "user.name=n", "-c", "user.email=n@example.org"];
         let mut git = Command::new("git");
-        git.arg("-C").arg(&self.folder).args([
-            "-c",
-            "user.name=n",
-            "-c",
-            "user.email=n@example.org",
-        ]);
+        git.arg("-C").arg(&self.folder).args(someone);
         git.args(arguments).envs([("GIT_AUTHOR_DATE", date), ("GIT_COMMITTER_DATE", date)]);
         let output = git.output().unwrap();
         assert!(output.status.success(), "{output:?}");

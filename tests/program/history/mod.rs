@@ -3,9 +3,7 @@
 
 mod made;
 mod planted;
-#[cfg(feature = "postgres")]
 mod postgres;
-#[cfg(feature = "postgres")]
 mod server;
 
 use std::os::unix::process::ExitStatusExt;
@@ -13,8 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::common::hostile::HOSTILE;
-use crate::common::{Ends, Place, fathom, holds, names};
-use fathom::record::Record;
+use crate::common::{Ends, Place, fathom, holds, lines, names};
 use made::{CELLS, FIGURES_OF_A_CELL, Repository, records};
 use nix::sys::signal::Signal;
 use serde_json::Value;
@@ -38,7 +35,7 @@ fn add(folder: &str, commit: &str) -> String {
 }
 
 /// Writes a folder's records.
-fn put(folder: &Path, records: &[u8]) {
+fn put(folder: &Path, records: &str) {
     std::fs::create_dir_all(folder).unwrap();
     std::fs::write(folder.join("records.jsonl"), records).unwrap();
 }
@@ -49,10 +46,10 @@ fn runs(folder: &Path, db: &str) -> Vec<String> {
     listed.lines().skip(1).map(|line| line.split(' ').next().unwrap().to_owned()).collect()
 }
 
-fn got(folder: &Path, db: &str, run: &str) -> Vec<u8> {
+fn got(folder: &Path, db: &str, run: &str) -> String {
     let out = Place::new();
     history(folder, db, format!("get {run} --out {}", out.path("").display())).ends(0);
-    std::fs::read(out.path("records.jsonl")).unwrap()
+    out.read("records.jsonl")
 }
 
 /// What changed, as JSON.
@@ -162,25 +159,23 @@ fn takes_hostile_names_as_text(place: &Place, db: &str) {
     let repository = Repository::new(place.path("hostile"), 1);
     let here = &repository.folder;
     let run = here.join("run");
-    put(&run, crate::common::hostile::records().as_bytes());
+    put(&run, &crate::common::hostile::records());
     let mut records = fathom::record::read_good(&run.join("records.jsonl")).unwrap().records;
-    let text = |records: &[Record]| -> String {
-        records.iter().map(|record| serde_json::to_string(record).unwrap() + "\n").collect()
-    };
-    assert!(text(&records).contains("\\u0000"));
-    put(&run, text(&records).as_bytes());
+    let text = lines(records.clone());
+    assert!(text.contains("\\u0000"));
+    put(&run, &text);
     let sql = "x'); DROP TABLE fathom_run; --\" ../../up \u{1b}[31m";
     history(here, db, "add run").args(["--branch", sql, "--machine", sql]).ends(0);
     // Commits that git does not know are placed by the start of the run.
     for (second, commit) in [sql, "--output=../x"].into_iter().enumerate() {
-        let Record::Run(header) = &mut records[0] else { panic!("{:?}", records[0]) };
+        let header = records[0].try_as_run_mut().unwrap();
         header.started_at = format!("2026-02-03T04:05:0{second}Z");
-        let again = text(&records);
-        put(&run, again.as_bytes());
+        let again = lines(records.clone());
+        put(&run, &again);
         let mut add = history(here, db, "add run --branch b --machine m");
         add.arg(format!("--commit={commit}")).ends(0);
         let stored = runs(here, db);
-        assert!(stored.iter().any(|run| got(here, db, run) == again.as_bytes()));
+        assert!(stored.iter().any(|run| got(here, db, run) == again));
     }
     assert_eq!(runs(here, db).len(), 3);
     let shown = history(here, db, "show").answer();
@@ -205,7 +200,7 @@ fn survives_kills(folder: &Path, db: &str, target: &mut dyn Target) {
     const MANY: usize = 150;
     const FIGURES: i64 = (MANY * FIGURES_OF_A_CELL) as i64;
     let commit = "c".repeat(40);
-    let adding = |db: &str, records: &[u8]| {
+    let adding = |db: &str, records: &str| {
         put(&folder.join("run"), records);
         history(folder, db, add("run", &commit))
     };
@@ -215,7 +210,7 @@ fn survives_kills(folder: &Path, db: &str, target: &mut dyn Target) {
     }
     let stored = runs(folder, db);
     assert_eq!(stored.len(), 2);
-    let sources: Vec<Vec<u8>> = (0..MOMENTS).map(|second| records(second, MANY, 5e6)).collect();
+    let sources: Vec<String> = (0..MOMENTS).map(|second| records(second, MANY, 5e6)).collect();
     for (moment, source) in sources.iter().enumerate() {
         let share = (moment as f64 + 0.5) / MOMENTS as f64;
         target.add_and_kill(adding(&target.place(), source), share);
@@ -299,38 +294,6 @@ fn a_killed_add_leaves_no_half_run_in_sqlite() {
     survives_kills(&place.path(""), &file.place(), &mut file);
 }
 
-#[test]
-fn what_may_hold_a_password_is_neither_shown_nor_a_file() {
-    let place = Place::new();
-    for (db, reason) in [
-        ("Postgres://user:secret@h/d", "not understood"),
-        (" postgres://user:secret@h/d", "not understood"),
-        ("jdbc:postgresql://h/d?password=secret", "not understood"),
-        ("mysql://user:secret@h/d", "not understood"),
-        #[cfg(not(feature = "postgres"))]
-        (
-            "postgres://user:secret@localhost/d",
-            "build it with `cargo build --release --locked --features postgres`",
-        ),
-    ] {
-        refused_and_not_shown(&place, db, reason);
-    }
-    assert_eq!(names(&place.path("")), [""; 0]);
-}
-
-/// The database is refused as an option and as a variable, and its password is not in the message.
-#[track_caller]
-fn refused_and_not_shown(place: &Place, db: &str, reason: &str) {
-    let as_option = history(&place.path(""), db, "list");
-    let mut by_variable = place.fathom("history list");
-    by_variable.env("FATHOM_HISTORY", db);
-    for mut command in [as_option, by_variable] {
-        let told = command.ends(2);
-        told.error(reason);
-        assert!(!told.err.contains("secret") && !told.out.contains("secret"), "{db}");
-    }
-}
-
 /// Where the tests below keep a history, and a run of few cells.
 fn sqlite() -> (Place, impl Fn(&str) -> Command) {
     let place = Place::new();
@@ -369,7 +332,7 @@ fn damaged_runs_are_named_and_not_stored() {
         ("headless", lines[1..].join("\n"), "does not begin with a run's header"),
         ("between", [lines[0], "{\"record\":", lines[1], ""].join("\n"), "line 2"),
     ] {
-        put(&place.path(name), records.as_bytes());
+        put(&place.path(name), &records);
         let both = format!("add run {name} --commit c --branch b");
         holds(&history(&both).refused(reason), &[name]);
     }
@@ -388,7 +351,7 @@ fn packed_records_are_the_same_run() {
     history(&add("packed", "c")).ends(0);
     holds(&history(&add("run", "c")).answer(), &["stored already"]);
     let (folder, db) = (&place.path(""), "history.sqlite");
-    assert_eq!(got(folder, db, &runs(folder, db)[0]), records.as_bytes());
+    assert_eq!(got(folder, db, &runs(folder, db)[0]), records);
 }
 
 #[test]

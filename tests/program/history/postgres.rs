@@ -9,9 +9,9 @@ use super::made::{CELLS, records};
 use super::server::{CutConnection, Server};
 use super::{
     FIGURES, Target, add, history, keeps_runs_whole, names_the_commits_of_a_change, put,
-    refused_and_not_shown, survives_kills, takes_hostile_names_as_text, tells_machines_apart,
+    survives_kills, takes_hostile_names_as_text, tells_machines_apart,
 };
-use crate::common::{Ends, Place};
+use crate::common::{Ends, Place, names};
 
 /// A database of a server, and how much a command sent to it, bytes.
 struct ServedDatabase<'a> {
@@ -104,10 +104,15 @@ fn a_server_that_falls_silent_is_not_waited_for_without_end() {
     serve.join().unwrap();
 }
 
+/// Nor are they taken for files.
 #[test]
-fn urls_that_are_refused_are_not_shown() {
+fn what_may_hold_a_password_is_refused_and_not_shown() {
     let place = Place::new();
-    for (url, reason) in [
+    for (db, reason) in [
+        ("Postgres://user:secret@h/d", "not understood"),
+        (" postgres://user:secret@h/d", "not understood"),
+        ("jdbc:postgresql://h/d?password=secret", "not understood"),
+        ("mysql://user:secret@h/d", "not understood"),
         ("postgres://user:pass@secret@localhost/d", "not understood"),
         ("postgres://user:secret@localhost:port/d", "not understood"),
         ("postgres://user:secret@example.org/d?sslmode=disable", "say --unencrypted"),
@@ -117,8 +122,16 @@ fn urls_that_are_refused_are_not_shown() {
             "say --unencrypted",
         ),
     ] {
-        refused_and_not_shown(&place, url, reason);
+        let as_option = history(&place.path(""), db, "list");
+        let mut by_variable = place.fathom("history list");
+        by_variable.env("FATHOM_HISTORY", db);
+        for mut command in [as_option, by_variable] {
+            let told = command.ends(2);
+            told.error(reason);
+            assert!(!told.err.contains("secret") && !told.out.contains("secret"), "{db}");
+        }
     }
+    assert_eq!(names(&place.path("")), [""; 0]);
 }
 
 /// The server takes nothing over TCP but TLS. 0.0.0.0 leads to this host, and counts as another one.
@@ -128,7 +141,7 @@ fn another_host_is_reached_over_tls_and_its_certificate_is_checked() {
     let place = Place::new();
     put(&place.path("run"), &records(1, CELLS, 5e6));
     let over_tcp = |host: &str, options: &str, words: &str| {
-        let url = format!("postgres://postgres@{host}:{}/postgres{options}", server.port());
+        let url = format!("postgres://postgres@{host}:{}/postgres{options}", server.port);
         let mut command = history(&place.path(""), &url, words);
         command.env_remove("SSL_CERT_DIR").env("SSL_CERT_FILE", &certificate);
         command

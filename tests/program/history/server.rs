@@ -5,7 +5,7 @@ use std::net::{Shutdown, TcpListener};
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::time::Duration;
 
 use nix::sys::signal::{Signal, kill};
@@ -27,7 +27,7 @@ pub struct Server {
     process: Child,
     folder: TempDir,
     programs: PathBuf,
-    port: u16,
+    pub port: u16,
 }
 
 impl Server {
@@ -40,46 +40,36 @@ impl Server {
 
     /// The same on a port of this host, where it takes TLS alone; and the file of its certificate, which is for this address.
     pub fn start_with_tls(address: &str) -> Option<(Server, PathBuf)> {
-        let (programs, mut folder) = initialized()?;
-        let data = folder.path().join("data");
-        let certificate = certificate(&data, address);
-        let allowed = "local all all trust\nhostssl all all all trust\n";
-        std::fs::write(data.join("pg_hba.conf"), allowed).unwrap();
         loop {
+            let (programs, folder) = initialized()?;
+            let data = folder.path().join("data");
+            let certificate = certificate(&data, address);
+            let allowed = "local all all trust\nhostssl all all all trust\n";
+            std::fs::write(data.join("pg_hba.conf"), allowed).unwrap();
             // Another program may take the port before the server does.
             let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
             let settings = ["-c", "listen_addresses=127.0.0.1", "-c", "ssl=on"];
-            match Server::run(programs.clone(), folder, port, &settings) {
-                Ok(server) => return Some((server, certificate)),
-                Err(unused) => folder = unused,
+            if let Some(server) = Server::run(programs, folder, port, &settings) {
+                return Some((server, certificate));
             }
         }
     }
 
-    /// The folder comes back if the server ends.
-    fn run(
-        programs: PathBuf,
-        folder: TempDir,
-        port: u16,
-        settings: &[&str],
-    ) -> Result<Server, TempDir> {
+    /// None if the server ends.
+    fn run(programs: PathBuf, folder: TempDir, port: u16, settings: &[&str]) -> Option<Server> {
         let mut serve = as_postgres(&programs.join("postgres"));
         serve.arg("-D").arg(folder.path().join("data")).arg("-k").arg(folder.path());
         serve.args(["-p", &port.to_string()]).args(settings).current_dir(folder.path());
-        let mut process = serve.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-        let mut has_ended = false;
+        let process = serve.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        let mut server = Server { process, folder, programs, port };
         wait_until("the server", || {
-            has_ended = process.try_wait().unwrap().is_some();
-            has_ended || is_ready(&programs, folder.path(), port)
+            !server.is_running() || server.ask("postgres", "SELECT 1").is_ok()
         });
-        if has_ended {
-            return Err(folder);
-        }
-        Ok(Server { process, folder, programs, port })
+        server.is_running().then_some(server)
     }
 
-    pub fn port(&self) -> u16 {
-        self.port
+    fn is_running(&mut self) -> bool {
+        self.process.try_wait().unwrap().is_none()
     }
 
     pub fn url(&self, database: &str) -> String {
@@ -94,10 +84,18 @@ impl Server {
 
     /// Rows that a statement gives, their values parted by `|`.
     pub fn answer(&self, database: &str, statement: &str) -> String {
-        let mut ask = psql(&self.programs, self.folder.path(), self.port, database);
-        let answer = ask.args(["-c", statement]).output().unwrap();
-        assert!(answer.status.success(), "{answer:?}");
-        String::from_utf8(answer.stdout).unwrap()
+        self.ask(database, statement).unwrap_or_else(|output| panic!("{output:?}"))
+    }
+
+    fn ask(&self, database: &str, statement: &str) -> Result<String, Output> {
+        let mut psql = Command::new(self.programs.join("psql"));
+        psql.args(["-XqAt", "-U", "postgres", "-d", database, "-p", &self.port.to_string()]);
+        let answer = psql.arg("-h").arg(self.folder.path()).args(["-c", statement]).output();
+        let answer = answer.unwrap();
+        if !answer.status.success() {
+            return Err(answer);
+        }
+        Ok(String::from_utf8(answer.stdout).unwrap())
     }
 
     /// A certificate that no server here has.
@@ -129,18 +127,6 @@ fn initialized() -> Option<(PathBuf, TempDir)> {
     Some((programs, folder))
 }
 
-fn psql(programs: &Path, folder: &Path, port: u16, database: &str) -> Command {
-    let mut command = Command::new(programs.join("psql"));
-    command.args(["-XqAt", "-U", "postgres", "-d", database, "-p", &port.to_string(), "-h"]);
-    command.arg(folder);
-    command
-}
-
-fn is_ready(programs: &Path, folder: &Path, port: u16) -> bool {
-    let asked = psql(programs, folder, port, "postgres").args(["-c", "SELECT 1"]).output();
-    asked.unwrap().status.success()
-}
-
 /// Makes the key and the certificate that a server finds in its folder of data. They are the server's user's.
 fn certificate(folder: &Path, address: &str) -> PathBuf {
     certificate_by(as_postgres(Path::new("openssl")), folder, address);
@@ -162,9 +148,11 @@ fn certificate_by(mut openssl: Command, folder: &Path, address: &str) -> PathBuf
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // An immediate shutdown, the server's own processes included.
-        let _ = kill(Pid::from_raw(self.process.id() as i32), Signal::SIGQUIT);
-        let _ = self.process.wait();
+        if self.is_running() {
+            // An immediate shutdown, the server's own processes included.
+            let _ = kill(Pid::from_raw(self.process.id() as i32), Signal::SIGQUIT);
+            let _ = self.process.wait();
+        }
     }
 }
 

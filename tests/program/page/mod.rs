@@ -3,10 +3,11 @@
 
 mod browser;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use crate::common::{Ends, Place, hostile, reference};
+use crate::common::{Ends, Place, hostile, lines, reference, reference_of};
 use browser::{Browser, Display, NARROW, WIDE, axe};
+use fathom::record::Record;
 use serde_json::{Value, json};
 
 /// Cells of the large page.
@@ -23,21 +24,17 @@ fn page_of(records: &str) -> (Place, PathBuf) {
 
 /// The reference run's cells over and over under new names, up to [`MANY`].
 fn many() -> String {
-    let records = reference();
-    let lines: Vec<Value> =
-        records.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    let (cells, others): (Vec<Value>, Vec<Value>) =
-        lines.into_iter().partition(|line| line["record"] == "cell");
+    let is_cell = |record: &Record| matches!(record, Record::Cell(_));
+    let (cells, mut others): (Vec<_>, Vec<_>) = reference_of("").into_iter().partition(is_cell);
+    let end = others.pop();
     let copies = (0..MANY).map(|number| {
-        let mut cell = cells[number % cells.len()].clone();
-        let name = cell["cell"].as_str().unwrap().to_owned();
-        cell["cell"] = format!("{name},copy={}", number / cells.len()).into();
-        cell["axes"]["copy"] = (number / cells.len()).into();
-        cell
+        let mut record = cells[number % cells.len()].clone();
+        let (cell, copy) = (record.try_as_cell_mut().unwrap(), number / cells.len());
+        cell.cell += &format!(",copy={copy}");
+        cell.axes.insert("copy".to_owned(), copy.into());
+        record
     });
-    let (end, head): (Vec<Value>, Vec<Value>) =
-        others.into_iter().partition(|line| line["record"] == "end");
-    head.into_iter().chain(copies).chain(end).map(|line| format!("{line}\n")).collect()
+    lines(others.into_iter().chain(copies).chain(end))
 }
 
 /// Runs a test in a browser, if there is one.
@@ -48,22 +45,31 @@ fn in_browser(test: impl FnOnce(&Browser)) {
     }
 }
 
+/// One page and one browser for all: the start of each takes seconds.
 #[test]
-fn the_reference_page_opens_without_errors_at_every_width_and_mode() {
+fn the_page_of_the_reference_run() {
     let (_folder, page) = page_of(&reference());
     in_browser(|browser| {
-        for display in [
-            WIDE,
-            NARROW,
-            Display { dark: true, ..WIDE },
-            Display { dark: true, ..NARROW },
-            Display { print: true, ..WIDE },
-        ] {
-            browser.show(&page, display);
-            assert_eq!(browser.console(), Vec::<String>::new(), "{display:?}");
-            fits(browser, display);
-        }
+        the_reference_page_opens_without_errors_at_every_width_and_mode(browser, &page);
+        cells_are_sorted_filtered_and_opened(browser, &page);
+        values_are_shown_under_the_pointer_and_by_the_arrow_keys(browser, &page);
+        print_shows_everything_but_the_controls(browser, &page);
+        axe_finds_no_serious_fault(browser, &page);
     });
+}
+
+fn the_reference_page_opens_without_errors_at_every_width_and_mode(browser: &Browser, page: &Path) {
+    for display in [
+        WIDE,
+        NARROW,
+        Display { dark: true, ..WIDE },
+        Display { dark: true, ..NARROW },
+        Display { print: true, ..WIDE },
+    ] {
+        browser.show(page, display);
+        assert_eq!(browser.console(), Vec::<String>::new(), "{display:?}");
+        fits(browser, display);
+    }
 }
 
 /// Nothing but what scrolls by itself is wider than the window, and no type is smaller than 12 px.
@@ -88,112 +94,96 @@ fn fits(browser: &Browser, display: Display) {
     assert_eq!(small, json!([]), "{display:?}");
 }
 
-#[test]
-fn cells_are_sorted_filtered_and_opened() {
-    let (_folder, page) = page_of(&reference());
-    in_browser(|browser| {
-        browser.show(&page, WIDE);
-        browser.eval("document.getElementById('cell-more').click()");
-        let frames = "return [...document.querySelectorAll('#cell-table tbody tr')].map((row) => row.cells[2])
-            .filter((cell) => cell.dataset.v).map((cell) => Number(cell.dataset.v))";
-        let click = "[...document.querySelectorAll('#cell-table th button')].find((button) => button.textContent.startsWith('Frame')).click();";
-        let before = numbers(&browser.eval(frames));
-        assert!(!before.is_sorted(), "the plan's order is not that of the times");
-        let rising = numbers(&browser.eval(&format!("{click} {frames}")));
-        assert!(rising.is_sorted() && rising.len() == before.len());
-        let falling = numbers(&browser.eval(&format!("{click} {frames}")));
-        assert!(falling.is_sorted_by(|a, b| a >= b));
+fn cells_are_sorted_filtered_and_opened(browser: &Browser, page: &Path) {
+    browser.show(page, WIDE);
+    browser.eval("document.getElementById('cell-more').click()");
+    let frames =
+        "return [...document.querySelectorAll('#cell-table tbody tr')].map((row) => row.cells[2])
+        .filter((cell) => cell.dataset.v).map((cell) => Number(cell.dataset.v))";
+    let click = "[...document.querySelectorAll('#cell-table th button')].find((button) => button.textContent.startsWith('Frame')).click();";
+    let before = numbers(&browser.eval(frames));
+    assert!(!before.is_sorted(), "the plan's order is not that of the times");
+    let rising = numbers(&browser.eval(&format!("{click} {frames}")));
+    assert!(rising.is_sorted() && rising.len() == before.len());
+    let falling = numbers(&browser.eval(&format!("{click} {frames}")));
+    assert!(falling.is_sorted_by(|a, b| a >= b));
 
-        let filtered = browser
-            .eval(
-                "const choice = document.getElementById('cell-experiment');
-                 choice.value = 'uw-photons'; choice.dispatchEvent(new Event('change'));
-                 const shown = [...document.querySelectorAll('#cell-table tbody tr')];
-                 return [shown.length, shown.every((row) => row.dataset.experiment === 'uw-photons'), document.getElementById('cell-count').textContent]",
-            );
-        assert_eq!(filtered[0], 11, "{filtered}");
-        assert_eq!(filtered[1], true);
-        assert!(filtered[2].as_str().unwrap().starts_with("11 of "), "{filtered}");
+    let filtered = browser
+        .eval(
+            "const choice = document.getElementById('cell-experiment');
+             choice.value = 'uw-photons'; choice.dispatchEvent(new Event('change'));
+             const shown = [...document.querySelectorAll('#cell-table tbody tr')];
+             return [shown.length, shown.every((row) => row.dataset.experiment === 'uw-photons'), document.getElementById('cell-count').textContent]",
+        );
+    assert_eq!(filtered[0], 11, "{filtered}");
+    assert_eq!(filtered[1], true);
+    assert!(filtered[2].as_str().unwrap().starts_with("11 of "), "{filtered}");
 
-        let opened = browser
-            .eval_later(
-                "const done = arguments[arguments.length - 1];
-                 const table = document.getElementById('cell-table');
-                 const told = () => table.querySelector('tr.detail')?.textContent;
-                 const shown = () => told()?.includes('caustics/trace') && done(told());
-                 new MutationObserver(shown).observe(table, { childList: true, subtree: true, characterData: true });
-                 table.querySelector('tbody tr button.stages').click();
-                 shown();",
-            );
-        assert!(opened.as_str().is_some_and(|text| text.contains("caustics/trace")), "{opened}");
-        assert_eq!(browser.console(), Vec::<String>::new());
-    });
+    let opened = browser
+        .eval_later(
+            "const done = arguments[arguments.length - 1];
+             const table = document.getElementById('cell-table');
+             const told = () => table.querySelector('tr.detail')?.textContent;
+             const shown = () => told()?.includes('caustics/trace') && done(told());
+             new MutationObserver(shown).observe(table, { childList: true, subtree: true, characterData: true });
+             table.querySelector('tbody tr button.stages').click();
+             shown();",
+        );
+    assert!(opened.as_str().is_some_and(|text| text.contains("caustics/trace")), "{opened}");
+    assert_eq!(browser.console(), Vec::<String>::new());
 }
 
 fn numbers(values: &Value) -> Vec<f64> {
     values.as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
 }
 
-#[test]
-fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
-    let (_folder, page) = page_of(&reference());
-    in_browser(|browser| {
-        browser.show(&page, WIDE);
-        let told = browser.eval(
-            "const mark = document.querySelector('[data-tip]');
-                 mark.dispatchEvent(new PointerEvent('pointerover', { bubbles: true }));
-                 const tip = document.getElementById('tip');
-                 return [tip.hidden, tip.textContent === mark.dataset.tip]",
+fn values_are_shown_under_the_pointer_and_by_the_arrow_keys(browser: &Browser, page: &Path) {
+    browser.show(page, WIDE);
+    let told = browser.eval(
+        "const mark = document.querySelector('[data-tip]');
+             mark.dispatchEvent(new PointerEvent('pointerover', { bubbles: true }));
+             const tip = document.getElementById('tip');
+             return [tip.hidden, tip.textContent === mark.dataset.tip]",
+    );
+    assert_eq!(told, json!([false, true]));
+    let walked = browser
+        .eval(
+            "const chart = [...document.querySelectorAll('svg.chart')].find((chart) => chart.querySelectorAll('[data-tip]').length > 2);
+             chart.focus();
+             const press = (key) => chart.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true, cancelable: true }));
+             const tip = document.getElementById('tip');
+             const told = [];
+             for (const key of ['ArrowRight', 'ArrowRight', 'ArrowLeft']) { press(key); told.push(tip.textContent); }
+             press('Escape');
+             return [told[0] !== told[1], told[0] === told[2], tip.hidden]",
         );
-        assert_eq!(told, json!([false, true]));
-        let walked = browser
-            .eval(
-                "const chart = [...document.querySelectorAll('svg.chart')].find((chart) => chart.querySelectorAll('[data-tip]').length > 2);
-                 chart.focus();
-                 const press = (key) => chart.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true, cancelable: true }));
-                 const tip = document.getElementById('tip');
-                 const told = [];
-                 for (const key of ['ArrowRight', 'ArrowRight', 'ArrowLeft']) { press(key); told.push(tip.textContent); }
-                 press('Escape');
-                 return [told[0] !== told[1], told[0] === told[2], tip.hidden]",
-            );
-        assert_eq!(walked, json!([true, true, true]));
-    });
+    assert_eq!(walked, json!([true, true, true]));
 }
 
-#[test]
-fn print_shows_everything_but_the_controls() {
-    let (_folder, page) = page_of(&reference());
-    in_browser(|browser| {
-        browser.show(&page, Display { print: true, ..WIDE });
-        let shown = browser
-            .eval(
-                "const visible = (element) => element.getClientRects().length > 0;
-                 return [[...document.querySelectorAll('nav, .controls, button.copy')].some(visible),
-                         [...document.querySelectorAll('main > section')].every(visible)]",
-            );
-        assert_eq!(shown, json!([false, true]));
-    });
+fn print_shows_everything_but_the_controls(browser: &Browser, page: &Path) {
+    browser.show(page, Display { print: true, ..WIDE });
+    let shown = browser.eval(
+        "const visible = (element) => element.getClientRects().length > 0;
+             return [[...document.querySelectorAll('nav, .controls, button.copy')].some(visible),
+                     [...document.querySelectorAll('main > section')].every(visible)]",
+    );
+    assert_eq!(shown, json!([false, true]));
 }
 
-#[test]
-fn axe_finds_no_serious_fault() {
+fn axe_finds_no_serious_fault(browser: &Browser, page: &Path) {
     let Some(axe) = axe() else { return };
-    let (_folder, page) = page_of(&reference());
-    in_browser(|browser| {
-        for display in [WIDE, NARROW, Display { dark: true, ..WIDE }] {
-            browser.show(&page, display);
-            let found = serious(browser, &axe);
-            assert_eq!(found, json!([]), "{display:?}");
-        }
-        // What it must find: an image without a text, and grey on grey.
-        browser.eval(
-            "document.querySelector('main').insertAdjacentHTML('afterbegin',
-                   '<img src=\"data:,\"><p style=\"color:#bbb;background:#fff\">faint words</p>')",
-        );
-        let found = serious(browser, &axe).to_string();
-        assert!(found.contains("image-alt") && found.contains("color-contrast"), "{found}");
-    });
+    for display in [WIDE, NARROW, Display { dark: true, ..WIDE }] {
+        browser.show(page, display);
+        let found = serious(browser, &axe);
+        assert_eq!(found, json!([]), "{display:?}");
+    }
+    // What it must find: an image without a text, and grey on grey.
+    browser.eval(
+        "document.querySelector('main').insertAdjacentHTML('afterbegin',
+               '<img src=\"data:,\"><p style=\"color:#bbb;background:#fff\">faint words</p>')",
+    );
+    let found = serious(browser, &axe).to_string();
+    assert!(found.contains("image-alt") && found.contains("color-contrast"), "{found}");
 }
 
 /// Faults of axe-core's two gravest kinds, each with the first elements that have it.

@@ -4,8 +4,7 @@
 
 mod bonsai;
 mod distance;
-mod engine;
-mod head;
+mod scans;
 mod smoke;
 
 use std::collections::BTreeMap;
@@ -29,9 +28,7 @@ pub struct FieldGenerator {
 type Field = Box<dyn Fn(DVec3) -> f64 + Sync>;
 
 pub fn all() -> impl Iterator<Item = &'static FieldGenerator> + Clone {
-    [smoke::GENERATORS, bonsai::GENERATORS, engine::GENERATORS, head::GENERATORS]
-        .into_iter()
-        .flatten()
+    [smoke::GENERATORS, bonsai::GENERATORS, scans::GENERATORS].into_iter().flatten()
 }
 
 /// The generator called `name`; the error names the nearest one.
