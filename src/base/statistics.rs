@@ -45,7 +45,8 @@ impl Estimate {
 
     /// The same seen through a function that rises everywhere.
     pub fn map(&self, f: impl Fn(f64) -> f64) -> Estimate {
-        let interval = self.interval.map(|Interval { low, high }| Interval { low: f(low), high: f(high) });
+        let interval =
+            self.interval.map(|Interval { low, high }| Interval { low: f(low), high: f(high) });
         Estimate { median: f(self.median), interval, n: self.n }
     }
 

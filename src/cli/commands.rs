@@ -29,9 +29,7 @@ use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
 
-use super::{
-    AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs,
-};
+use super::{AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where, and the sheet of all of them there.
 const FIGURES_FOLDER: &str = "figures";

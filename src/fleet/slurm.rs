@@ -157,7 +157,8 @@ impl<'a> Slurm<'a> {
 
     /// How many nodes tasks may run on.
     pub fn node_count(options: &Options) -> Result<u32, SlurmError> {
-        let nodes = options.nodes.as_ref().map_or_else(|| nodes(options), |list| hostnames(list))?;
+        let nodes =
+            options.nodes.as_ref().map_or_else(|| nodes(options), |list| hostnames(list))?;
         Ok(nodes.len() as u32)
     }
 

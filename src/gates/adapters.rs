@@ -119,7 +119,10 @@ mod tests {
             ("SwiftShader Device (Subzero)", "SwiftShader Device"),
             ("AMD Radeon (renoir, LLVM 15.0.6, DRM 3.49, 6.1.0-13-amd64)", "AMD Radeon (renoir)"),
             ("(256 bits)", ""),
-            ("Mesa Intel(R) UHD Graphics 620 (KBL GT2)", "Mesa Intel(R) UHD Graphics 620 (KBL GT2)"),
+            (
+                "Mesa Intel(R) UHD Graphics 620 (KBL GT2)",
+                "Mesa Intel(R) UHD Graphics 620 (KBL GT2)",
+            ),
             ("NVIDIA H100 PCIe", "NVIDIA H100 PCIe"),
             ("odd)", "odd)"),
         ] {

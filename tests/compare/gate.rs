@@ -78,7 +78,9 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     }
     let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
     assert_eq!(judged.cells.len(), 2);
-    assert!(judged.cells.iter().all(|cell| cell.launches.len() == 2 && cell.change.median.is_finite()));
+    assert!(
+        judged.cells.iter().all(|cell| cell.launches.len() == 2 && cell.change.median.is_finite())
+    );
     assert!(judged.controls.len() == 1);
 }
 

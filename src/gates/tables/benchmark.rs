@@ -18,7 +18,8 @@ fn entries(cell: &JudgedCell) -> Vec<Entry> {
     };
     if let Some(time) = &cell.time {
         let extra = format!("{verdict}: {:+.2} % against the base", 100.0 * time.change.median);
-        let range = |interval: Interval| format!("± {:.2} %", 50.0 * (interval.high - interval.low));
+        let range =
+            |interval: Interval| format!("± {:.2} %", 50.0 * (interval.high - interval.low));
         let range = time.change.interval.map(range);
         add("time", "ms", time.head_ns / NS_PER_MS, extra, range);
     }
