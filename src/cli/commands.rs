@@ -29,9 +29,7 @@ use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
 
-use super::{
-    AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs, SubjectArgs,
-};
+use super::{AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where, and the sheet of all of them there.
 const FIGURES_FOLDER: &str = "figures";
@@ -370,8 +368,8 @@ fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::
 
 pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
-    let SubjectArgs { pipeline, scene, set } = &args.subject;
-    let subject = Subjects::of(catalog).within(&gpu.capacity).subject(pipeline, scene, set)?;
+    let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
+    let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
     written(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
 }
 
