@@ -188,7 +188,7 @@ fn shards_that_do_not_belong_together_are_refused() {
     type Change = fn(&mut Run);
     fn numbered<const NUMBER: u32, const OF: u32>(run: &mut Run) {
         let shard = run.shard.as_mut().unwrap();
-        (shard.number, shard.of) = (NUMBER, OF);
+        (shard.part.number, shard.part.of) = (NUMBER, OF);
     }
     let changes: [(&str, Change); 10] = [
         ("differ in the profile", |run| run.profile = Profile::Paper),
