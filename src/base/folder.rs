@@ -36,10 +36,10 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     folder.write(name, bytes)
 }
 
-/// The bytes of a file that lies beneath its folder; see [`Folder::unpacked`].
+/// The bytes of a file that lies beneath its folder, decompressed as [`input::unpacked`] does.
 pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
     let (folder, name) = of(path)?;
-    folder.unpacked(name, limit)
+    input::unpack(folder.read(name)?, limit)
 }
 
 /// Something has this name, if only a link that leads nowhere.
@@ -184,16 +184,6 @@ impl Folder {
         self.plain(name, limit)?.bytes()
     }
 
-    /// Its text, no more than `limit` bytes of it.
-    pub fn text(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<String> {
-        self.plain(name, limit)?.text()
-    }
-
-    /// Its bytes, decompressed as [`input::unpacked`] does.
-    pub fn unpacked(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<Box<dyn Read>> {
-        input::unpack(self.read(name)?, limit)
-    }
-
     /// Writes a file, replacing one of that name, all or nothing.
     pub fn write(&self, name: impl AsRef<Path>, bytes: &[u8]) -> io::Result<()> {
         self.write_with(name, |file| file.write_all(bytes))
@@ -276,14 +266,14 @@ mod tests {
             Err(io::Error::other("disk full"))
         });
         assert_eq!(failed.unwrap_err().to_string(), "disk full");
-        assert_eq!(folder.text("x", 3).unwrap(), "one");
+        assert_eq!(folder.bytes("x", 3).unwrap(), b"one");
         folder.write("x", b"three").unwrap();
         assert_eq!(folder.bytes("x", 5).unwrap(), b"three");
         assert_eq!(folder.bytes("x", 4).unwrap_err().kind(), ErrorKind::FileTooLarge);
         assert_eq!(names(folder.path()), ["x"]);
         assert_eq!(folder.create_new("x").unwrap_err().kind(), ErrorKind::AlreadyExists);
         folder.append("x").unwrap().write_all(b"+").unwrap();
-        assert_eq!(folder.text("x", 9).unwrap(), "three+");
+        assert_eq!(folder.bytes("x", 9).unwrap(), b"three+");
         folder.make_beneath("c/d").unwrap().write("y", b"").unwrap();
         assert!(folder.has_file("c/d/y") && !folder.has_file("c/d") && !folder.has_file("z"));
         folder.remove("c/d/y").unwrap();
@@ -359,10 +349,8 @@ mod tests {
         assert_eq!(names(&precious), ["a"]);
         assert_eq!(fs::read_to_string(precious.join("a")).unwrap(), "keep");
         // The folder that the user names may be a link.
-        assert_eq!(
-            Folder::open(&folder.path().join("linked")).unwrap().text("a", 9).unwrap(),
-            "keep"
-        );
+        let linked = Folder::open(&folder.path().join("linked")).unwrap();
+        assert_eq!(linked.bytes("a", 9).unwrap(), b"keep");
         folder.remove("link").unwrap();
         assert!(precious.join("a").exists());
     }

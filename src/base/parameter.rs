@@ -250,67 +250,54 @@ macro_rules! choices {
 /// Fields of `struct NAME required { … }` have no defaults.
 #[macro_export]
 macro_rules! settings {
-    (
-        $(#[doc = $group:literal])*
-        $visibility:vis struct $name:ident {
-            $(
-                $(#[doc = $about:literal])*
-                $(#[serde $serde:tt])?
-                $field:ident: $type:ty = $default:expr $(=> $low:literal ..= $high:literal, $unit:literal)?;
-            )*
-        }
-    ) => {
+    ($(#[doc = $about:literal])* $visibility:vis struct $name:ident { $($fields:tt)* }) => {
         impl Default for $name {
             fn default() -> Self {
-                Self { $($field: $default,)* }
+                $crate::settings!(@defaults { $($fields)* })
             }
         }
 
-        $crate::settings!(@group [$(#[doc = $group])* #[serde(default, deny_unknown_fields)]] $visibility $name {
-            $($field: $type, [$($about)*], [$(#[serde $serde])?], [$($low, $high, $unit)?];)*
-        });
+        $crate::settings!(
+            @group [$(#[doc = $about])* #[serde(default, deny_unknown_fields)]] $visibility $name { $($fields)* }
+        );
     };
     (
-        $(#[doc = $group:literal])*
-        $visibility:vis struct $name:ident from $file:ident: $file_type:ty {
-            $(
-                $(#[doc = $about:literal])*
-                $field:ident: $type:ty = $default:expr $(=> $low:literal ..= $high:literal, $unit:literal)?;
-            )*
-        }
+        $(#[doc = $about:literal])*
+        $visibility:vis struct $name:ident from $file:ident: $file_type:ty { $($fields:tt)* }
     ) => {
         impl From<&$file_type> for $name {
             /// Defaults, with what the file says.
             fn from($file: &$file_type) -> Self {
-                Self { $($field: $default,)* }
+                $crate::settings!(@defaults { $($fields)* })
             }
         }
 
-        $crate::settings!(@group [$(#[doc = $group])* #[serde(deny_unknown_fields)]] $visibility $name {
-            $($field: $type, [$($about)*], [], [$($low, $high, $unit)?];)*
-        });
+        $crate::settings!($(#[doc = $about])* $visibility struct $name required { $($fields)* });
     };
-    (
-        $(#[doc = $group:literal])*
-        $visibility:vis struct $name:ident required {
-            $(
-                $(#[doc = $about:literal])*
-                $(#[serde $serde:tt])?
-                $field:ident: $type:ty $(=> $low:literal ..= $high:literal, $unit:literal)?;
-            )*
-        }
-    ) => {
-        $crate::settings!(@group [$(#[doc = $group])* #[serde(deny_unknown_fields)]] $visibility $name {
-            $($field: $type, [$($about)*], [$(#[serde $serde])?], [$($low, $high, $unit)?];)*
-        });
+    ($(#[doc = $about:literal])* $visibility:vis struct $name:ident required { $($fields:tt)* }) => {
+        $crate::settings!(
+            @group [$(#[doc = $about])* #[serde(deny_unknown_fields)]] $visibility $name { $($fields)* }
+        );
+    };
+    (@defaults {
+        $(
+            $(#[$about:meta])*
+            $field:ident: $type:ty = $default:expr $(=> $low:literal ..= $high:literal, $unit:literal)?;
+        )*
+    }) => {
+        Self { $($field: $default,)* }
     };
     (@group [$($group:tt)*] $visibility:vis $name:ident {
-        $($field:ident: $type:ty, [$($about:literal)*], [$($serde:tt)*], [$($low:literal, $high:literal, $unit:literal)?];)*
+        $(
+            $(#[doc = $about:literal])*
+            $(#[serde $serde:tt])?
+            $field:ident: $type:ty $(= $default:expr)? $(=> $low:literal ..= $high:literal, $unit:literal)?;
+        )*
     }) => {
         #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
         $($group)*
         $visibility struct $name {
-            $($(#[doc = $about])* $($serde)* pub $field: $type,)*
+            $($(#[doc = $about])* $(#[serde $serde])? pub $field: $type,)*
         }
 
         impl $crate::parameter::Setting for $name {

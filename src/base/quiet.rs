@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::private;
 
-pub use system::{cores, is_stopped, pin, randomized};
+pub use system::{allowed_cores, is_stopped, pin, randomized};
 
 /// How the names of variables begin that fathom hands from one of its processes to another.
 const OWN: &str = "FATHOM_";
@@ -143,11 +143,6 @@ pub fn pad_heap() {
     std::mem::forget(std::hint::black_box(block));
 }
 
-/// Cores that this process may run on; empty where that is not known.
-pub fn allowed_cores() -> Vec<usize> {
-    cores().unwrap_or_default()
-}
-
 #[cfg(target_os = "linux")]
 mod system {
     use std::os::unix::process::CommandExt;
@@ -212,11 +207,10 @@ mod system {
         stat.is_ok_and(|stat| stat.state == 'T')
     }
 
-    /// Cores that this process may run on.
-    pub fn cores() -> Option<Vec<usize>> {
-        let set = sched_getaffinity(Pid::from_raw(0)).ok()?;
-        let allowed = |core: &usize| set.is_set(*core).unwrap_or(false);
-        Some((0..CpuSet::count()).filter(allowed).collect())
+    /// Cores that this process may run on; empty where that is not known.
+    pub fn allowed_cores() -> Vec<usize> {
+        let Ok(set) = sched_getaffinity(Pid::from_raw(0)) else { return Vec::new() };
+        (0..CpuSet::count()).filter(|core| set.is_set(*core).unwrap_or(false)).collect()
     }
 
     /// This process's addresses are randomized.
@@ -247,8 +241,8 @@ mod system {
         false
     }
 
-    pub fn cores() -> Option<Vec<usize>> {
-        None
+    pub fn allowed_cores() -> Vec<usize> {
+        Vec::new()
     }
 
     pub fn randomized() -> Option<bool> {

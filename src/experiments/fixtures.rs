@@ -11,9 +11,9 @@ use crate::{CellPlan, Experiment, StageName, parse_axis};
 use fathom_base::parameter::get;
 use fathom_base::statistics;
 use fathom_record::{
-    Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Named,
-    Note, NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, SetUp, ShaderChecks,
-    StageRecord, Surrounding, Work,
+    Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Note,
+    NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, SetUp, ShaderChecks, StageRecord,
+    Surrounding, Work,
 };
 
 const SAMPLES: usize = 15;
@@ -227,7 +227,7 @@ fn named(experiment: &Experiment, known: &[StageRecord]) -> Vec<String> {
             StageName::One(name) => name.clone(),
             StageName::Family(beginning) => format!("{beginning}any"),
         };
-        if !names.contains(&name) && !known.iter().any(|stage| stage.stage == name) {
+        if !names.contains(&name) && !known.iter().any(|stage| *stage.stage == name) {
             names.push(name);
         }
     }
@@ -241,17 +241,7 @@ fn invented(name: &str, ms: f64, random: &mut Pcg64) -> StageRecord {
 }
 
 pub fn timed(stage: &str, clock: Clock, samples_ns: Vec<f64>, work: Work) -> StageRecord {
-    StageRecord {
-        stage: stage.into(),
-        clock,
-        time: statistics::estimate(&samples_ns),
-        samples_ns,
-        fenced: None,
-        work,
-        least_work: None,
-        counters: Named::default(),
-        ceiling: None,
-    }
+    StageRecord { work, ..StageRecord::of(stage, clock, samples_ns) }
 }
 
 /// Root of the product of the cell's numbers on its axes.

@@ -152,7 +152,7 @@ fn comparable(base: &Run, head: &Run) -> Result<(), String> {
         return Err(format!("times of different adapters or drivers: {a} and {b}"));
     }
     let (a, b) = (base.shader_checks, head.shader_checks);
-    if a == b { Ok(()) } else { Err(format!("shaders {} and {}", a.name(), b.name())) }
+    if a == b { Ok(()) } else { Err(format!("shaders {a} and {b}")) }
 }
 
 /// What the cells of two files amount to.

@@ -7,7 +7,7 @@
 
 use sha2::{Digest, Sha256};
 
-use super::plan::{self, PlanError, Request};
+use super::plan::{self, Request};
 use fathom_experiments::{CellPlan, Experiment};
 use fathom_record::{Part, Profile, Selection, Shard};
 
@@ -30,7 +30,7 @@ pub fn of(
     experiments: &[Experiment],
     request: &Request,
     profile: Profile,
-) -> Result<Shard, PlanError> {
+) -> anyhow::Result<Shard> {
     let mut expanded = plan::expand(experiments, request, profile)?;
     let plan = digest(experiments, &expanded, profile);
     keep(part, experiments, &mut expanded);
@@ -100,7 +100,7 @@ fn digest(experiments: &[Experiment], expanded: &[Vec<CellPlan>], profile: Profi
         hash.update((text.len() as u64).to_le_bytes());
         hash.update(text);
     };
-    add(profile.name());
+    add(&profile.to_string());
     for (experiment, plans) in experiments.iter().zip(expanded) {
         add(&experiment.text);
         for CellPlan { experiment, cell, pipeline, scene, overrides, .. } in plans {

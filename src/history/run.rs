@@ -193,8 +193,8 @@ impl FigureKey {
 /// Frame, stages whose times are above the clock's resolution, and errors that are numbers.
 fn of_cell(run: &Run, cell: &Cell, measured: &Measured) -> Vec<(FigureKey, Estimate)> {
     let profile = match run.shader_checks {
-        ShaderChecks::Checked => run.profile.name().to_owned(),
-        ShaderChecks::Unchecked => format!("{}, unchecked", run.profile.name()),
+        ShaderChecks::Checked => run.profile.to_string(),
+        ShaderChecks::Unchecked => format!("{}, unchecked", run.profile),
     };
     let configuration = hex::encode(Sha256::digest(cell.resume_key()));
     let of_all = FigureKey {

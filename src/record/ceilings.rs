@@ -2,12 +2,12 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use strum::IntoStaticStr;
+use strum::Display;
 
 use super::{Clock, Estimate, Interval, PassKind, StageRecord, Work};
 
 /// Format of the texels that a limit is measured with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, IntoStaticStr)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Display)]
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum TexelFormat {
@@ -106,33 +106,41 @@ pub enum Limit {
 }
 
 impl Limit {
+    /// What is counted, for people, and the kind of work that it bounds.
+    fn counted(self) -> (&'static str, Option<Bounded>) {
+        match self {
+            Self::Copy { .. } | Self::Read { .. } | Self::Write { .. } => {
+                ("B/s", Some(Bounded::Bytes))
+            }
+            Self::Fill { .. } => ("fragments/s", Some(Bounded::Fragments)),
+            Self::Load2d { .. } | Self::Gather2d { .. } | Self::Sample3d { .. } => {
+                ("texels/s", Some(Bounded::Texels))
+            }
+            Self::Primitives { .. } => ("primitives/s", Some(Bounded::Primitives)),
+            Self::Atomics { .. } => ("adds/s", None),
+            Self::Arithmetic { .. } => ("multiply-adds/s", None),
+            Self::EmptyPass { .. } => ("passes/s", None),
+        }
+    }
+
     /// What is counted, for people.
     pub fn unit(self) -> &'static str {
-        match self {
-            Self::Copy { .. } | Self::Read { .. } | Self::Write { .. } => "B/s",
-            Self::Fill { .. } => "fragments/s",
-            Self::Load2d { .. } | Self::Gather2d { .. } | Self::Sample3d { .. } => "texels/s",
-            Self::Atomics { .. } => "adds/s",
-            Self::Arithmetic { .. } => "multiply-adds/s",
-            Self::Primitives { .. } => "primitives/s",
-            Self::EmptyPass { .. } => "passes/s",
-        }
+        self.counted().0
     }
 
     /// For people.
     pub fn name(self) -> String {
-        let format = |format: TexelFormat| -> &'static str { format.into() };
         match self {
             Self::Copy { working_set_bytes } => format!("copy, {}", size(working_set_bytes)),
             Self::Read { working_set_bytes } => format!("read, {}", size(working_set_bytes)),
             Self::Write { working_set_bytes } => format!("clear, {}", size(working_set_bytes)),
-            Self::Fill { format: of, blending } => {
+            Self::Fill { format, blending } => {
                 let blending = if blending == Blending::Opaque { "opaque" } else { "blended" };
-                format!("{blending} fill, {}", format(of))
+                format!("{blending} fill, {format}")
             }
-            Self::Load2d { format: of } => format!("2-D loads, {}", format(of)),
-            Self::Gather2d { format: of } => format!("2-D gathers, {}", format(of)),
-            Self::Sample3d { format: of } => format!("trilinear 3-D samples, {}", format(of)),
+            Self::Load2d { format } => format!("2-D loads, {format}"),
+            Self::Gather2d { format } => format!("2-D gathers, {format}"),
+            Self::Sample3d { format } => format!("trilinear 3-D samples, {format}"),
             Self::Atomics { addresses: Addresses::Spread } => "atomic adds, spread".to_owned(),
             Self::Atomics { addresses: Addresses::Contended } => {
                 "atomic adds, contended".to_owned()
@@ -155,15 +163,7 @@ impl Limit {
 
     /// Whether it bounds work of this kind.
     pub fn bounds(self, kind: Bounded) -> bool {
-        match self {
-            Self::Copy { .. } | Self::Read { .. } | Self::Write { .. } => kind == Bounded::Bytes,
-            Self::Fill { .. } => kind == Bounded::Fragments,
-            Self::Load2d { .. } | Self::Gather2d { .. } | Self::Sample3d { .. } => {
-                kind == Bounded::Texels
-            }
-            Self::Primitives { .. } => kind == Bounded::Primitives,
-            Self::Atomics { .. } | Self::Arithmetic { .. } | Self::EmptyPass { .. } => false,
-        }
+        self.counted().1 == Some(kind)
     }
 }
 
@@ -351,7 +351,6 @@ pub fn binding(ceilings: &[Ceiling], kind: Bounded, amount: u64) -> Option<&Ceil
 
 #[cfg(test)]
 mod tests {
-
     use super::*;
     use crate::Work;
 
@@ -367,17 +366,8 @@ mod tests {
 
     fn stage(ns: f64, work: Work) -> StageRecord {
         let interval = Some(Interval { low: 0.9 * ns, high: 1.1 * ns });
-        StageRecord {
-            stage: "a".into(),
-            clock: Clock::Timestamp,
-            samples_ns: vec![ns],
-            time: Estimate { median: ns, interval, n: 8 },
-            fenced: None,
-            work,
-            least_work: None,
-            counters: crate::Named::default(),
-            ceiling: None,
-        }
+        let time = Estimate { median: ns, interval, n: 8 };
+        StageRecord { time, work, ..StageRecord::of("a", Clock::Timestamp, vec![ns]) }
     }
 
     #[test]

@@ -118,19 +118,16 @@ pub fn resume_key(
     stand_ins: &[String],
     params: &Value,
 ) -> String {
-    let sorted = sort_keys(params);
+    let mut sorted = params.clone();
+    sort_keys(&mut sorted);
     serde_json::json!([experiment, cell, pipeline, scene, stand_ins, sorted]).to_string()
 }
 
-fn sort_keys(value: &Value) -> Value {
-    match value {
-        Value::Object(map) => {
-            let mut entries: Vec<_> = map.iter().collect();
-            entries.sort_by_key(|(name, _)| *name);
-            let sorted = entries.into_iter().map(|(name, inner)| (name.clone(), sort_keys(inner)));
-            Value::Object(sorted.collect())
-        }
-        other => other.clone(),
+/// Of tables; those in lists stay as they are.
+fn sort_keys(value: &mut Value) {
+    if let Value::Object(map) = value {
+        map.sort_keys();
+        map.values_mut().for_each(sort_keys);
     }
 }
 

@@ -4,13 +4,13 @@ use std::fmt;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use strum::IntoStaticStr;
+use strum::Display;
 
 use fathom_base::private;
 
 /// How large an experiment runs.
 #[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, IntoStaticStr, Serialize, Deserialize, JsonSchema,
+    Clone, Copy, Debug, Default, PartialEq, Eq, Display, Serialize, Deserialize, JsonSchema,
 )]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
@@ -25,15 +25,11 @@ pub enum Profile {
 
 impl Profile {
     pub const ALL: [Profile; 2] = [Profile::Quick, Profile::Paper];
-
-    pub fn name(self) -> &'static str {
-        self.into()
-    }
 }
 
 /// Whether wgpu's bounds and loop checks are compiled into the shaders.
 #[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, IntoStaticStr, Serialize, Deserialize, JsonSchema,
+    Clone, Copy, Debug, Default, PartialEq, Eq, Display, Serialize, Deserialize, JsonSchema,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -43,14 +39,8 @@ pub enum ShaderChecks {
     Unchecked,
 }
 
-impl ShaderChecks {
-    pub fn name(self) -> &'static str {
-        self.into()
-    }
-}
-
 /// What else was in the command buffer of an audited pass.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, IntoStaticStr, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Display, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
 pub enum Surrounding {
@@ -59,25 +49,9 @@ pub enum Surrounding {
     Mixed,
 }
 
-impl Surrounding {
-    pub fn name(self) -> &'static str {
-        self.into()
-    }
-}
-
 /// What a run does besides rendering the frames that it measures.
 #[derive(
-    Clone,
-    Copy,
-    Debug,
-    PartialEq,
-    Eq,
-    PartialOrd,
-    Ord,
-    IntoStaticStr,
-    Serialize,
-    Deserialize,
-    JsonSchema,
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display, Serialize, Deserialize, JsonSchema,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
@@ -101,13 +75,6 @@ pub enum SetUp {
     /// Runs that results are compared with: denser ones, and the same seen from elsewhere.
     Comparisons,
     Pictures,
-}
-
-impl SetUp {
-    /// For people.
-    pub fn name(self) -> &'static str {
-        self.into()
-    }
 }
 
 /// Something to know about a run or a cell.

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use strum::IntoStaticStr;
 
-use fathom_base::text;
+use fathom_base::{statistics, text};
 
 pub mod calendar;
 pub mod ceilings;
@@ -173,6 +173,9 @@ pub enum PassKind {
 }
 
 impl PassKind {
+    /// Those that an audit chooses a clock for.
+    pub const TIMED: [Self; 3] = [Self::Compute, Self::Render, Self::Copy];
+
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -359,6 +362,21 @@ pub struct StageRecord {
 }
 
 impl StageRecord {
+    /// A stage with these samples, of which nothing else is known.
+    pub fn of(stage: impl Into<Name>, clock: Clock, samples_ns: Vec<f64>) -> Self {
+        Self {
+            stage: stage.into(),
+            clock,
+            time: statistics::estimate(&samples_ns),
+            samples_ns,
+            fenced: None,
+            work: Work::default(),
+            least_work: None,
+            counters: Named::default(),
+            ceiling: None,
+        }
+    }
+
     /// Whether the time is longer than what the clock can tell from none. Where it is not, `time` is an upper bound.
     pub fn is_resolved(&self) -> bool {
         self.fenced.as_ref().is_none_or(|fenced| self.time.median > fenced.resolution_ns)

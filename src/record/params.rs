@@ -5,15 +5,15 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
-use serde::ser::SerializeMap;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value};
 
 use super::Name;
 use super::names::MOST_KNOWN;
 
 /// A tree of parameters. Each of its groups is held once, by whatever number of cells.
-#[derive(Clone, Debug, Default, PartialEq, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(from = "Map<String, Value>")]
 #[schemars(with = "Map<String, Value>", inline, description = "")]
 pub struct Params(Box<[Group]>);
 
@@ -76,17 +76,7 @@ impl From<Value> for Params {
 
 impl Serialize for Params {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut map = serializer.serialize_map(Some(self.0.len()))?;
-        for Group { name, value } in &self.0 {
-            map.serialize_entry(name, value.as_ref())?;
-        }
-        map.end()
-    }
-}
-
-impl<'de> Deserialize<'de> for Params {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Map::deserialize(deserializer).map(Self::from)
+        serializer.collect_map(self.0.iter().map(|group| (&group.name, &*group.value)))
     }
 }
 

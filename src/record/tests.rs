@@ -30,6 +30,10 @@ fn run(profile: Profile) -> Run {
     Run { schema: SCHEMA, profile, ..Run::default() }
 }
 
+fn header(profile: Profile) -> Record {
+    Record::Run(Box::new(run(profile)))
+}
+
 /// A folder, and the path of the records in it.
 fn file() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
@@ -45,14 +49,11 @@ fn append(path: &Path, record: &Record) {
     open(path).writer.write(record).unwrap();
 }
 
-fn definition() -> Record {
-    Record::Experiment(Definition { id: "e".to_owned(), toml: "id = \"e\"\n".to_owned() })
-}
-
 #[test]
 fn what_is_written_is_read() {
     let (_folder, path) = file();
-    let records = [Record::Run(Box::new(run(Profile::Quick))), definition(), skipped("a")];
+    let definition = Definition { id: "e".to_owned(), toml: "id = \"e\"\n".to_owned() };
+    let records = [header(Profile::Quick), Record::Experiment(definition), skipped("a")];
     let mut writer = Writer::create(&path).unwrap();
     for record in &records {
         writer.write(record).unwrap();
@@ -84,14 +85,11 @@ fn a_torn_last_line_is_named_and_kept_aside_on_appending() {
     let aside = kept_aside(&path);
     assert_eq!(aside.len(), 1);
     assert_eq!(fs::read(&aside[0]).unwrap(), torn);
-}
-
-#[test]
-fn a_whole_last_line_without_its_end_is_kept_on_appending() {
-    let (_folder, path) = file();
-    fs::write(&path, serde_json::to_string(&skipped("a")).unwrap()).unwrap();
+    // A whole line that only lacks its end is no damage.
+    fs::write(&path, whole).unwrap();
     append(&path, &skipped("b"));
     assert_eq!(read(&path).unwrap().records, [skipped("a"), skipped("b")]);
+    assert_eq!(kept_aside(&path).len(), 1);
 }
 
 #[test]
@@ -119,7 +117,6 @@ fn lines(records: &[Record]) -> Vec<String> {
 #[test]
 fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
     let (_folder, path) = file();
-    let header = |profile| Record::Run(Box::new(run(profile)));
     let written =
         lines(&[header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")]);
     let [first, a, second, b] = written.as_slice() else { panic!() };
@@ -156,7 +153,7 @@ fn read_under_zeros(written: &[String], at: usize, zeros: usize) -> Reading {
 
 #[test]
 fn after_a_block_of_zeros_the_next_records_are_read() {
-    let header = Record::Run(Box::new(run(Profile::Quick)));
+    let header = header(Profile::Quick);
     let cells: Vec<Record> = (0..9).map(|n| skipped(&n.to_string())).collect();
     let written = lines(&[std::slice::from_ref(&header), &cells].concat());
     let (first, length) = (written[0].len(), written[1].len());
@@ -180,7 +177,6 @@ fn after_a_block_of_zeros_the_next_records_are_read() {
 /// What is left of a header at either end of the zeros says that there was one.
 #[test]
 fn zeros_over_a_part_of_a_header_lose_its_cells() {
-    let header = |profile| Record::Run(Box::new(run(profile)));
     let written =
         lines(&[header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")]);
     let start = written[0].len() + written[1].len();
@@ -224,8 +220,10 @@ fn what_two_writers_append_stays_whole() {
 }
 
 #[test]
-fn another_format_is_an_error_that_says_so() {
+fn a_missing_file_and_another_format_are_named() {
     let (_folder, path) = file();
+    let error = read(&path).unwrap_err().to_string();
+    assert!(error.starts_with(&format!("cannot read {}", path.display())), "{error}");
     fs::write(&path, "{\"record\":\"run\",\"schema\":99,\"new\":true}\n").unwrap();
     let error = read(&path).unwrap_err().to_string();
     assert!(error.contains("line 1: record format 99"), "{error}");
@@ -265,18 +263,12 @@ fn a_compressed_file_is_read_where_there_is_no_other() {
 }
 
 #[test]
-fn a_missing_file_is_named() {
-    let error = read(Path::new("no/such/file")).unwrap_err();
-    assert!(error.to_string().starts_with("cannot read no/such/file"));
-}
-
-#[test]
 fn only_cells_under_the_same_conditions_are_finished() {
     let failed = cell("failed", Outcome::Failed { reason: "device lost".to_owned() });
     let records = [
-        Record::Run(Box::new(run(Profile::Paper))),
+        header(Profile::Paper),
         skipped("other profile"),
-        Record::Run(Box::new(run(Profile::Quick))),
+        header(Profile::Quick),
         skipped("same"),
         failed,
     ];

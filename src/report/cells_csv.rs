@@ -34,7 +34,7 @@ const OF_CELL: [(&str, OfCell); 10] = [
     ("stand_ins", |entry| entry.cell.stand_ins.join("; ")),
     ("adapter", |entry| of_run(entry, |run| run.adapter.name.clone())),
     ("software", |entry| of_run(entry, |run| run.adapter.software.to_string())),
-    ("profile", |entry| of_run(entry, |run| run.profile.name().to_owned())),
+    ("profile", |entry| of_run(entry, |run| run.profile.to_string())),
     ("status", |entry| status(entry)[0].to_owned()),
     ("reason", |entry| status(entry)[1].to_owned()),
 ];

@@ -145,7 +145,7 @@ fn other_data(frame: &ChosenFrame<'_>) -> Value {
         data["driver"] = json!(format!("{} {}", run.adapter.driver, run.adapter.driver_info));
         data["software"] = json!(run.adapter.software);
         data["clocks"] = run.clocks.iter().map(clock).collect();
-        data["profile"] = json!(run.profile.name());
+        data["profile"] = json!(run.profile);
         data["started_at"] = json!(run.started_at);
         data["fathom_version"] = json!(run.fathom_version);
     }

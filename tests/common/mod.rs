@@ -11,8 +11,7 @@ use std::time::{Duration, Instant};
 use fathom::experiments::parse_set;
 use fathom::npy;
 use fathom::record::schema::LineKind;
-use fathom::record::{self, Cell, Clock, Measured, Outcome, Record, StageRecord, Work, Writer};
-use fathom::statistics::estimate;
+use fathom::record::{self, Cell, Measured, Outcome, Record, Writer};
 use jsonschema::Validator;
 use serde_json::{Map, Value, json};
 use tempfile::TempDir;
@@ -225,21 +224,6 @@ pub fn own_cell(name: &str, outcome: Outcome) -> Cell {
 pub fn skipped_cell(name: &str) -> Record {
     let outcome = Outcome::Skipped { reason: "too large".to_owned() };
     Record::Cell(Box::new(own_cell(name, outcome)))
-}
-
-/// A stage with these samples.
-pub fn stage(name: &str, clock: Clock, samples_ns: Vec<f64>) -> StageRecord {
-    StageRecord {
-        stage: name.into(),
-        clock,
-        time: estimate(&samples_ns),
-        samples_ns,
-        fenced: None,
-        work: Work::default(),
-        counters: Default::default(),
-        ceiling: None,
-        least_work: None,
-    }
 }
 
 /// Records of the committed run on a software driver.

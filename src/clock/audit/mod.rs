@@ -24,12 +24,14 @@
 pub(crate) mod kernels;
 mod verdict;
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use self::kernels::{Kernel, Kernels};
-use self::verdict::{Audited, Series, factor, judge, median};
+use self::verdict::{Series, factor, judge, median};
 use super::frame::{ClockPlan, FrameSample, FrameTimer, HostClock, Probe, SubmitCost};
+use super::session::FEATURES;
 use super::{DeviceError, TimedStage as _, WatchedDevice};
 use fathom_base::statistics;
 use fathom_record::{AuditRow, Clock, Conditions, PassKind, StageTime, Surrounding};
@@ -134,7 +136,7 @@ fn process_cpu(
 ) -> Result<Vec<AuditRow>, DeviceError> {
     let mut timer = FrameTimer::new(gpu, fenced, 0)?;
     let mut row = |index: usize| {
-        let mut series = Series::of(Audited::ProcessCpu);
+        let mut series = Series::of(Clock::ProcessCpu);
         let start = Instant::now();
         for round in 1.. {
             for level in 0..LEVELS {
@@ -194,46 +196,39 @@ fn set_apart(rows: &[AuditRow], alone: &[AuditRow]) -> Vec<PassKind> {
     worst.map(|row| row.pass).into_iter().collect()
 }
 
-/// Times in ns of submissions that hold the least pass of each kind, in the order of [`KINDS`].
+/// Times in ns of submissions that hold the least pass of each kind.
 struct Submissions {
     clock: HostClock,
     probe: Probe,
-    costs: [Vec<f64>; 3],
+    costs: BTreeMap<PassKind, Vec<f64>>,
 }
 
 impl Submissions {
     fn new(gpu: &WatchedDevice, clock: HostClock) -> Result<Self, DeviceError> {
-        Ok(Self { clock, probe: Probe::new(gpu)?, costs: Default::default() })
+        Ok(Self { clock, probe: Probe::new(gpu)?, costs: BTreeMap::new() })
     }
 
     fn time(&mut self, gpu: &WatchedDevice, count: usize) -> Result<(), DeviceError> {
-        for (kind, costs) in KINDS.into_iter().zip(&mut self.costs) {
+        for kind in KINDS {
             for _ in 0..count {
-                costs.push(gpu.scoped(|| self.probe.time(gpu, kind, self.clock))?);
+                let ns = gpu.scoped(|| self.probe.time(gpu, kind, self.clock))?;
+                self.costs.entry(kind).or_default().push(ns);
             }
         }
         Ok(())
     }
 
     fn cost(&self) -> SubmitCost {
-        let [compute_ns, render_ns, copy_ns] =
-            [PassKind::Compute, PassKind::Render, PassKind::Copy].map(|kind| {
-                let index = KINDS.iter().position(|k| *k == kind);
-                index.map_or(0.0, |index| median(&self.costs[index]))
-            });
+        let of = |kind| self.costs.get(&kind).map_or(0.0, |costs| median(costs));
+        let [compute_ns, render_ns, copy_ns] = PassKind::TIMED.map(of);
         SubmitCost { compute_ns, render_ns, copy_ns }
     }
 }
 
 /// Whether the adapter has timestamps for this kind of pass at all.
 fn has_timestamps(gpu: &WatchedDevice, kind: PassKind) -> bool {
-    let needed = match kind {
-        PassKind::Copy => {
-            wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS
-        }
-        _ => wgpu::Features::TIMESTAMP_QUERY,
-    };
-    gpu.features.contains(needed)
+    let of_passes = wgpu::Features::TIMESTAMP_QUERY;
+    gpu.features.contains(if kind == PassKind::Copy { FEATURES } else { of_passes })
 }
 
 /// The row, or why there can be none: it was then timed by the host clock on both sides.
@@ -289,7 +284,6 @@ struct TimedKernels<'a> {
     timestamps: FrameTimer,
     fenced: FrameTimer,
     submissions: Submissions,
-    submit_cost: SubmitCost,
 }
 
 impl<'a> TimedKernels<'a> {
@@ -311,7 +305,6 @@ impl<'a> TimedKernels<'a> {
             timestamps: FrameTimer::new(gpu, plan, passes)?,
             fenced: FrameTimer::new(gpu, fenced, 0)?,
             submissions,
-            submit_cost: fenced.submit_cost,
         })
     }
 
@@ -322,7 +315,7 @@ impl<'a> TimedKernels<'a> {
         surrounding: Surrounding,
         kinds: &[PassKind],
     ) -> Result<Vec<AuditRow>, DeviceError> {
-        let mut series: Vec<Series> = kinds.iter().map(|_| Series::default()).collect();
+        let mut series: Vec<Series> = kinds.iter().map(|_| Series::of(Clock::Timestamp)).collect();
         let start = Instant::now();
         let mut rounds = 0;
         loop {
@@ -359,7 +352,7 @@ impl<'a> TimedKernels<'a> {
         for (kind, series) in kinds.iter().zip(series) {
             let kernel = kernel(&self.kernels[level], *kind);
             let sample = self.timestamps.timed(gpu, &[kernel])?;
-            let host_ns = sample.envelope_ns - self.submit_cost.of(*kind);
+            let host_ns = sample.envelope_ns - self.fenced.plan().submit_cost.of(*kind);
             series.push(level, stage_ns(&sample, 0, 1), host_ns, sample.faults.len());
         }
         Ok(())
@@ -377,7 +370,7 @@ impl<'a> TimedKernels<'a> {
         let frame = once.collect::<Vec<_>>().repeat(OCCURRENCES);
         let mixed = self.timestamps.timed(gpu, &frame)?;
         let apart = self.fenced.timed(gpu, &frame)?;
-        let mixed_ns = mixed.envelope_ns - self.submit_cost.of(kinds[0]);
+        let mixed_ns = mixed.envelope_ns - self.fenced.plan().submit_cost.of(kinds[0]);
         let apart_ns: f64 = apart.stages.iter().map(|stage| stage.ns).sum();
         for (index, series) in series.iter_mut().enumerate() {
             let name = frame[index].name();
@@ -390,8 +383,7 @@ impl<'a> TimedKernels<'a> {
 }
 
 fn kernel<'k, 'a>(kernels: &'k [Kernel<'a>; 3], kind: PassKind) -> &'k Kernel<'a> {
-    let index = KINDS.iter().position(|known| *known == kind);
-    &kernels[index.unwrap_or(0)]
+    kernels.iter().find(|kernel| kernel.kind == kind).unwrap_or(&kernels[0])
 }
 
 /// Which kinds of pass with timestamps had command buffers of their own; empty if none had.
@@ -426,7 +418,7 @@ pub fn audit_table(audit: &Audit) -> String {
             "{:<12} {:<8} {:<8} {:>11.3} {:>10.3} {:>7.3} {:>9.2}  {verdict}: {}",
             row.clock.name(),
             row.pass.name(),
-            row.context.name(),
+            row.context,
             row.clock_ns * 1e-6,
             row.host_ns * 1e-6,
             row.ratio,
@@ -457,51 +449,9 @@ pub fn audit_table(audit: &Audit) -> String {
 mod tests {
     use super::*;
 
-    fn row(pass: PassKind, ratio: f64, sound: bool) -> AuditRow {
-        AuditRow {
-            pass,
-            context: Surrounding::Alone,
-            clock: Clock::Timestamp,
-            clock_ns: 1e6 * ratio,
-            host_ns: 1e6,
-            ratio,
-            doubling: 2.0,
-            sound,
-            reason: String::new(),
-        }
-    }
-
-    #[test]
-    fn kinds_that_are_wrong_alone_leave_the_mixture_before_their_neighbours() {
-        let alone = [
-            row(PassKind::Render, 1.0, true),
-            row(PassKind::Compute, 0.5, false),
-            row(PassKind::Copy, 0.5, false),
-        ];
-        // What compute and copy lose lands in render, which then reads worst.
-        let mixed = [
-            row(PassKind::Render, 1.6, false),
-            row(PassKind::Compute, 0.7, false),
-            row(PassKind::Copy, 0.9, true),
-        ];
-        assert_eq!(set_apart(&mixed, &alone), [PassKind::Compute, PassKind::Copy]);
-    }
-
-    #[test]
-    fn among_kinds_sound_alone_the_worst_leaves_and_none_when_all_are_sound() {
-        let alone = KINDS.map(|kind| row(kind, 1.0, true));
-        let mixed = [
-            row(PassKind::Render, 1.3, false),
-            row(PassKind::Compute, 0.01, false),
-            row(PassKind::Copy, 1.0, true),
-        ];
-        assert_eq!(set_apart(&mixed, &alone), [PassKind::Compute]);
-        assert_eq!(set_apart(&alone, &alone), []);
-    }
-
     /// What [`judge`] makes of a clock that reads this share of 5 ms, round by round.
     fn judged(kind: PassKind, mixed: bool, share: f64) -> AuditRow {
-        let mut series = Series::default();
+        let mut series = Series::of(Clock::Timestamp);
         for round in 0..ROUNDS {
             for level in 0..LEVELS {
                 let host_ns = (5 << level) as f64 * (1e6 + 2e4 * (round % 3) as f64);
@@ -530,7 +480,7 @@ mod tests {
 
     #[test]
     fn right_clocks_are_used_and_wrong_ones_are_not() {
-        use PassKind::{Compute, Render};
+        use PassKind::{Compute, Copy, Render};
         const USED: Clock = Clock::Timestamp;
         const FENCED: Clock = Clock::FencedHost;
         assert_eq!(clocks(|_| 1.0, |_, _| 1.02), [USED; 3]);
@@ -544,5 +494,14 @@ mod tests {
         assert_eq!(clocks(|_| 1.0, mesa), [USED, FENCED, USED]);
         let alone = |kind| if kind == Compute { 0.6 } else { 1.0 };
         assert_eq!(clocks(alone, mesa), [USED, FENCED, USED]);
+        // Kinds that are wrong alone leave before a neighbour, in which their time lands and which then reads worst.
+        let alone = |kind| if kind == Render { 1.0 } else { 0.5 };
+        let beside = |kind, kinds: &[PassKind]| match kind {
+            Render if kinds.contains(&Compute) => 1.6,
+            Compute => 0.7,
+            Copy => 0.9,
+            _ => 1.0,
+        };
+        assert_eq!(clocks(alone, beside), [USED, FENCED, FENCED]);
     }
 }

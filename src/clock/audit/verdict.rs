@@ -29,43 +29,17 @@ const LEAST_CPU_RATIO: f64 = 0.25;
 const FAULTY_SHARE: f64 = 0.1;
 
 /// Times of one kind of pass in one surrounding, round by round, at N and at 2 N.
-#[derive(Default)]
 pub(super) struct Series {
-    /// The audited clock.
-    clock: Audited,
+    /// The audited clock: timestamps or the CPU time of the process. It is held against the fenced host clock.
+    clock: Clock,
     clock_ns: [Vec<f64>; LEVELS],
     host_ns: [Vec<f64>; LEVELS],
     faults: usize,
 }
 
-/// The clock that is held against the fenced host clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Audited {
-    #[default]
-    Timestamps,
-    ProcessCpu,
-}
-
-impl Audited {
-    fn clock(self) -> Clock {
-        match self {
-            Self::Timestamps => Clock::Timestamp,
-            Self::ProcessCpu => Clock::ProcessCpu,
-        }
-    }
-
-    /// As the subject of a sentence.
-    fn subject(self) -> &'static str {
-        match self {
-            Self::Timestamps => "timestamps read",
-            Self::ProcessCpu => "the process's CPU time is",
-        }
-    }
-}
-
 impl Series {
-    pub(super) fn of(clock: Audited) -> Self {
-        Self { clock, ..Self::default() }
+    pub(super) fn of(clock: Clock) -> Self {
+        Self { clock, clock_ns: Default::default(), host_ns: Default::default(), faults: 0 }
     }
 
     pub(super) fn push(&mut self, level: usize, clock_ns: f64, host_ns: f64, faults: usize) {
@@ -86,7 +60,7 @@ impl Series {
 fn doubling(levels: &[Vec<f64>; LEVELS]) -> f64 {
     let pairs = levels[0].iter().zip(&levels[1]).filter(|(single, _)| **single > 0.0);
     let ratios: Vec<f64> = pairs.map(|(single, double)| double / single).collect();
-    if ratios.is_empty() { 0.0 } else { median(&ratios) }
+    median(&ratios)
 }
 
 /// Distance of a ratio from 1 as a factor of at least 1; infinite where it is not positive.
@@ -102,13 +76,13 @@ fn is_close(factor: f64, tolerance: f64) -> bool {
 /// kinds were not among the mixed.
 pub(super) fn judge(kind: PassKind, apart: Option<&str>, series: &Series) -> (AuditRow, bool) {
     let mixed = apart.is_some();
-    let at = match (mixed, series.clock) {
-        (true, _) => 0.5,
-        (false, Audited::Timestamps) => ALONE_QUANTILE,
-        (false, Audited::ProcessCpu) => CPU_QUANTILE,
+    let at = match series.clock {
+        _ if mixed => 0.5,
+        Clock::ProcessCpu => CPU_QUANTILE,
+        _ => ALONE_QUANTILE,
     };
     let mut row = AuditRow {
-        clock: series.clock.clock(),
+        clock: series.clock,
         pass: kind,
         context: if mixed { Surrounding::Mixed } else { Surrounding::Alone },
         clock_ns: median(&series.clock_ns[0]),
@@ -132,20 +106,18 @@ fn verdict(series: &Series, mixed: bool, ratios: [f64; LEVELS]) -> (Result<Strin
         return (Err(reason), false);
     }
     let tolerance = if mixed { MIXED_TOLERANCE } else { ALONE_TOLERANCE };
-    let waited =
-        |ratio: f64| series.clock == Audited::ProcessCpu && (LEAST_CPU_RATIO..1.0).contains(&ratio);
+    let by_cpu = series.clock == Clock::ProcessCpu;
+    let waited = |ratio: f64| by_cpu && (LEAST_CPU_RATIO..1.0).contains(&ratio);
     let [single, double] = ratios.map(|ratio| if waited(ratio) { 1.0 } else { factor(ratio) });
     // A busy machine spoils the wall's doubling, and not that of the CPU time.
-    let host_doubling = match series.clock {
-        Audited::Timestamps => doubling(&series.host_ns),
-        Audited::ProcessCpu => doubling(&series.clock_ns),
-    };
+    let host_doubling = doubling(if by_cpu { &series.clock_ns } else { &series.host_ns });
+    let subject = if by_cpu { "the process's CPU time is" } else { "timestamps read" };
     let disturbed = !mixed && factor(host_doubling / 2.0) > HOST_DOUBLING_TOLERANCE;
     let close = disturbed || is_close(single, tolerance) || is_close(double, tolerance);
     let verdict = if single > tolerance {
-        Err(format!("{} {:.2} of the host time", series.clock.subject(), ratios[0]))
+        Err(format!("{subject} {:.2} of the host time", ratios[0]))
     } else if double > tolerance {
-        Err(format!("{} {:.2} of the host time of double work", series.clock.subject(), ratios[1]))
+        Err(format!("{subject} {:.2} of the host time of double work", ratios[1]))
     } else if disturbed {
         Err(format!("double work took {host_doubling:.2} times as long: nothing to judge by"))
     } else {
@@ -170,7 +142,7 @@ mod tests {
 
     /// A series of rounds with these times at N, doubled at 2 N, a little noise on each.
     fn series(timestamp_ns: f64, host_ns: f64) -> Series {
-        let mut series = Series::default();
+        let mut series = Series::of(Clock::Timestamp);
         for round in 0..9 {
             let noise = 1.0 + 0.02 * f64::from(round % 3 - 1);
             series.push(0, timestamp_ns * noise, host_ns, 0);
@@ -185,40 +157,28 @@ mod tests {
     }
 
     #[test]
-    fn timestamps_that_agree_are_sound() {
+    fn timestamps_are_sound_that_agree_and_close_near_the_tolerance() {
         assert_eq!(verdict(&series(5e6, 5.05e6)), (true, false));
+        for ns in [2.5e6, 5e3, 0.0] {
+            assert_eq!(verdict(&series(ns, 5e6)), (false, false), "{ns}");
+        }
+        assert_eq!(verdict(&series(5e6, 6.2e6)), (false, true));
+        assert_eq!(verdict(&series(5e6, 5.6e6)), (true, true));
     }
 
     #[test]
-    fn half_and_next_to_nothing_are_unsound() {
-        assert_eq!(verdict(&series(2.5e6, 5e6)), (false, false));
-        assert_eq!(verdict(&series(5e3, 5e6)), (false, false));
-        assert_eq!(verdict(&series(0.0, 5e6)), (false, false));
-    }
-
-    #[test]
-    fn a_fixed_reading_does_not_double() {
+    fn a_fixed_reading_and_impossible_durations_are_unsound_whatever_their_median() {
         let mut fixed = series(5e6, 5e6);
         fixed.clock_ns[1] = fixed.clock_ns[0].clone();
-        assert!(!verdict(&fixed).0);
-    }
-
-    #[test]
-    fn impossible_durations_are_unsound_whatever_their_median() {
+        assert!(!verdict(&fixed).0, "it does not double");
         let mut faulty = series(5e6, 5e6);
         faulty.faults = 4;
         assert_eq!(verdict(&faulty), (false, false));
     }
 
-    #[test]
-    fn a_ratio_near_the_tolerance_is_close() {
-        assert_eq!(verdict(&series(5e6, 6.2e6)), (false, true));
-        assert_eq!(verdict(&series(5e6, 5.6e6)), (true, true));
-    }
-
     /// CPU time of this share of the wall time of an undisturbed round; three of four rounds wait for the core.
     fn by_cpu(share: f64) -> (bool, bool) {
-        let mut series = Series::of(Audited::ProcessCpu);
+        let mut series = Series::of(Clock::ProcessCpu);
         for round in 0..8 {
             let waited = if round % 4 == 0 { 1.5 } else { 2.2 };
             for level in 0..LEVELS {

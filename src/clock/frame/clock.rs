@@ -56,6 +56,11 @@ impl ClockPlan {
         }
     }
 
+    /// A pass of this kind is alone in a submission.
+    pub(super) fn fences(&self, kind: PassKind) -> bool {
+        self.clock(kind) != Clock::Timestamp
+    }
+
     /// Every pass fenced, by the CPU time of the process.
     pub fn process_cpu(submit_cost: SubmitCost) -> Self {
         let clock = Clock::ProcessCpu;

@@ -21,7 +21,7 @@ impl FrameTimer {
         (stage, kind): (usize, PassKind),
     ) -> Option<Query<'_>> {
         self.close(gpu, encoder);
-        if self.mode().fences(kind) {
+        if self.plan.fences(kind) {
             self.cut(gpu, encoder, false);
         }
         let sets = self.queries.as_ref().map_or(&[][..], |queries| &queries.sets);
@@ -49,11 +49,7 @@ impl FrameTimer {
 
     fn in_fenced_pass(&self) -> bool {
         let last = self.recorder.passes.last().filter(|_| self.recorder.has_open_passes());
-        last.is_some_and(|pass| self.mode().fences(pass.kind))
-    }
-
-    fn mode(&self) -> Mode<'_> {
-        Mode::Timed { plan: &self.plan, sets: &[], max_passes: self.max_passes }
+        last.is_some_and(|pass| self.plan.fences(pass.kind))
     }
 
     /// Runs the frame, of which the encoder holds the rest. Its stages have these names.
@@ -69,7 +65,7 @@ impl FrameTimer {
         gpu.scoped(|| {
             let fenced = self.in_fenced_pass();
             self.recorder.push(encoder, fenced);
-            self.recorder.check(self.mode())?;
+            self.recorder.check()?;
             gpu.flush()?;
             self.run_segments(gpu)
         })?;

@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, VecDeque};
 use super::host_clock::HostClock;
 use super::probe::Probe;
 use crate::{DeviceError, WatchedDevice};
-use fathom_base::statistics::{MAD_TO_SIGMA, median};
+use fathom_base::statistics::{median, outliers};
 use fathom_record::PassKind;
 
 /// Number of latest costs. Their median is subtracted, their scatter gives the resolution. They come from some six frames, so
@@ -67,9 +67,8 @@ impl CostMeter {
         let Some(latest) = self.latest.get(&kind) else {
             return 0.0;
         };
-        let middle = median(&Vec::from_iter(latest.iter().copied()));
-        let distances = Vec::from_iter(latest.iter().map(|ns| (ns - middle).abs()));
-        (MAD_TO_SIGMA * median(&distances)).max(LEAST_SIGMA_SHARE * middle)
+        let latest = Vec::from_iter(latest.iter().copied());
+        outliers(&latest).sigma.max(LEAST_SIGMA_SHARE * median(&latest))
     }
 
     /// The duration below which a stage of so many submissions is indistinguishable from one that takes no time, ns. Each submission

@@ -4,7 +4,7 @@ use super::clock::ClockPlan;
 use super::host_clock::{HostClock, process_ns};
 use super::meter::Metering;
 use crate::{DeviceError, TimedStage, WatchedDevice};
-use fathom_record::{Clock, PassKind};
+use fathom_record::PassKind;
 use std::ops::Range;
 
 /// WebGPU's largest query set.
@@ -63,8 +63,8 @@ pub(crate) enum Mode<'a> {
 
 impl Mode<'_> {
     /// A pass of this kind has a command buffer of its own.
-    pub(super) fn fences(&self, kind: PassKind) -> bool {
-        matches!(self, Mode::Timed { plan, .. } if plan.clock(kind) != Clock::Timestamp)
+    fn fences(&self, kind: PassKind) -> bool {
+        matches!(self, Mode::Timed { plan, .. } if plan.fences(kind))
     }
 }
 
@@ -100,8 +100,8 @@ pub(crate) struct Recorder {
     /// Passes before the open encoder's first.
     closed: usize,
     pub(crate) queries: u32,
-    /// The frame needed more queries than there are.
-    overflow: bool,
+    /// So many passes can have queries, and the frame needed more.
+    overflow: Option<u32>,
 }
 
 impl Recorder {
@@ -124,7 +124,7 @@ impl Recorder {
             encode.encode(&mut StageScope { recorder: self, gpu, mode, stage, turn, name });
         }
         self.close(false);
-        self.check(mode)
+        self.check()
     }
 
     pub(super) fn reset(&mut self) {
@@ -134,7 +134,7 @@ impl Recorder {
         self.host.clear();
         self.closed = 0;
         self.queries = 0;
-        self.overflow = false;
+        self.overflow = None;
     }
 
     /// Ends the open command buffer, if there is one.
@@ -167,7 +167,11 @@ impl Recorder {
         let number = self.take_query(mode, kind);
         self.passes.push(Pass { stage, kind, query: number });
         number.map(|number| match mode {
-            Mode::Timed { sets, .. } => timestamp_query(sets, number),
+            Mode::Timed { sets, .. } => {
+                let index = number * QUERIES_PER_PASS;
+                let set = &sets[(index / QUERIES_PER_SET) as usize];
+                Query { set, first: index % QUERIES_PER_SET }
+            }
             Mode::Counted { set, .. } => Query { set, first: number },
             Mode::Untimed => unreachable!("an untimed pass takes no query"),
         })
@@ -181,7 +185,7 @@ impl Recorder {
             _ => return None,
         };
         if self.queries >= max_passes {
-            self.overflow = true;
+            self.overflow = Some(max_passes);
             return None;
         }
         self.queries += 1;
@@ -189,13 +193,8 @@ impl Recorder {
     }
 
     /// Fails where the frame needed more queries than there are.
-    pub(super) fn check(&self, mode: Mode<'_>) -> Result<(), DeviceError> {
-        match mode {
-            Mode::Timed { max_passes, .. } | Mode::Counted { max_passes, .. } if self.overflow => {
-                Err(DeviceError::TooManyPasses(max_passes))
-            }
-            _ => Ok(()),
-        }
+    pub(super) fn check(&self) -> Result<(), DeviceError> {
+        self.overflow.map_or(Ok(()), |most| Err(DeviceError::TooManyPasses(most)))
     }
 
     /// Submits what the host stages have queued, so that no pass and no gap contains it.
@@ -334,6 +333,12 @@ impl<'a> Query<'a> {
     }
 }
 
+/// The queries of a pass.
+struct Queries<'a> {
+    timestamps: Option<Query<'a>>,
+    statistics: Option<Query<'a>>,
+}
+
 impl<'a> StageScope<'a> {
     /// Which of the stage's [`turns`](TimedStage::turns) this is.
     pub fn turn(&self) -> u32 {
@@ -342,14 +347,11 @@ impl<'a> StageScope<'a> {
 
     /// A compute pass.
     pub fn compute(&mut self, f: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
-        let (label, counted) = (Some(self.name), self.counted());
-        let (encoder, query) = self.begin(PassKind::Compute);
-        let timestamps = query.filter(|_| !counted);
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label,
-            timestamp_writes: timestamps.map(Query::of_compute),
-        });
-        let statistics = query.filter(|_| counted);
+        let label = Some(self.name);
+        let (encoder, Queries { timestamps, statistics }) = self.begin(PassKind::Compute);
+        let timestamp_writes = timestamps.map(Query::of_compute);
+        let descriptor = wgpu::ComputePassDescriptor { label, timestamp_writes };
+        let mut pass = encoder.begin_compute_pass(&descriptor);
         if let Some(Query { set, first }) = statistics {
             pass.begin_pipeline_statistics_query(set, first);
         }
@@ -363,53 +365,46 @@ impl<'a> StageScope<'a> {
 
     /// A render pass to these targets.
     pub fn render(&mut self, targets: &Targets<'_>, f: impl FnOnce(&mut wgpu::RenderPass<'_>)) {
-        let (name, counted) = (self.name, self.counted());
-        let (encoder, query) = self.begin(PassKind::Render);
-        let timestamps = query.filter(|_| !counted).map(|query| query.of_render(true, true));
-        let mut pass = open(encoder, name, targets, timestamps);
-        let statistics = query.filter(|_| counted);
-        if let Some(Query { set, first }) = statistics {
-            pass.begin_pipeline_statistics_query(set, first);
-        }
-        f(&mut pass);
-        if statistics.is_some() {
-            pass.end_pipeline_statistics_query();
-        }
-        drop(pass);
-        self.end(PassKind::Render);
+        let mut f = Some(f);
+        self.render_series(std::slice::from_ref(targets), |_, pass| {
+            if let Some(f) = f.take() {
+                f(pass);
+            }
+        });
     }
 
-    /// Render passes one after the other, timed as one: from the beginning of the first to the end of the last. `f` is given
-    /// each pass's place in the list.
+    /// Render passes one after the other, timed as one: from the beginning of the first to the end of the last. Invocations are
+    /// counted pass by pass. `f` is given each pass's place in the list.
     pub fn render_series(
         &mut self,
         passes: &[Targets<'_>],
         mut f: impl FnMut(usize, &mut wgpu::RenderPass<'_>),
     ) {
-        if self.counted() {
-            for (number, targets) in passes.iter().enumerate() {
-                self.render(targets, |pass| f(number, pass));
-            }
-            return;
-        }
-        let Some(last) = passes.len().checked_sub(1) else {
-            return;
-        };
         let name = self.name;
-        let (encoder, query) = self.begin(PassKind::Render);
-        for (number, targets) in passes.iter().enumerate() {
-            let query = query.filter(|_| number == 0 || number == last);
-            let timestamps = query.map(|query| query.of_render(number == 0, number == last));
-            f(number, &mut open(encoder, name, targets, timestamps));
+        let counted = matches!(self.mode, Mode::Counted { .. });
+        let at_once = if counted { 1 } else { passes.len().max(1) };
+        for (series, begin) in passes.chunks(at_once).zip((0..).step_by(at_once)) {
+            let (encoder, Queries { timestamps, statistics }) = self.begin(PassKind::Render);
+            for (place, targets) in series.iter().enumerate() {
+                let (first, last) = (place == 0, place + 1 == series.len());
+                let timestamps = timestamps.filter(|_| first || last);
+                let timestamps = timestamps.map(|query| query.of_render(first, last));
+                let mut pass = open(encoder, name, targets, timestamps);
+                if let Some(Query { set, first }) = statistics {
+                    pass.begin_pipeline_statistics_query(set, first);
+                }
+                f(begin + place, &mut pass);
+                if statistics.is_some() {
+                    pass.end_pipeline_statistics_query();
+                }
+            }
+            self.end(PassKind::Render);
         }
-        self.end(PassKind::Render);
     }
 
     /// Copies and clears. `f` must not open passes of its own: they would count as copying.
     pub fn copy(&mut self, f: impl FnOnce(&mut wgpu::CommandEncoder)) {
-        let counted = self.counted();
-        let (encoder, query) = self.begin(PassKind::Copy);
-        let timestamps = query.filter(|_| !counted);
+        let (encoder, Queries { timestamps, .. }) = self.begin(PassKind::Copy);
         if let Some(Query { set, first }) = timestamps {
             encoder.write_timestamp(set, first);
         }
@@ -430,20 +425,20 @@ impl<'a> StageScope<'a> {
         self.recorder.host.push(HostWork { stage: self.stage, ns });
     }
 
-    fn counted(&self) -> bool {
-        matches!(self.mode, Mode::Counted { .. })
-    }
-
     /// Records a pass, and returns the encoder to open it in and its queries.
-    fn begin(&mut self, kind: PassKind) -> (&mut wgpu::CommandEncoder, Option<Query<'a>>) {
+    fn begin(&mut self, kind: PassKind) -> (&mut wgpu::CommandEncoder, Queries<'a>) {
         if self.mode.fences(kind) {
             self.recorder.close(false);
         }
         let query = self.recorder.add(self.mode, self.stage, kind);
+        let queries = match self.mode {
+            Mode::Counted { .. } => Queries { timestamps: None, statistics: query },
+            _ => Queries { timestamps: query, statistics: None },
+        };
         let encoder = self.recorder.encoder.get_or_insert_with(|| {
             self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
         });
-        (encoder, query)
+        (encoder, queries)
     }
 
     fn end(&mut self, kind: PassKind) {
@@ -451,11 +446,6 @@ impl<'a> StageScope<'a> {
             self.recorder.close(true);
         }
     }
-}
-
-fn timestamp_query(sets: &[wgpu::QuerySet], number: u32) -> Query<'_> {
-    let index = number * QUERIES_PER_PASS;
-    Query { set: &sets[(index / QUERIES_PER_SET) as usize], first: index % QUERIES_PER_SET }
 }
 
 pub(super) fn open<'e>(

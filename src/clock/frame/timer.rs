@@ -78,8 +78,7 @@ pub(super) struct Queries {
 impl FrameTimer {
     /// A timer for frames of at most `max_passes` passes on the timestamp clock.
     pub fn new(gpu: &WatchedDevice, plan: ClockPlan, max_passes: u32) -> Result<Self, DeviceError> {
-        let kinds = [PassKind::Compute, PassKind::Render, PassKind::Copy];
-        let timestamps = kinds.iter().any(|kind| plan.clock(*kind) == Clock::Timestamp);
+        let timestamps = PassKind::TIMED.map(|kind| plan.clock(kind)).contains(&Clock::Timestamp);
         let queries =
             if timestamps && max_passes > 0 { Some(Queries::new(gpu, max_passes)?) } else { None };
         Ok(Self {

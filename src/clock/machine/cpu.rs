@@ -42,10 +42,8 @@ impl CpuReader {
     fn state_of(&self, core: usize) -> MachineState {
         let now = self.events(core);
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        let more = match (*last, now) {
-            (Some((before, events)), Some(now)) => before == core && now > events,
-            _ => false,
-        };
+        let more =
+            last.zip(now).is_some_and(|((before, events), now)| before == core && now > events);
         *last = now.map(|events| (core, events));
         let throttle = more.then_some(ThrottleReason::ThermalLimit).into_iter().collect();
         MachineState { clock_mhz: self.clock_mhz(core), throttle, ..MachineState::default() }

@@ -55,16 +55,13 @@ pub fn stage_record(
         Some(fenced) => fenced.samples_ns(),
         None => times.iter().map(|time| time.ns).collect(),
     };
+    let clock = times.first().map_or(Clock::Host, |time| time.clock);
     StageRecord {
-        stage: name.into(),
-        clock: times.first().map_or(Clock::Host, |time| time.clock),
-        time: statistics::estimate(&samples_ns),
-        samples_ns,
         fenced,
         work,
         least_work: (least != work).then_some(least),
         counters: counters.into(),
-        ceiling: None,
+        ..StageRecord::of(name, clock, samples_ns)
     }
 }
 

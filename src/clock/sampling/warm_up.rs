@@ -8,9 +8,10 @@ pub const MAX_WARM_UP_FRAMES: u32 = 10;
 /// Renders frames of both kinds in turn until they no longer get faster: the first ones hold the driver's compilation of shaders.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WarmUp {
-    frames: u32,
+    pub frames: u32,
     before_ns: f64,
-    steady: bool,
+    /// The frame time no longer fell.
+    pub steady: bool,
 }
 
 impl Default for WarmUp {
@@ -34,14 +35,5 @@ impl WarmUp {
 
     pub fn is_over(&self) -> bool {
         self.steady || self.frames >= MAX_WARM_UP_FRAMES
-    }
-
-    /// The frame time no longer fell.
-    pub fn is_steady(&self) -> bool {
-        self.steady
-    }
-
-    pub fn frames(&self) -> u32 {
-        self.frames
     }
 }

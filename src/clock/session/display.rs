@@ -10,7 +10,7 @@ use fathom_record::{Cell, Estimate, Outcome, PassKind, StageRecord};
 impl fmt::Display for FrameClock {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{} ({})", self.gpu.adapter.name, self.gpu.adapter.driver_info)?;
-        for kind in [PassKind::Compute, PassKind::Render, PassKind::Copy] {
+        for kind in PassKind::TIMED {
             let clock = self.audit.plan.clock(kind).name();
             write!(f, "{} passes: {clock} clock", kind.name())?;
             let mut rows = self.audit.rows.iter().filter(|row| row.pass == kind && !row.sound);

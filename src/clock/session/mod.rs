@@ -12,13 +12,13 @@ pub use sampled::Sampling;
 
 use std::time::Instant;
 
-use self::sampled::Sampled;
+use self::sampled::{Ran, Sampled};
 use super::frame::Query;
 use super::{Audit, ClockError, DeviceError, FrameTimer, MachineReader, WatchedDevice, audit_all};
 use fathom_record::{Cell, PassKind};
 
 /// Features of the device that timestamps need.
-const FEATURES: wgpu::Features =
+pub(super) const FEATURES: wgpu::Features =
     wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
 /// Passes of a frame that can have timestamps.
 const MOST_PASSES: u32 = 1024;
@@ -200,17 +200,11 @@ impl Frame<'_> {
         let Self { clock, timed, names } = self;
         let FrameClock { gpu, timer, machine, sampled, totals, .. } = clock;
         let state = || machine.as_ref().and_then(MachineReader::read);
-        let wall_ns = if timed {
-            let frame = timer.run_timed(gpu, encoder, &names)?;
-            let envelope_ns = frame.envelope_ns;
-            sampled.add_timed(frame, state);
-            envelope_ns
-        } else {
-            let wall_ns = timer.run_untimed(gpu, encoder)?;
-            sampled.add_untimed(wall_ns, state);
-            wall_ns
+        let ran = match timed {
+            true => Ran::Timed(timer.run_timed(gpu, encoder, &names)?),
+            false => Ran::Untimed(timer.run_untimed(gpu, encoder)?),
         };
-        totals.frames_ns += wall_ns;
+        totals.frames_ns += sampled.add(ran, state);
         Ok(())
     }
 

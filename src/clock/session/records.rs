@@ -14,9 +14,6 @@ use fathom_record::{
     ShaderChecks, StageTime,
 };
 
-/// Kinds of pass that have a clock of the audit.
-const AUDITED: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
-
 impl FrameClock {
     /// Makes a cell of what was sampled since the last one, and begins another with a warm-up. `experiment` is the program's name:
     /// lower-case letters, digits and `-`. `cell` tells this cell from its others, such as `size=512,filter=box`, or `base` where
@@ -103,9 +100,9 @@ impl FrameClock {
             adapter: gpu.adapter.clone(),
             shader_checks: ShaderChecks::Checked,
             conditions: Conditions::here(),
-            clocks: AUDITED.map(|kind| (kind, plan.clock(kind))).into(),
+            clocks: PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into(),
             audit: self.audit.rows.clone(),
-            submit_cost_ns: AUDITED.map(|kind| (kind, plan.submit_cost.of(kind))).into(),
+            submit_cost_ns: PassKind::TIMED.map(|kind| (kind, plan.submit_cost.of(kind))).into(),
             notes: missing.into_iter().chain([Note::new(NoteKind::Order, order)]).collect(),
             ..Run::default()
         }

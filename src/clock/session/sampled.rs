@@ -25,6 +25,12 @@ impl Default for Sampling {
     }
 }
 
+/// A frame that was run: with per-pass timing, or without, and how long it took.
+pub(super) enum Ran {
+    Timed(FrameSample),
+    Untimed(f64),
+}
+
 /// What was sampled of a cell.
 pub(super) struct Sampled {
     pub(super) samples: Samples,
@@ -82,55 +88,32 @@ impl Sampled {
         }
     }
 
-    /// A frame with per-pass timing was run. `state` tells of the machine.
-    pub(super) fn add_timed(
-        &mut self,
-        frame: FrameSample,
-        state: impl FnOnce() -> Option<MachineState>,
-    ) {
-        if self.warms_up(frame.envelope_ns) {
-            return;
-        }
-        self.timed = Some(frame);
-        self.end_pair(state);
-    }
-
-    /// The same for a frame without, which took so long.
-    pub(super) fn add_untimed(
-        &mut self,
-        wall_ns: f64,
-        state: impl FnOnce() -> Option<MachineState>,
-    ) {
-        if self.warms_up(wall_ns) {
-            return;
-        }
-        self.untimed_ns = Some(wall_ns);
-        self.end_pair(state);
-    }
-
-    /// Whether the frame is one of the warm-up.
-    fn warms_up(&mut self, wall_ns: f64) -> bool {
-        if self.warm_up.is_over() {
-            return false;
-        }
-        self.warm_up.add(wall_ns);
-        self.samples.warm_up_frames = self.warm_up.frames();
-        self.samples.unsteady = self.warm_up.is_over() && !self.warm_up.is_steady();
-        true
-    }
-
-    /// Samples the pair, if both of its frames were run.
-    fn end_pair(&mut self, state: impl FnOnce() -> Option<MachineState>) {
-        let (Some(frame), Some(untimed_ns)) = (&self.timed, self.untimed_ns) else {
-            return;
+    /// A frame was run. `state` tells of the machine. Gives the frame's time.
+    pub(super) fn add(&mut self, ran: Ran, state: impl FnOnce() -> Option<MachineState>) -> f64 {
+        let wall_ns = match &ran {
+            Ran::Timed(frame) => frame.envelope_ns,
+            Ran::Untimed(wall_ns) => *wall_ns,
         };
-        let rejected = fault(frame, untimed_ns, self.samples.stages());
-        let mut pair = frame_pair(frame, untimed_ns, (self.round, unix_s()));
-        pair.machine = state();
-        let pair = rejected.is_none().then_some(pair);
-        self.samples.add(&Addition { rejected, pair, ..Addition::default() });
-        (self.timed, self.untimed_ns) = (None, None);
-        self.round += 1;
+        if !self.warm_up.is_over() {
+            self.warm_up.add(wall_ns);
+            self.samples.warm_up_frames = self.warm_up.frames;
+            self.samples.unsteady = self.warm_up.is_over() && !self.warm_up.steady;
+            return wall_ns;
+        }
+        match ran {
+            Ran::Timed(frame) => self.timed = Some(frame),
+            Ran::Untimed(wall_ns) => self.untimed_ns = Some(wall_ns),
+        }
+        if let (Some(frame), Some(untimed_ns)) = (&self.timed, self.untimed_ns) {
+            let rejected = fault(frame, untimed_ns, self.samples.stages());
+            let mut pair = frame_pair(frame, untimed_ns, (self.round, unix_s()));
+            pair.machine = state();
+            let pair = rejected.is_none().then_some(pair);
+            self.samples.add(&Addition { rejected, pair, ..Addition::default() });
+            (self.timed, self.untimed_ns) = (None, None);
+            self.round += 1;
+        }
+        wall_ns
     }
 }
 
@@ -153,11 +136,8 @@ mod tests {
     /// Runs a frame of the kind that is due, whose time is `ns`; whether it was timed.
     fn run(sampled: &mut Sampled, frame: FrameSample) -> bool {
         let timed = sampled.times_next();
-        if timed {
-            sampled.add_timed(frame, || None);
-        } else {
-            sampled.add_untimed(frame.envelope_ns, || None);
-        }
+        let ran = if timed { Ran::Timed(frame) } else { Ran::Untimed(frame.envelope_ns) };
+        sampled.add(ran, || None);
         timed
     }
 

@@ -17,13 +17,8 @@ fn fenced() -> FrameClock {
     FrameClock::audited(gpu, |_| Ok(Audit { rows: Vec::new(), plan })).unwrap()
 }
 
-fn buffer(gpu: &WatchedDevice, usage: wgpu::BufferUsages) -> wgpu::Buffer {
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size: BYTES,
-        usage: usage | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
+fn buffer(clock: &FrameClock, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    clock.gpu.buffer("test", BYTES, usage | wgpu::BufferUsages::COPY_DST)
 }
 
 fn encoder(clock: &FrameClock) -> wgpu::CommandEncoder {
@@ -34,8 +29,8 @@ fn encoder(clock: &FrameClock) -> wgpu::CommandEncoder {
 fn commands_run_in_their_order_and_each_name_is_sampled_once() {
     use wgpu::BufferUsages as Usage;
     let mut clock = fenced();
-    let [from, to] = [Usage::COPY_SRC, Usage::COPY_SRC].map(|usage| buffer(&clock.gpu, usage));
-    let read_back = buffer(&clock.gpu, Usage::MAP_READ);
+    let [from, to] = [Usage::COPY_SRC, Usage::COPY_SRC].map(|usage| buffer(&clock, usage));
+    let read_back = buffer(&clock, Usage::MAP_READ);
     for number in 0..2 * LEAST_PAIRS as u32 + 2 {
         let bytes = [number as u8 + 1; BYTES as usize];
         clock.gpu.queue.write_buffer(&from, 0, &bytes);
@@ -75,7 +70,7 @@ fn commands_run_in_their_order_and_each_name_is_sampled_once() {
 #[test]
 fn a_refused_command_is_an_error_of_its_frame_and_no_other() {
     let mut clock = fenced();
-    let small = buffer(&clock.gpu, wgpu::BufferUsages::COPY_SRC);
+    let small = buffer(&clock, wgpu::BufferUsages::COPY_SRC);
     for beyond in [true, false, true, false] {
         let mut encoder = encoder(&clock);
         let mut frame = clock.frame();

@@ -156,7 +156,7 @@ pub fn command(cell: &Cell, run: Option<&Run>) -> String {
     let mut words = vec!["fathom".to_owned(), "run".to_owned(), text::shell(&cell.experiment)];
     words.extend(["--cell".to_owned(), text::shell(&cell.cell)]);
     if let Some(run) = run {
-        words.extend(["--profile".to_owned(), run.profile.name().to_owned()]);
+        words.extend(["--profile".to_owned(), run.profile.to_string()]);
         words.extend(kept(&run.command).iter().map(|word| text::shell(word)));
     }
     words.join(" ")

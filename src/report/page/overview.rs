@@ -52,7 +52,7 @@ fn device(run: &Run) -> Markup {
                 p { span.chip.open { "shard " (shard.part()) } " A part of a run: fathom merge joins the parts." }
             }
             p.faint {
-                (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile.name())
+                (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile)
                 "; started " (run.started_at) "; fathom " (run.fathom_version)
             }
         }

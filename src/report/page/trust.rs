@@ -93,7 +93,7 @@ fn audit_row(row: &AuditRow) -> Markup {
         tr {
             td { (row.clock.name()) }
             td { (row.pass.name()) }
-            td { (row.context.name()) }
+            td { (row.context) }
             td.number { (three(row.clock_ns / NS_PER_MS)) }
             td.number { (three(row.host_ns / NS_PER_MS)) }
             td.number { (format!("{:.3}", row.ratio)) }
@@ -350,7 +350,7 @@ fn set_up(view: &ReportView<'_>) -> Option<String> {
     let set_up_s: f64 = view.ends.iter().map(|end| end.set_up_s).sum();
     view.ends.last()?;
     let parts = trust::set_up_parts(view).into_iter();
-    let parts = parts.map(|(part, s)| format!("{} {} s", part.name(), three(s))).join(", ");
+    let parts = parts.map(|(part, s)| format!("{part} {} s", three(s))).join(", ");
     let parts = if parts.is_empty() { parts } else { format!(": {parts}") };
     Some(format!("Measuring took {} s, set-up {} s{parts}.", three(wall_s), three(set_up_s)))
 }

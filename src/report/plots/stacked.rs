@@ -86,7 +86,7 @@ impl Bar {
         let mut parts = vec![0.0; stages.len() + 1];
         // A time below the clock's resolution has no length.
         for stage in measured.stages.iter().filter(|s| s.is_resolved()) {
-            let place = stages.iter().position(|name| stage.stage == *name);
+            let place = stages.iter().position(|name| *stage.stage == **name);
             parts[place.unwrap_or(stages.len())] += stage.time.median / NS_PER_MS;
         }
         let frame = &measured.frame;

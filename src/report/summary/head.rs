@@ -62,8 +62,8 @@ fn device(run: &Run, table: &mut Table) {
                 .as_ref()
                 .map_or_else(String::new, |shard| format!("shard {}, ", shard.part())),
             run.fathom_version,
-            run.profile.name(),
-            run.shader_checks.name(),
+            run.profile,
+            run.shader_checks,
             run.started_at
         ),
     ]);

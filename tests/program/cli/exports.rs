@@ -1,8 +1,6 @@
 //! `fathom export`, `fathom schema` and `fathom list exporters` as a user meets them.
 
-use crate::common::{
-    Ends, Place, fathom, holds, names, own_cell, skipped_cell, stage, write_records,
-};
+use crate::common::{Ends, Place, fathom, holds, names, own_cell, skipped_cell, write_records};
 use fathom::record::comparison::Compared;
 use fathom::record::schema::LineKind;
 use fathom::record::{
@@ -15,7 +13,7 @@ const SAMPLES_NS: [f64; 3] = [2e6, 1e6, 4e6];
 
 /// A frame of one stage and as long gaps.
 fn measured() -> Measured {
-    let stage = stage("compose", Clock::Timestamp, SAMPLES_NS.to_vec());
+    let stage = StageRecord::of("compose", Clock::Timestamp, SAMPLES_NS.to_vec());
     let work = Work { fragments: 64, ..Work::default() };
     let envelope_samples_ns = SAMPLES_NS.map(|ns| 2.0 * ns).to_vec();
     let frame = FrameRecord {

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use fathom::record::{
-    Adapter, Clock, ErrorFigure, FrameRecord, Measured, Outcome, Record, Run, SCHEMA,
+    Adapter, Clock, ErrorFigure, FrameRecord, Measured, Outcome, Record, Run, SCHEMA, StageRecord,
 };
 use fathom::statistics::estimate;
 use serde_json::json;
 
-use crate::common::{lines, own_cell, stage};
+use crate::common::{lines, own_cell};
 
 pub const CELLS: usize = 3;
 /// Frame, a stage and an error.
@@ -24,7 +24,7 @@ fn cell(number: usize, ns: f64) -> Record {
     let untimed_samples_ns = samples(2.0 * ns);
     let untimed = estimate(&untimed_samples_ns);
     let measured = Measured {
-        stages: vec![stage("caustics/trace", Clock::ProcessCpu, samples(ns))],
+        stages: vec![StageRecord::of("caustics/trace", Clock::ProcessCpu, samples(ns))],
         frame: FrameRecord { untimed_samples_ns, untimed, ..FrameRecord::default() },
         errors: vec![ErrorFigure::new("photon_error_p99_m", 0.25, "m", "caustics/trace")],
         ..Measured::default()
