@@ -357,8 +357,8 @@ fn set_up(view: &ReportView<'_>) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::written;
     use super::*;
+    use crate::testing::written;
     use fathom_experiments::fixtures;
     use fathom_record::{FaultKind, Profile, RejectedFrames};
 
