@@ -3,14 +3,14 @@
 
 use std::time::Duration;
 
+use anyhow::{Context, Result};
 use criterion::{Criterion, Throughput};
-use thiserror::Error;
 
 use crate::compare::cells::Gates;
 use crate::gpu::{ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, Stage};
 use crate::harness::MAX_PASSES;
 use crate::harness::catalog::Catalog;
-use crate::harness::subject::{SubjectError, Subjects};
+use crate::harness::subject::Subjects;
 use crate::record::Work;
 
 /// Samples of a stage, and the time that they take.
@@ -19,16 +19,6 @@ const WARM_UP: Duration = Duration::from_millis(300);
 const MEASUREMENT: Duration = Duration::from_secs(2);
 /// Readings of a stage before its clock is given up.
 const ATTEMPTS: u32 = 20;
-
-#[derive(Debug, Error)]
-pub enum BenchError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Subject(#[from] SubjectError),
-    #[error("{0} runs no stage `{1}`")]
-    NoStage(String, String),
-}
 
 /// The device, its clock and criterion.
 pub struct StageBench {
@@ -87,11 +77,7 @@ impl StageBench {
 }
 
 /// Criterion over gate cells of a catalogue.
-pub fn gate_cells(
-    catalog: &Catalog,
-    bench: &mut StageBench,
-    gates: Gates,
-) -> Result<(), BenchError> {
+pub fn gate_cells(catalog: &Catalog, bench: &mut StageBench, gates: Gates) -> Result<()> {
     let mut subjects = Subjects::of(catalog).within(&bench.gpu.capacity);
     for cell in gates.configurations {
         if cell.stages.is_empty() {
@@ -104,7 +90,7 @@ pub fn gate_cells(
         bench.warm_up(&stages)?;
         for name in &cell.stages {
             let stage = stages.iter().find(|stage| stage.name() == name);
-            let stage = stage.ok_or_else(|| BenchError::NoStage(cell.id.clone(), name.clone()))?;
+            let stage = stage.with_context(|| format!("{} runs no stage `{name}`", cell.id))?;
             bench.stage(&cell.id, stage, None)?;
         }
     }

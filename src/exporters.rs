@@ -1,7 +1,8 @@
 //! Every report that is made from the records of a run or of a comparison. The same records give the same bytes.
 //! Adding one costs a file and an entry in `OF_RUNS` or `OF_COMPARISONS`.
 
-use std::io::{self, BufWriter, Write};
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use itertools::Itertools;
@@ -122,28 +123,21 @@ pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportErro
     let view = ReportView { left_out, ..ReportView::new(&reading.records, Some(folder)) };
     let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
     let put = |exporter: &RunExporter| match exporter.export {
-        OfRun::Rows(rows) => put_rows(folder, exporter.file, |file| rows(&view, file)),
+        OfRun::Rows(rows) => {
+            let path = folder.join(exporter.file);
+            let fault = |source| ExportError::Write { path: path.clone(), source };
+            let write = |file: &mut File| {
+                let mut file = BufWriter::new(file);
+                rows(&view, &mut file)?;
+                file.flush()
+            };
+            let opened = Folder::make(folder).map_err(fault)?;
+            opened.write_with(exporter.file, write).map_err(fault)?;
+            Ok(vec![path])
+        }
         _ => put(folder, exporter.run(&view, &FrameChoice::default())?.files()),
     };
     written.map(put).flatten_ok().collect()
-}
-
-/// Writes one file into a folder, row by row.
-fn put_rows(
-    folder: &Path,
-    name: &str,
-    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-) -> Result<Vec<PathBuf>, ExportError> {
-    let path = folder.join(name);
-    let written = Folder::make(folder).and_then(|opened| {
-        opened.write_with(name, |file| {
-            let mut file = BufWriter::new(file);
-            write(&mut file)?;
-            file.flush()
-        })
-    });
-    written.map_err(|source| ExportError::Write { path: path.clone(), source })?;
-    Ok(vec![path])
 }
 
 /// One page of several folders of runs and comparisons. What cannot be read is left out and listed. Where nothing can be read

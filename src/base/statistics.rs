@@ -40,8 +40,14 @@ pub struct Estimate {
 impl Estimate {
     /// The same in another unit. The factor is positive.
     pub fn scaled(&self, by: f64) -> Estimate {
-        let scaled = |Interval { low, high }| Interval { low: low * by, high: high * by };
-        Estimate { median: self.median * by, interval: self.interval.map(scaled), n: self.n }
+        self.map(|value| value * by)
+    }
+
+    /// The same seen through a function that rises everywhere.
+    pub fn map(&self, f: impl Fn(f64) -> f64) -> Estimate {
+        let interval =
+            self.interval.map(|Interval { low, high }| Interval { low: f(low), high: f(high) });
+        Estimate { median: f(self.median), interval, n: self.n }
     }
 
     /// The ends of the interval; the median twice where there is none.

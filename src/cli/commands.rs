@@ -9,7 +9,7 @@ use crate::experiments::Experiment;
 use crate::folder::{self, Folder};
 use crate::gpu::{self, Gpu};
 use crate::harness::catalog::Catalog;
-use crate::harness::figures::{self, Figure, FigureError, Rendered};
+use crate::harness::figures::{self, Figure, Rendered};
 use crate::harness::outcome::Counts;
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
@@ -29,9 +29,7 @@ use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
 
-use super::{
-    AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs, SubjectArgs,
-};
+use super::{AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where, and the sheet of all of them there.
 const FIGURES_FOLDER: &str = "figures";
@@ -132,7 +130,8 @@ fn print_summary(summary: &Summary) {
     tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
-    let ratio = summary.efficiency().map(|ratio| format!(" (ratio {ratio:.2})"));
+    let ratio = end.measuring_wall_s / end.measured_gpu_s;
+    let ratio = (end.measured_gpu_s > 0.0).then(|| format!(" (ratio {ratio:.2})"));
     tell::done(format!(
         "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames{}",
         end.set_up_s,
@@ -334,7 +333,7 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
 fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     let figures = Figure::named(&catalog.figures, name)?;
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(FIGURES_FOLDER));
-    Folder::make(&folder).map_err(|source| FigureError::Folder { path: folder.clone(), source })?;
+    Folder::make(&folder).with_context(|| format!("cannot write to {}", folder.display()))?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let mut parts = Vec::new();
     for figure in &figures {
@@ -342,7 +341,7 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
         match figure.render(&gpu, &mut subjects, &args.set, args.samples) {
             Ok(panels) => parts.push(write_figure(&folder, figure, &panels)?),
             Err(error) if name == figures::ALL => tell::note(format!("error: {error}")),
-            Err(error) => return Err(error.into()),
+            Err(error) => return Err(error),
         }
     }
     if name == figures::ALL {
@@ -369,8 +368,8 @@ fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::
 
 pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
-    let SubjectArgs { pipeline, scene, set } = &args.subject;
-    let subject = Subjects::of(catalog).within(&gpu.capacity).subject(pipeline, scene, set)?;
+    let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
+    let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
     written(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
 }
 
@@ -401,7 +400,7 @@ fn query_photons(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
     let query = querying::photons::Query::new(&subject, starts)?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let answers = query.answers(&gpu, &subject)?;
-    let exact = args.reference.map(|_| query.reference(&subject)).transpose()?;
+    let exact = args.reference.map(|_| query.reference(&subject));
     answer(args, |name, writer| query.write(name, writer, &answers, exact.as_deref()))
 }
 
@@ -418,12 +417,12 @@ fn queried(catalog: &Catalog, pipeline: &str, args: &QueryArgs) -> anyhow::Resul
 }
 
 /// Hands answers to the user: to the file that is named, else to standard output.
-fn answer<E: std::error::Error + Send + Sync + 'static>(
+fn answer(
     args: &QueryArgs,
-    write: impl FnOnce(&str, &mut dyn std::io::Write) -> Result<(), E>,
+    write: impl FnOnce(&str, &mut dyn std::io::Write) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let Some(path) = &args.output else {
-        return Ok(write("standard output", &mut tell::Answer)?);
+        return write("standard output", &mut tell::Answer);
     };
     let name = path.display().to_string();
     let mut bytes = Vec::new();

@@ -126,14 +126,14 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
         out: args.out.clone(),
         resume: args.resume,
     };
-    Ok(flow::measure(&options, &INTERRUPT, &|text| tell::note(text))?)
+    flow::measure(&options, &INTERRUPT, &|text| tell::note(text))
 }
 
 fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {
     tell::note(format!("building {revision}"));
     let folder = std::env::current_dir().context("there is no current folder")?;
     let mut progress = |line: &str| tell::note(line);
-    Ok(build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)?)
+    build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)
 }
 
 fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathBuf> {

@@ -9,8 +9,7 @@ use clap::Parser;
 use super::commands::{
     INTERRUPT, INTERRUPTED, Outcome, SOMETHING_FAILED, request, watch_interrupts,
 };
-use super::{COULD_NOT_RUN, Cli, Command, Engine, FleetArgs, RunArgs, merge};
-use crate::fleet::slurm::Slurm;
+use super::{COULD_NOT_RUN, Cli, Command, RunArgs, merge};
 use crate::fleet::{self, Followed};
 use crate::harness::catalog::Catalog;
 use crate::record::output;
@@ -19,30 +18,17 @@ use crate::tell;
 /// Name of the folder of the merged run within the fleet's.
 const MERGED: &str = "merged";
 
-pub fn fleet(catalog: &Catalog, args: FleetArgs) -> Outcome {
-    let Engine::Slurm = args.engine;
-    let run = run_arguments(catalog, &args.command)?;
-    let shards = match args.shards {
-        Some(shards) => shards,
-        None => u32::try_from(Slurm::node_count(&args.slurm)?)?,
-    };
-    let out = std::path::absolute(&args.out).context("there is no current folder")?;
-    let options = fleet::Options {
-        slurm: args.slurm,
-        shards,
-        run,
-        program: std::env::current_exe().context("cannot tell where this program lies")?,
-        out,
-        resume: args.resume,
-        retries: args.retries,
-    };
+pub fn fleet(catalog: &Catalog, mut options: fleet::Options) -> Outcome {
+    check_run(catalog, &options.command)?;
+    options.out = std::path::absolute(&options.out).context("there is no current folder")?;
+    let program = std::env::current_exe().context("cannot tell where this program lies")?;
     watch_interrupts()?;
-    let followed = fleet::run(&options, &INTERRUPT)?;
+    let followed = fleet::run(&options, &program, &INTERRUPT)?;
     ended(&followed, &options.out)
 }
 
-/// The arguments of `run`, which are tried here before any task is.
-fn run_arguments(catalog: &Catalog, command: &[String]) -> anyhow::Result<Vec<String>> {
+/// The arguments of `run` are tried here before any task is.
+fn check_run(catalog: &Catalog, command: &[String]) -> anyhow::Result<()> {
     let words = std::iter::once("fathom").chain(command.iter().map(String::as_str));
     let parsed = Cli::try_parse_from(words).map_err(|error| {
         let told = error.to_string();
@@ -58,7 +44,7 @@ fn run_arguments(catalog: &Catalog, command: &[String]) -> anyhow::Result<Vec<St
         anyhow::bail!("{option} is not for the run: `fathom fleet` sets it for each shard");
     }
     request(args).load(catalog)?;
-    Ok(command[1..].to_vec())
+    Ok(())
 }
 
 /// Merges what was measured and says what was not.

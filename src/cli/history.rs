@@ -96,20 +96,16 @@ impl PlaceArgs {
 
 #[derive(Args)]
 pub struct SelectionArgs {
-    /// Only runs of this branch [default: all, each as series of its own]
-    #[arg(long, value_name = "NAME")]
-    pub branch: Option<String>,
-    /// Only runs of commits from here on: a date such as 2026-01-31, or a commit of the history
-    #[arg(long, value_name = "DATE|COMMIT")]
-    pub since: Option<String>,
+    #[command(flatten)]
+    pub selection: Selection,
     #[command(flatten)]
     pub place: PlaceArgs,
 }
 
 impl SelectionArgs {
     fn open(self, filter: Option<String>) -> anyhow::Result<(History, Selection)> {
-        let Self { branch, since, place } = self;
-        Ok((History::open(&place.location()?)?, Selection { branch, since, filter }))
+        let selection = Selection { filter, ..self.selection };
+        Ok((History::open(&self.place.location()?)?, selection))
     }
 
     fn stored(self, filter: Option<String>) -> anyhow::Result<StoredRuns> {

@@ -12,11 +12,10 @@ use std::process::ExitCode;
 
 use crate::experiments::{parse_axis, parse_set};
 use crate::exporters::OF_COMPARISONS;
-use crate::fleet::slurm;
 use crate::harness::catalog::Catalog;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use crate::record::schema::LineKind;
-use crate::record::{MOST_SHARDS, Part, Profile};
+use crate::record::{Part, Profile};
 use crate::tell;
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -138,7 +137,7 @@ pub enum Command {
         after_help = "Exit status: that of the run; 2 also where a shard could not be measured; 130 interrupted, with the jobs \
             cancelled and everything measured so far merged. The folder and the program must be the same on all nodes."
     )]
-    Fleet(Box<FleetArgs>),
+    Fleet(Box<crate::fleet::Options>),
     /// Write what a folder's records hold in another format: CSV, JUnit, Bencher, a trace of one frame and others
     Export(ExportArgs),
     /// Print the JSON Schema (draft 2020-12) of the lines that fathom writes
@@ -252,19 +251,6 @@ pub struct ListArgs {
     pub set: Vec<(String, Value)>,
 }
 
-/// A pipeline on a scene.
-#[derive(Args)]
-pub struct SubjectArgs {
-    #[arg(long, default_value = PIPELINE)]
-    pub pipeline: String,
-    /// Name of a scene, or path of a scene file
-    #[arg(long, default_value = SCENE)]
-    pub scene: String,
-    /// Set a parameter; see `fathom list parameters`
-    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
-    pub set: Vec<(String, Value)>,
-}
-
 #[derive(Args)]
 pub struct RenderArgs {
     /// Name of a scene, or path of a scene file
@@ -292,8 +278,14 @@ pub struct RenderArgs {
 pub struct DumpArgs {
     /// Name of a stage; see `fathom list stages`
     pub stage: String,
-    #[command(flatten)]
-    pub subject: SubjectArgs,
+    #[arg(long, default_value = PIPELINE)]
+    pub pipeline: String,
+    /// Name of a scene, or path of a scene file
+    #[arg(long, default_value = SCENE)]
+    pub scene: String,
+    /// Set a parameter; see `fathom list parameters`
+    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub set: Vec<(String, Value)>,
     /// Folder to write to
     #[arg(short, long, value_name = "DIR", default_value = ".")]
     pub output: PathBuf,
@@ -334,36 +326,6 @@ pub struct QueryArgs {
     pub allow_stand_ins: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
-}
-
-/// Batch systems.
-#[derive(Clone, Copy, ValueEnum)]
-pub enum Engine {
-    /// Slurm, by its own commands
-    Slurm,
-}
-
-#[derive(Args)]
-pub struct FleetArgs {
-    /// Batch system
-    pub engine: Engine,
-    /// Parts that the run is divided into, each a task [default: as many as there are nodes]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SHARDS)))]
-    pub shards: Option<u32>,
-    #[command(flatten)]
-    pub slurm: slurm::Options,
-    /// Submit a shard that failed or was killed so many times again
-    #[arg(long, default_value_t = 2)]
-    pub retries: u32,
-    /// Folder of the shards and of the merged run, in `merged`; all nodes must see it
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Go on with the fleet that the folder holds
-    #[arg(long)]
-    pub resume: bool,
-    /// `run` and its arguments
-    #[arg(last = true, required = true, value_name = "COMMAND")]
-    pub command: Vec<String>,
 }
 
 #[derive(Args)]

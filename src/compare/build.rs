@@ -8,10 +8,10 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
 
+use anyhow::{Result, anyhow, bail};
 use itertools::Itertools;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
-use thiserror::Error;
 
 use fathom_base::folder::Folder;
 use fathom_base::input;
@@ -27,22 +27,6 @@ const FLAGS: [&str; 2] = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS"];
 /// Hexadecimal digits that tell one way of compiling from another.
 const WAY_DIGITS: usize = 8;
 
-#[derive(Debug, Error)]
-pub enum BuildError {
-    #[error("{} is in no git repository, so there is no revision to compare with: give --base-bin PATH", path.display())]
-    NoRepository { path: PathBuf },
-    #[error("unknown revision `{revision}`: {reason}")]
-    UnknownRevision { revision: String, reason: String },
-    #[error("`{command}` failed: {reason}")]
-    Command { command: String, reason: String },
-    #[error("building `{revision}` was interrupted")]
-    Interrupted { revision: String },
-    #[error("revision `{revision}` does not build; the compiler says:\n{}", .said.join("\n"))]
-    Compile { revision: String, said: Vec<String> },
-    #[error("cannot {action} {}: {source}", path.display())]
-    Io { action: &'static str, path: PathBuf, source: std::io::Error },
-}
-
 /// The release build of `target` at `revision` of the repository around `folder`, from the cache if it is there. cargo starts in the
 /// same folder of the checkout, so the crate need not be at the repository's root. `progress` is given each line that cargo
 /// writes. Once `interrupted` is set the build ends, and nothing of it is left.
@@ -52,7 +36,7 @@ pub fn revision(
     revision: &str,
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
-) -> Result<PathBuf, BuildError> {
+) -> Result<PathBuf> {
     let repository = repository(folder)?;
     let commit = commit(&repository, revision)?;
     let cache = repository.join(CACHE);
@@ -61,7 +45,7 @@ pub fn revision(
     let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
     if !program.is_file() {
         let worktree = Worktree::add(&repository, &cache, &commit)?;
-        let source = worktree.path.join(git(folder, ["rev-parse", "--show-prefix"])?);
+        let source = worktree.path.join(printed(&mut git(folder, ["rev-parse", "--show-prefix"]))?);
         let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
         let folders = (source, &*cache.join("target"));
         let built = compile(folders, target, revision, &[], interrupted, progress)?;
@@ -72,7 +56,7 @@ pub fn revision(
 }
 
 /// What the compiler used in a folder says of itself.
-fn compiler(folder: &Path) -> Result<String, BuildError> {
+fn compiler(folder: &Path) -> Result<String> {
     let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     printed(Command::new(rustc).arg("-vV").current_dir(folder))
 }
@@ -88,34 +72,33 @@ fn way(compiler: &str, variable: impl Fn(&str) -> Option<OsString>) -> String {
     hex::encode(sum.finalize())[..WAY_DIGITS].to_owned()
 }
 
-pub fn repository(folder: &Path) -> Result<PathBuf, BuildError> {
-    let found = git(folder, ["rev-parse", "--show-toplevel"]);
-    found.map(PathBuf::from).map_err(|_| BuildError::NoRepository { path: folder.to_owned() })
+pub fn repository(folder: &Path) -> Result<PathBuf> {
+    let found = process::printed(&mut git(folder, ["rev-parse", "--show-toplevel"]));
+    let shown = folder.display();
+    let none =
+        "is in no git repository, so there is no revision to compare with: give --base-bin PATH";
+    found.map(PathBuf::from).map_err(|_| anyhow!("{shown} {none}"))
 }
 
-pub fn commit(repository: &Path, revision: &str) -> Result<String, BuildError> {
+pub fn commit(repository: &Path, revision: &str) -> Result<String> {
     let asked = format!("{revision}^{{commit}}");
-    let arguments = ["rev-parse", "--verify", "--end-of-options", &asked];
-    git(repository, arguments).map_err(|error| BuildError::UnknownRevision {
-        revision: revision.to_owned(),
-        reason: match error {
-            BuildError::Command { reason, .. } => reason,
-            other => other.to_string(),
-        },
-    })
+    let mut asked = git(repository, ["rev-parse", "--verify", "--end-of-options", &asked]);
+    process::printed(&mut asked)
+        .map_err(|reason| anyhow!("unknown revision `{revision}`: {reason}"))
 }
 
-/// What git prints.
-fn git<const N: usize>(folder: &Path, arguments: [&str; N]) -> Result<String, BuildError> {
-    printed(Command::new("git").arg("-C").arg(folder).args(arguments))
+fn git<const N: usize>(folder: &Path, arguments: [&str; N]) -> Command {
+    let mut command = Command::new("git");
+    command.arg("-C").arg(folder).args(arguments);
+    command
 }
 
 /// What a command prints.
-fn printed(command: &mut Command) -> Result<String, BuildError> {
-    let words = std::iter::once(command.get_program()).chain(command.get_args());
-    let name = words.map(OsStr::to_string_lossy).join(" ");
-    let failed = |reason: String| BuildError::Command { command: name.clone(), reason };
-    process::printed(command).map_err(|error| failed(error.to_string()))
+fn printed(command: &mut Command) -> Result<String> {
+    process::printed(command).map_err(|reason| {
+        let words = std::iter::once(command.get_program()).chain(command.get_args());
+        anyhow!("`{}` failed: {reason}", words.map(OsStr::to_string_lossy).join(" "))
+    })
 }
 
 /// A checkout that is removed when it is dropped.
@@ -125,16 +108,16 @@ pub struct Worktree {
 }
 
 impl Worktree {
-    pub fn add(repository: &Path, cache: &Path, commit: &str) -> Result<Self, BuildError> {
+    pub fn add(repository: &Path, cache: &Path, commit: &str) -> Result<Self> {
         // Forgets checkouts whose folders are gone.
-        git(repository, ["worktree", "prune"])?;
+        printed(&mut git(repository, ["worktree", "prune"]))?;
         let short = commit.get(..12).unwrap_or(commit);
         let worktree = Self {
             repository: repository.to_owned(),
             path: cache.join(format!("worktree-{short}-{}", std::process::id())),
         };
         let path = worktree.path.to_string_lossy().into_owned();
-        git(repository, ["worktree", "add", "--detach", "--force", &path, commit])?;
+        printed(&mut git(repository, ["worktree", "add", "--detach", "--force", &path, commit]))?;
         Ok(worktree)
     }
 }
@@ -143,7 +126,7 @@ impl Drop for Worktree {
     fn drop(&mut self) {
         let path = self.path.to_string_lossy();
         // What is left behind is pruned the next time.
-        let _ = git(&self.repository, ["worktree", "remove", "--force", &path]);
+        let _ = printed(&mut git(&self.repository, ["worktree", "remove", "--force", &path]));
         let _ = std::fs::remove_dir_all(&self.path);
     }
 }
@@ -158,9 +141,8 @@ pub fn compile(
     environment: &[(&str, &str)],
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
-) -> Result<PathBuf, BuildError> {
+) -> Result<PathBuf> {
     let limits = Limits { time: None, interrupted: Some(interrupted) };
-    let revision = || revision.to_owned();
     let program = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut cargo = Command::new(program);
     cargo.args(["build", "--release", "--locked", "--color=never"]);
@@ -171,22 +153,20 @@ pub fn compile(
             let program = format!("release/{}{}", target.binary, std::env::consts::EXE_SUFFIX);
             Ok(built.join(program))
         }
-        Err(ProcessError::Interrupted) => Err(BuildError::Interrupted { revision: revision() }),
+        Err(ProcessError::Interrupted) => bail!("building `{revision}` was interrupted"),
         Err(ProcessError::Failed { complaint, .. }) => {
-            Err(BuildError::Compile { revision: revision(), said: complaint.lines().collect() })
+            let said = complaint.lines().join("\n");
+            bail!("revision `{revision}` does not build; the compiler says:\n{said}")
         }
-        Err(other) => {
-            let (command, reason) = ("cargo build".to_owned(), other.to_string());
-            Err(BuildError::Command { command, reason })
-        }
+        Err(other) => bail!("`cargo build` failed: {other}"),
     }
 }
 
 /// Copies a program into the cache. It appears there whole or not at all.
-pub fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
+pub fn keep(built: &Path, program: &Path) -> Result<()> {
     let io = |action, path: &Path| {
-        let path = path.to_owned();
-        move |source| BuildError::Io { action, path, source }
+        let cannot = format!("cannot {action} {}", path.display());
+        move |error: std::io::Error| anyhow!("{cannot}: {error}")
     };
     let folder = program.parent().unwrap_or(Path::new("."));
     let folder = Folder::make(folder).map_err(io("create", folder))?;
@@ -208,12 +188,10 @@ pub struct SetAside {
 }
 
 /// Copies a program out of reach of the build tool.
-pub fn set_aside(program: &Path) -> Result<SetAside, BuildError> {
+pub fn set_aside(program: &Path) -> Result<SetAside> {
     let folder = tempfile::Builder::new().prefix("fathom-compare-").tempdir();
-    let folder = folder.map_err(|source| BuildError::Io {
-        action: "make a folder in",
-        path: std::env::temp_dir(),
-        source,
+    let folder = folder.map_err(|error| {
+        anyhow!("cannot make a folder in {}: {error}", std::env::temp_dir().display())
     })?;
     let name = program.file_name().unwrap_or(OsStr::new("program"));
     let path = folder.path().join(name);
@@ -240,8 +218,6 @@ fn forget_old(builds: &Path, newest: &Path) {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
-    use std::sync::atomic::Ordering;
-    use std::time::Duration;
 
     use super::*;
 
@@ -263,7 +239,7 @@ mod tests {
             let path = folder.path().join("crates/mine");
             std::fs::create_dir_all(&path).unwrap();
             let repository = Self { folder, path };
-            git(repository.folder.path(), ["init", "--quiet"]).unwrap();
+            printed(&mut git(repository.folder.path(), ["init", "--quiet"])).unwrap();
             repository.git(["config", "user.name", "Someone"]);
             repository.git(["config", "user.email", "someone@example.org"]);
             repository.write("Cargo.toml", MANIFEST);
@@ -287,7 +263,7 @@ mod tests {
         }
 
         fn git<const N: usize>(&self, arguments: [&str; N]) -> String {
-            git(&self.path, arguments).unwrap()
+            printed(&mut git(&self.path, arguments)).unwrap()
         }
 
         fn commit(&self) {
@@ -302,7 +278,7 @@ mod tests {
                 && self.git(["worktree", "list"]).split(" [").count() == 2
         }
 
-        fn build(&self, name: &str) -> (Result<PathBuf, BuildError>, usize) {
+        fn build(&self, name: &str) -> (Result<PathBuf>, usize) {
             let mut lines = 0;
             let built = revision(&self.path, TARGET, name, &AtomicBool::new(false), &mut |_| {
                 lines += 1;
@@ -326,35 +302,6 @@ mod tests {
         let (again, lines) = repository.build(&commit);
         assert_eq!(again.unwrap(), built);
         assert_eq!(lines, 0, "it comes from the cache");
-    }
-
-    /// Its build writes a file in the target folder, and ends only when that is gone.
-    const ENDLESS_BUILD: &str = "fn main() {\n    \
-        let begun = std::env::var(\"OUT_DIR\").unwrap() + \"/../../../../begun\";\n    \
-        std::fs::write(&begun, \"\").unwrap();\n    \
-        while std::path::Path::new(&begun).exists() {\n        \
-        std::thread::sleep(std::time::Duration::from_millis(50));\n    }\n}\n";
-
-    #[test]
-    fn an_interrupted_build_ends_at_once_and_leaves_no_worktree() {
-        let repository = Repository::new();
-        repository.write("build.rs", ENDLESS_BUILD);
-        repository.commit();
-        let begun = repository.cache().join("target/begun");
-        let interrupted = AtomicBool::new(false);
-        let built = std::thread::scope(|scope| {
-            let built = scope
-                .spawn(|| revision(&repository.path, TARGET, "HEAD", &interrupted, &mut |_| {}));
-            while !begun.exists() && !built.is_finished() {
-                std::thread::sleep(Duration::from_millis(20));
-            }
-            interrupted.store(true, Ordering::Relaxed);
-            built.join().unwrap()
-        });
-        let error = built.unwrap_err();
-        assert!(matches!(error, BuildError::Interrupted { .. }), "{error}");
-        assert!(begun.exists(), "it was interrupted in the midst of it");
-        assert!(repository.is_clean());
     }
 
     #[test]

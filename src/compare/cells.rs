@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use thiserror::Error;
+use anyhow::{Result, bail};
 
 use super::protocol::GateConfiguration;
 use fathom_base::text::{did_you_mean, nearest};
@@ -12,14 +12,6 @@ use fathom_record::comparison::CellId;
 
 /// Gates are small at every profile.
 const PROFILE: Profile = Profile::Quick;
-
-#[derive(Debug, Error)]
-pub enum CellsError {
-    #[error(transparent)]
-    Experiment(#[from] ExperimentError),
-    #[error("no gate cell matches `{filter}`{}", did_you_mean(.nearest))]
-    NoMatch { filter: String, nearest: Option<String> },
-}
 
 /// The configurations of a comparison, in the file's order.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,14 +23,14 @@ pub struct Gates {
 
 impl Gates {
     /// Those of an experiment's file, or else those of a catalogue: their name and text.
-    pub fn load(path: Option<&Path>, catalogued: (&str, &str)) -> Result<Self, CellsError> {
+    pub fn load(path: Option<&Path>, catalogued: (&str, &str)) -> Result<Self> {
         Self::of(&match path {
             None => Experiment::parse(catalogued.0, catalogued.1)?,
             Some(path) => Experiment::read(path)?,
         })
     }
 
-    fn of(experiment: &Experiment) -> Result<Self, CellsError> {
+    fn of(experiment: &Experiment) -> Result<Self> {
         let invalid = |fault: String| ExperimentError::of(&experiment.id, &fault);
         let plans = experiment.cells(PROFILE, &[], &[])?;
         let configurations: Vec<GateConfiguration> = plans.into_iter().map(Into::into).collect();
@@ -60,7 +52,7 @@ impl Gates {
     }
 
     /// Only the cells whose names contain `filter`. The control stays one of them.
-    pub fn filtered(mut self, filter: &str) -> Result<Self, CellsError> {
+    pub fn filtered(mut self, filter: &str) -> Result<Self> {
         let all = self.cells();
         for configuration in &mut self.configurations {
             let id = configuration.id.clone();
@@ -71,7 +63,7 @@ impl Gates {
         let left = self.cells();
         let Some(first) = left.first() else {
             let nearest = nearest(filter, all.iter().map(CellId::as_str));
-            return Err(CellsError::NoMatch { filter: filter.to_owned(), nearest });
+            bail!("no gate cell matches `{filter}`{}", did_you_mean(&nearest));
         };
         if !left.contains(&self.control) {
             self.control = first.clone();
@@ -124,7 +116,7 @@ mod tests {
         assert!(error.contains("did you mean"), "{error}");
     }
 
-    fn parsed(rest: &str) -> Result<Gates, CellsError> {
+    fn parsed(rest: &str) -> Result<Gates> {
         let head = "id = \"own\"\ntitle = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"s\"\n";
         Gates::of(&Experiment::parse("own", &format!("{head}{rest}"))?)
     }

@@ -1,12 +1,13 @@
 //! What a side's processes are given besides their program: variables that the user names, and a Vulkan driver by its manifest.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
-use thiserror::Error;
 
 use super::launch::{Waiting, WorkerFault, WorkerProcess, WorkerStart};
 use fathom_base::input;
@@ -64,21 +65,6 @@ impl GivenEnvironment {
     }
 }
 
-#[derive(Debug, Error)]
-pub enum EnvironmentError {
-    /// A variable that cannot be set, or that fathom sets itself.
-    #[error("the {side}'s variable {told}")]
-    Variable { side: Side, told: String },
-    #[error("the value of the {side}'s variable {name} holds a NUL character")]
-    Nul { side: Side, name: String },
-    #[error("--{side}-driver {}: {reason}", path.display())]
-    Manifest { side: Side, path: PathBuf, reason: String },
-    #[error("cannot make a folder for compiled shaders: {0}")]
-    ShaderCache(std::io::Error),
-    #[error("--{side}-driver {manifest}: {reason}")]
-    Unusable { side: Side, manifest: String, reason: String },
-}
-
 /// A side's environment from what the command line says of it.
 ///
 /// # Errors
@@ -87,39 +73,37 @@ pub fn environment(
     side: Side,
     variables: &[String],
     manifest: Option<&Path>,
-) -> Result<GivenEnvironment, EnvironmentError> {
+) -> Result<GivenEnvironment> {
     let mut known = BTreeMap::new();
     for text in variables {
         let (name, value) = variable(side, text)?;
-        if known.insert(name.to_owned(), value.to_owned()).is_some() {
-            let told = format!("{name} is given twice");
-            return Err(EnvironmentError::Variable { side, told });
-        }
+        let first = known.insert(name.to_owned(), value.to_owned()).is_none();
+        ensure!(first, "the {side}'s variable {name} is given twice");
     }
     let driver = manifest.map(|path| {
-        let refused = |reason| EnvironmentError::Manifest { side, path: path.to_owned(), reason };
-        named(path).map_err(refused)
+        named(path).map_err(|reason| anyhow!("--{side}-driver {}: {reason}", path.display()))
     });
     Ok(GivenEnvironment { driver: driver.transpose()?, variables: known })
 }
 
-fn variable(side: Side, text: &str) -> Result<(&str, &str), EnvironmentError> {
-    let refused = |told: String| Err(EnvironmentError::Variable { side, told });
+/// Name and value, unless it cannot be set or fathom sets it itself.
+fn variable(side: Side, text: &str) -> Result<(&str, &str)> {
+    let the = format!("the {side}'s variable");
     let Some((name, value)) = text.split_once('=') else {
-        return refused(format!("{text:?} has no value: give NAME=VALUE"));
+        bail!("{the} {text:?} has no value: give NAME=VALUE");
     };
     if name.is_empty() || name.contains(|c: char| c.is_whitespace() || c.is_control()) {
         let rule = "a name is not empty and has no space or control character";
-        refused(format!("has the name {name:?}: {rule}"))
-    } else if value.contains('\0') {
-        Err(EnvironmentError::Nul { side, name: name.to_owned() })
-    } else if quiet::is_own(name) {
-        refused(format!("{name} is fathom's own: it sets the conditions of every worker"))
-    } else if DRIVER_VARIABLES.contains(&name) || name == MORE_DRIVERS {
-        refused(format!("{name} chooses a driver: give --{side}-driver"))
-    } else {
-        Ok((name, value))
+        bail!("{the} has the name {name:?}: {rule}");
     }
+    ensure!(!value.contains('\0'), "the value of {the} {name} holds a NUL character");
+    if quiet::is_own(name) {
+        bail!("{the} {name} is fathom's own: it sets the conditions of every worker");
+    }
+    if DRIVER_VARIABLES.contains(&name) || name == MORE_DRIVERS {
+        bail!("{the} {name} chooses a driver: give --{side}-driver");
+    }
+    Ok((name, value))
 }
 
 /// What fathom reads of a driver's manifest (Khronos, *Vulkan Loader*, LoaderDriverInterface.md, "Driver Manifest File Format").
@@ -135,20 +119,20 @@ struct Icd {
 }
 
 /// The driver of a manifest, or why there is none.
-fn named(path: &Path) -> Result<NamedDriver, String> {
-    let text = input::text(path, input::MAX_TEXT).map_err(|error| error.to_string())?;
+fn named(path: &Path) -> Result<NamedDriver> {
+    let text = input::text(path, input::MAX_TEXT)?;
     let manifest: Manifest = serde_json::from_str(&text)
-        .map_err(|error| format!("it is no manifest of a Vulkan driver: {error}"))?;
-    let absolute = std::path::absolute(path).map_err(|error| error.to_string())?;
-    let shown = absolute.to_str().ok_or("its path is not UTF-8")?;
+        .map_err(|error| anyhow!("it is no manifest of a Vulkan driver: {error}"))?;
+    let absolute = std::path::absolute(path)?;
+    let shown = absolute.to_str().context("its path is not UTF-8")?;
     if shown.contains(SEPARATOR) {
-        return Err(format!("the Vulkan loader takes `{SEPARATOR}` in a path for the end of it"));
+        bail!("the Vulkan loader takes `{SEPARATOR}` in a path for the end of it");
     }
     let library = &manifest.icd.library_path;
     let found = library_of(&absolute, library);
     let sum = found.as_deref().map(|file| {
         let sum = input::plain(file, MAX_LIBRARY).and_then(input::sha256);
-        sum.map_err(|error| format!("its library {}: {error}", file.display()))
+        sum.map_err(|error| anyhow!("its library {}: {error}", file.display()))
     });
     Ok(NamedDriver {
         manifest: shown.to_owned(),
@@ -172,10 +156,10 @@ pub fn variables(environment: &GivenEnvironment) -> impl Iterator<Item = (&str, 
 }
 
 /// An empty folder for the compiled shaders of a side that is given anything; it goes when this is dropped.
-pub fn shader_cache(environment: &GivenEnvironment) -> Result<Option<TempDir>, EnvironmentError> {
+pub fn shader_cache(environment: &GivenEnvironment) -> Result<Option<TempDir>> {
     let folder = || tempfile::Builder::new().prefix("fathom-shaders-").tempdir();
     let made = (!environment.is_empty()).then(folder).transpose();
-    made.map_err(EnvironmentError::ShaderCache)
+    made.context("cannot make a folder for compiled shaders")
 }
 
 /// The variables that send a side's driver to a folder for compiled shaders, those apart that the user has set.
@@ -190,35 +174,26 @@ pub fn cache_variables<'a>(
 
 /// Whether a side's adapter is one of the driver that was named for it. Its processes find no other Vulkan driver, but perhaps an
 /// adapter of another interface.
-pub fn check(
-    side: Side,
-    environment: &GivenEnvironment,
-    adapter: &Adapter,
-) -> Result<(), EnvironmentError> {
+pub fn check(side: Side, environment: &GivenEnvironment, adapter: &Adapter) -> Result<()> {
     match &environment.driver {
-        Some(driver) if adapter.backend != VULKAN => Err(unusable(
-            side,
-            driver,
-            &format!("its processes would run on {} ({})", adapter.name, adapter.backend),
-        )),
+        Some(driver) if adapter.backend != VULKAN => {
+            let Adapter { name, backend, .. } = adapter;
+            Err(unusable(side, driver, format!("its processes would run on {name} ({backend})")))
+        }
         _ => Ok(()),
     }
 }
 
-fn unusable(side: Side, driver: &NamedDriver, seen: &str) -> EnvironmentError {
+fn unusable(side: Side, driver: &NamedDriver, seen: impl Display) -> anyhow::Error {
     let NamedDriver { manifest, library, .. } = driver;
-    let reason = format!(
-        "it gives no Vulkan adapter here, as {library} cannot be loaded or finds no device of its own: {seen}"
-    );
-    EnvironmentError::Unusable { side, manifest: manifest.clone(), reason }
+    anyhow!(
+        "--{side}-driver {manifest}: it gives no Vulkan adapter here, as {library} cannot be loaded or finds no device of its own: \
+         {seen}"
+    )
 }
 
 /// Opens the driver that was named for a side once, before anything is built: an unusable one is told at once.
-pub fn try_driver(
-    side: Side,
-    start: &WorkerStart,
-    waiting: &Waiting<'_>,
-) -> Result<(), EnvironmentError> {
+pub fn try_driver(side: Side, start: &WorkerStart, waiting: &Waiting<'_>) -> Result<()> {
     let Some(driver) = &start.environment.driver else { return Ok(()) };
     match WorkerProcess::open(start, waiting) {
         Ok((worker, greeting)) => {
@@ -227,7 +202,7 @@ pub fn try_driver(
         }
         // Whoever interrupts needs no reason.
         Err(WorkerFault::Interrupted) => Ok(()),
-        Err(fault) => Err(unusable(side, driver, &fault.to_string())),
+        Err(fault) => Err(unusable(side, driver, fault)),
     }
 }
 

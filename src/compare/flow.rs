@@ -4,21 +4,21 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use anyhow::{Result, anyhow, bail};
 use itertools::Itertools;
-use thiserror::Error;
 
 use super::bench::Processes;
-use super::cells::{CellsError, Gates};
-use super::driver::{self, EnvironmentError};
+use super::cells::Gates;
+use super::driver;
 use super::instructions;
-use super::launch::{Quiet, Waiting, WorkerFault, WorkerStart, allowed_cores};
+use super::launch::{Quiet, Waiting, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
 use super::rounds::{self, Before};
 use super::survey::{self, SurveyedBuild};
 use fathom_base::input;
 use fathom_gates::adapters::AdapterRelation;
 use fathom_gates::schedule::Schedule;
-use fathom_gates::store::{self, StoreError, StoredComparison};
+use fathom_gates::store::{self, StoredComparison};
 use fathom_gates::time;
 use fathom_harness::catalog::Catalog;
 use fathom_record::RecordError;
@@ -28,31 +28,6 @@ use fathom_record::comparison::{
     Side, Skip,
 };
 use fathom_record::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Taken, unused};
-
-#[derive(Debug, Error)]
-pub enum CompareError {
-    #[error(transparent)]
-    Cells(#[from] CellsError),
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error(transparent)]
-    Folder(#[from] OutputError),
-    #[error(transparent)]
-    Records(#[from] RecordError),
-    #[error("{} cannot be read: {source}", path.display())]
-    Program { path: PathBuf, source: std::io::Error },
-    #[error("the {side} build: {fault}")]
-    Worker { side: Side, fault: WorkerFault },
-    #[error(transparent)]
-    Environment(#[from] EnvironmentError),
-    #[error("the sides run on different adapters: the base on {base}, the head on {head}")]
-    Adapters { base: String, head: String },
-    #[error(
-        "{} was begun with another {what}: resume it with the same, or choose another folder with --out",
-        folder.display()
-    )]
-    OtherComparison { folder: PathBuf, what: &'static str },
-}
 
 /// A build to compare.
 #[derive(Clone, Debug)]
@@ -92,7 +67,7 @@ pub fn measure(
     options: &CompareOptions,
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
-) -> Result<PathBuf, CompareError> {
+) -> Result<PathBuf> {
     let start = Instant::now();
     let mut gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
     if let Some(filter) = &options.filter {
@@ -141,23 +116,20 @@ fn start_build<'a>(
     options: &CompareOptions,
     side: Side,
     waiting: Waiting<'a>,
-) -> Result<SurveyedBuild<'a>, CompareError> {
+) -> Result<SurveyedBuild<'a>> {
     let core = allowed_cores().into_iter().cycle().nth(side as usize);
     let quiet = Some(Quiet { core, ..Quiet::default() });
     let start = WorkerStart { quiet, ..options.start(side) };
-    SurveyedBuild::new(start, waiting).map_err(|fault| CompareError::Worker { side, fault })
+    SurveyedBuild::new(start, waiting).map_err(|fault| anyhow!("the {side} build: {fault}"))
 }
 
 /// What both sides say of themselves. Sides that were given the same must have the same adapter.
-fn greeted(
-    options: &CompareOptions,
-    builds: &mut [SurveyedBuild<'_>; 2],
-) -> Result<[Greeting; 2], CompareError> {
+fn greeted(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Result<[Greeting; 2]> {
     let environments = options.programs.each_ref().map(|program| &program.start.environment);
-    let greet = |side: Side, build: &mut SurveyedBuild<'_>| {
-        let greeting = build.greeted().map_err(|fault| CompareError::Worker { side, fault })?;
+    let greet = |side: Side, build: &mut SurveyedBuild<'_>| -> Result<Greeting> {
+        let greeting = build.greeted().map_err(|fault| anyhow!("the {side} build: {fault}"))?;
         driver::check(side, environments[side as usize], &greeting.adapter)?;
-        Ok::<Greeting, CompareError>(greeting)
+        Ok(greeting)
     };
     let [base, head] = builds;
     let greetings = [greet(Side::Base, base)?, greet(Side::Head, head)?];
@@ -165,7 +137,7 @@ fn greeted(
     let given_the_same = environments[0] == environments[1];
     if given_the_same && AdapterRelation::of(base, head) != AdapterRelation::Same {
         let [base, head] = [base, head].map(with_driver);
-        return Err(CompareError::Adapters { base, head });
+        bail!("the sides run on different adapters: the base on {base}, the head on {head}");
     }
     Ok(greetings)
 }
@@ -174,13 +146,13 @@ fn header(
     options: &CompareOptions,
     gates: &Gates,
     greetings: &[Greeting; 2],
-) -> Result<ComparisonHeader, CompareError> {
-    let build = |side: Side| {
+) -> Result<ComparisonHeader> {
+    let build = |side: Side| -> Result<ComparedBuild> {
         let (program, greeting) = (&options.programs[side as usize], &greetings[side as usize]);
         let path = &program.start.program;
         let digest = input::open(path).and_then(input::sha256);
-        let unreadable = |source| CompareError::Program { path: path.clone(), source };
-        Ok::<ComparedBuild, CompareError>(ComparedBuild {
+        let unreadable = |error| anyhow!("{} cannot be read: {error}", path.display());
+        Ok(ComparedBuild {
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
@@ -226,7 +198,7 @@ fn resumed(
     held: &mut Held,
     now: &ComparisonHeader,
     tell: &dyn Fn(&str),
-) -> Result<StoredComparison, CompareError> {
+) -> Result<StoredComparison> {
     held.notices.iter().for_each(|notice| tell(notice));
     let folder = held.output.folder.clone();
     let before = StoredComparison::from_records(std::mem::take(&mut held.before));
@@ -241,10 +213,11 @@ fn resumed(
         ("selection of cells", then.cells == now.cells),
         ("kind of measurement", !then.settings.unpaired),
     ];
-    match same.iter().find(|(_, same)| !same) {
-        Some((what, _)) => Err(CompareError::OtherComparison { folder, what }),
-        None => Ok(before),
+    if let Some((what, _)) = same.iter().find(|(_, same)| !same) {
+        let rule = "resume it with the same, or choose another folder with --out";
+        bail!("{} was begun with another {what}: {rule}", folder.display());
     }
+    Ok(before)
 }
 
 /// A comparison that is being measured.
@@ -272,7 +245,7 @@ impl ComparisonRun<'_> {
         &mut self,
         builds: &mut [SurveyedBuild<'_>; 2],
         configurations: &[GateConfiguration],
-    ) -> Result<Vec<GateConfiguration>, CompareError> {
+    ) -> Result<Vec<GateConfiguration>> {
         let counting = self.wants(Gate::Exact);
         (self.waiting.tell)(if counting {
             "exact gate: work, counters, bytes and errors of both builds"
@@ -301,7 +274,7 @@ impl ComparisonRun<'_> {
         Ok(common)
     }
 
-    fn instructions(&mut self, common: &[GateConfiguration]) -> Result<(), CompareError> {
+    fn instructions(&mut self, common: &[GateConfiguration]) -> Result<()> {
         if !self.wants(Gate::Instructions) {
             return Ok(());
         }
@@ -310,7 +283,7 @@ impl ComparisonRun<'_> {
         Ok(instructions::run(&mut self.held, &self.before, common, &start, self.interrupted)?)
     }
 
-    fn time(&mut self, control: &CellId, common: &[GateConfiguration]) -> Result<(), CompareError> {
+    fn time(&mut self, control: &CellId, common: &[GateConfiguration]) -> Result<()> {
         if !self.wants(Gate::Time) {
             return Ok(());
         }
@@ -344,11 +317,7 @@ impl ComparisonRun<'_> {
     }
 
     /// One of the two measurements of the time gate.
-    fn launches(
-        &mut self,
-        schedule: &Schedule,
-        workers: &mut Processes<'_>,
-    ) -> Result<(), CompareError> {
+    fn launches(&mut self, schedule: &Schedule, workers: &mut Processes<'_>) -> Result<()> {
         let Schedule { cells, launches, pairs, second, .. } = schedule;
         let before = timed_before(&self.before, *second);
         let mut done = before.complete;

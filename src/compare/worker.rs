@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use anyhow::{Context, bail};
 use thiserror::Error;
 
 use super::protocol::{
@@ -48,28 +49,18 @@ pub extern "C" fn fathom_sample_boundary() {
     BOUNDARIES.fetch_add(1, Ordering::SeqCst);
 }
 
-#[derive(Debug, Error)]
-pub enum WorkerError {
-    #[error("cannot read a request: {0}")]
-    Input(std::io::Error),
-    #[error("cannot write a reply: {0}")]
-    Output(std::io::Error),
-    #[error("{0}")]
-    Fatal(String),
-}
-
 /// Answers each line of `input` with a line of `output`, until `quit`, the end of the input or a fatal fault.
 pub fn serve(
     options: &gpu::Options,
     catalog: &Catalog,
     input: impl BufRead,
     mut output: impl Write,
-) -> Result<(), WorkerError> {
+) -> anyhow::Result<()> {
     quiet::pad_heap();
     let subjects = Subjects::of(catalog).silent();
     let mut worker = RequestServer { options, catalog, subjects, device: None };
     for line in input.lines() {
-        let line = line.map_err(WorkerError::Input)?;
+        let line = line.context("cannot read a request")?;
         if line.trim().is_empty() {
             continue;
         }
@@ -78,10 +69,11 @@ pub fn serve(
             Ok(request) => worker.answer(request).unwrap_or_else(Refusal::reply),
             Err(reply) => reply,
         };
-        let line = serde_json::to_string(&reply).map_err(|e| WorkerError::Output(e.into()))?;
-        writeln!(output, "{line}").and_then(|()| output.flush()).map_err(WorkerError::Output)?;
+        let line = serde_json::to_string(&reply).context("cannot write a reply")?;
+        let written = writeln!(output, "{line}").and_then(|()| output.flush());
+        written.context("cannot write a reply")?;
         if let Reply::Fault { reason, fatal: true, .. } = reply {
-            return Err(WorkerError::Fatal(reason));
+            bail!(reason);
         }
     }
     Ok(())

@@ -186,7 +186,10 @@ mod tests {
         let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let folders = [SHADERS, SCENES, EXPERIMENTS, FIGURES];
         for folder in &folders {
-            write_all(folder, &built.path().join(&*folder.name));
+            for path in folder.paths() {
+                let to = built.path().join(&*folder.name).join(&*path);
+                write(&to, &folder.file(&path).unwrap());
+            }
         }
         let package = built.path().join("src/embedded");
         for (file, to) in [("Cargo.lock", "Cargo.lock"), ("src/embedded/mod.rs", "embedded.rs")] {
@@ -225,12 +228,6 @@ mod tests {
         let mut command = Command::new(program);
         command.args(arguments).current_dir(folder).env("CARGO_TARGET_DIR", target());
         assert!(command.status().unwrap().success(), "{}", program.display());
-    }
-
-    fn write_all(folder: &Folder, to: &Path) {
-        for path in folder.paths() {
-            write(&to.join(&*path), &folder.file(&path).unwrap());
-        }
     }
 
     fn write(path: &Path, bytes: &[u8]) {

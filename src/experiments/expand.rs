@@ -422,9 +422,14 @@ impl Experiment {
         let values = point.iter().map(|(axis, value)| format!("{}={}", axis.name, value.text()));
         let key: Vec<String> = id.into_iter().chain(values).collect();
         let stages = sweep.map(|sweep| &sweep.stages).filter(|stages| !stages.is_empty());
-        let scene = take(&mut params, "scene").unwrap_or_else(|| self.scene.clone());
-        let pipeline = take(&mut params, "pipeline").unwrap_or_else(|| self.pipeline.clone());
-        let overrides = last_of_each(params);
+        // The later of two values for one path replaces the earlier.
+        let mut params: IndexMap<String, Value> = params.into_iter().collect();
+        let mut chosen = |name, own: &String| {
+            params.shift_remove(name).map_or_else(|| own.clone(), |value| label_text(&value))
+        };
+        let scene = chosen("scene", &self.scene);
+        let pipeline = chosen("pipeline", &self.pipeline);
+        let overrides: Vec<(String, Value)> = params.into_iter().collect();
         CellPlan {
             experiment: self.id.clone(),
             cell: if key.is_empty() { "base".to_owned() } else { key.join(",") },
@@ -475,14 +480,6 @@ const R2_STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
 fn places(count: u32) -> Vec<[f64; 2]> {
     let place = |i: u32| R2_STEPS.map(|step| (0.5 + f64::from(i) * step).fract());
     (0..count).map(place).collect()
-}
-
-/// Removes every entry of that name and gives the last one's text.
-fn take(params: &mut Vec<(String, Value)>, name: &str) -> Option<String> {
-    let last =
-        params.iter().rev().find(|(path, _)| path == name).map(|(_, value)| label_text(value));
-    params.retain(|(path, _)| path != name);
-    last
 }
 
 /// The later of two values for one path replaces the earlier.

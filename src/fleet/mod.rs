@@ -60,18 +60,35 @@ pub enum FleetError {
     TooMany { shards: u32 },
 }
 
+/// Batch systems.
+#[derive(Clone, Copy, clap::ValueEnum)]
+pub enum Engine {
+    /// Slurm, by its own commands
+    Slurm,
+}
+
 /// What a fleet is asked to do.
+#[derive(clap::Args)]
 pub struct Options {
+    /// Batch system
+    pub engine: Engine,
+    /// Parts that the run is divided into, each a task [default: as many as there are nodes]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SHARDS)))]
+    pub shards: Option<u32>,
+    #[command(flatten)]
     pub slurm: slurm::Options,
-    pub shards: u32,
-    /// Arguments of `fathom run`.
-    pub run: Vec<String>,
-    /// The program that tasks start.
-    pub program: PathBuf,
-    pub out: PathBuf,
-    pub resume: bool,
-    /// A shard is submitted again so many times.
+    /// Submit a shard that failed or was killed so many times again
+    #[arg(long, default_value_t = 2)]
     pub retries: u32,
+    /// Folder of the shards and of the merged run, in `merged`; all nodes must see it
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Go on with the fleet that the folder holds
+    #[arg(long)]
+    pub resume: bool,
+    /// `run` and its arguments
+    #[arg(last = true, required = true, value_name = "COMMAND")]
+    pub command: Vec<String>,
 }
 
 /// What the folder of a fleet says of it.
@@ -91,12 +108,18 @@ pub struct Followed {
     pub interrupted: bool,
 }
 
-/// Submits the shards and follows them to their end.
-pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Followed, FleetError> {
-    if options.shards > MOST_SHARDS {
-        return Err(FleetError::TooMany { shards: options.shards });
+/// Submits the shards, tasks that start `program`, and follows them to their end. The folder is an absolute path.
+pub fn run(
+    options: &Options,
+    program: &Path,
+    interrupted: &AtomicBool,
+) -> Result<Followed, FleetError> {
+    let Engine::Slurm = options.engine;
+    let shards = options.shards.map_or_else(|| Slurm::node_count(&options.slurm), Ok)?;
+    if shards > MOST_SHARDS {
+        return Err(FleetError::TooMany { shards });
     }
-    let mut fleet = Fleet::open(options, interrupted)?;
+    let mut fleet = Fleet::open(options, shards, program, interrupted)?;
     let looked = fleet.look();
     if !fleet.is_interrupted() {
         looked?;
@@ -119,24 +142,30 @@ struct Fleet<'a> {
 }
 
 impl<'a> Fleet<'a> {
-    fn open(options: &'a Options, interrupted: &'a AtomicBool) -> Result<Self, FleetError> {
-        let [out, program] = [&options.out, &options.program].map(|path| usable(path));
+    fn open(
+        options: &'a Options,
+        shards: u32,
+        program: &'a Path,
+        interrupted: &'a AtomicBool,
+    ) -> Result<Self, FleetError> {
+        let [out, program] = [&options.out, program].map(usable);
         let (out, program) = (out?, program?);
         let _lock = FolderLock::take(&options.out, &fathom_record::output::holder())?;
         // The same folder has the same jobs under each of its names.
         let folder = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
         let mut slurm = Slurm::find(&options.slurm, &folder)?;
         slurm.interrupted = Some(interrupted);
-        let stored = Stored { format: FORMAT, shards: options.shards, run: options.run.clone() };
+        let run = options.command[1..].to_vec();
+        let stored = Stored { format: FORMAT, shards, run };
         if options.resume {
             check_resumed(&options.out, &stored)?;
         } else if folder::is_there(&options.out.join(FLEET)) {
             return Err(FleetError::Occupied { folder: options.out.clone() });
         }
-        Folder::prepare(&options.out, options.shards)
+        Folder::prepare(&options.out, shards)
             .map_err(|source| FleetError::Write { path: options.out.clone(), source })?;
         let shard = |number| Shard::new(Folder::of(&options.out, number), number);
-        let shards = (1..=options.shards).map(shard).collect();
+        let shards = (1..=shards).map(shard).collect();
         let progress = Progress::default();
         Ok(Self { options, slurm, stored, out, program, shards, progress, interrupted, _lock })
     }
@@ -159,7 +188,7 @@ impl<'a> Fleet<'a> {
     }
 
     fn submit(&mut self, due: &[u32]) -> Result<(), FleetError> {
-        let Options { shards, run, .. } = self.options;
+        let Stored { shards, run, .. } = &self.stored;
         let script = script::text(self.program, run, *shards, self.out);
         let script = write(&self.options.out, script::NAME, script.as_bytes())?;
         let job = self.slurm.submit(&script, due, &Folder::logs(self.out))?;

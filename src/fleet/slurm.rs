@@ -41,6 +41,8 @@ pub enum SlurmError {
 
 /// Where and how tasks run.
 #[derive(Clone, Debug, Default, clap::Args)]
+// The options around it have the same name.
+#[group(skip)]
 pub struct Options {
     /// The only nodes to use, as Slurm writes a list of them: `gpu[1-4]`
     #[arg(long, value_name = "LIST")]
@@ -138,29 +140,26 @@ impl<'a> Slurm<'a> {
     /// For the fleet of a folder. An error where Slurm's commands are not there, or a node that is asked for.
     pub fn find(options: &'a Options, folder: &Path) -> Result<Self, SlurmError> {
         output(SBATCH, Command::new(SBATCH).arg("--version"), PLAINLY)?;
-        let excluded = match &options.nodes {
-            Some(list) => {
-                let wanted = hostnames(list)?;
-                let known = nodes(options)?;
-                if let Some(unknown) = wanted.iter().find(|node| !known.contains(node)) {
-                    let reason =
-                        format!("there is no node `{unknown}`; there are {}", known.join(", "));
-                    return Err(SlurmError::Failed { command: SINFO, reason });
-                }
-                known.into_iter().filter(|node| !wanted.contains(node)).collect()
+        let mut excluded = Vec::new();
+        if let Some(list) = &options.nodes {
+            let wanted = hostnames(list)?;
+            excluded = nodes(options)?;
+            if let Some(unknown) = wanted.iter().find(|node| !excluded.contains(node)) {
+                let known = excluded.join(", ");
+                let reason = format!("there is no node `{unknown}`; there are {known}");
+                return Err(SlurmError::Failed { command: SINFO, reason });
             }
-            None => Vec::new(),
-        };
+            excluded.retain(|node| !wanted.contains(node));
+        }
         let (mark, jobs) = (Mark::of(folder), BTreeSet::new());
         Ok(Self { options, excluded, mark, jobs, interrupted: None })
     }
 
     /// How many nodes tasks may run on.
-    pub fn node_count(options: &Options) -> Result<usize, SlurmError> {
-        match &options.nodes {
-            Some(list) => Ok(hostnames(list)?.len()),
-            None => Ok(nodes(options)?.len()),
-        }
+    pub fn node_count(options: &Options) -> Result<u32, SlurmError> {
+        let nodes =
+            options.nodes.as_ref().map_or_else(|| nodes(options), |list| hostnames(list))?;
+        Ok(nodes.len() as u32)
     }
 
     /// Submits one array with a task for each of these numbers, which print to `logs`.

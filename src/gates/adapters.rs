@@ -65,15 +65,10 @@ mod tests {
     use super::*;
 
     fn adapter(name: &str, driver: &str, driver_info: &str, ids: [u32; 2]) -> Adapter {
-        Adapter {
-            name: name.to_owned(),
-            backend: "vulkan".to_owned(),
-            driver: driver.to_owned(),
-            driver_info: driver_info.to_owned(),
-            vendor_id: ids[0],
-            device_id: ids[1],
-            ..Adapter::default()
-        }
+        let [vendor_id, device_id] = ids;
+        let named = [name, "vulkan", driver, driver_info].map(str::to_owned);
+        let [name, backend, driver, driver_info] = named;
+        Adapter { name, backend, driver, driver_info, vendor_id, device_id, ..Adapter::default() }
     }
 
     fn lavapipe(llvm: &str, bits: u32, mesa: &str) -> Adapter {
@@ -122,16 +117,16 @@ mod tests {
             ("llvmpipe (LLVM 15.0.6, 256 bits)", "llvmpipe"),
             ("SwiftShader Device (LLVM 10.0.0)", "SwiftShader Device"),
             ("SwiftShader Device (Subzero)", "SwiftShader Device"),
-            (
-                "AMD Radeon Graphics (renoir, LLVM 15.0.6, DRM 3.49, 6.1.0-13-amd64)",
-                "AMD Radeon Graphics (renoir)",
-            ),
+            ("AMD Radeon (renoir, LLVM 15.0.6, DRM 3.49, 6.1.0-13-amd64)", "AMD Radeon (renoir)"),
             ("(256 bits)", ""),
+            (
+                "Mesa Intel(R) UHD Graphics 620 (KBL GT2)",
+                "Mesa Intel(R) UHD Graphics 620 (KBL GT2)",
+            ),
+            ("NVIDIA H100 PCIe", "NVIDIA H100 PCIe"),
+            ("odd)", "odd)"),
         ] {
             assert_eq!(model(name), expected);
-        }
-        for name in ["Mesa Intel(R) UHD Graphics 620 (KBL GT2)", "NVIDIA H100 PCIe", "odd)"] {
-            assert_eq!(model(name), name);
         }
     }
 }

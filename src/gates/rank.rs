@@ -9,17 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use fathom_base::statistics::median;
-
-/// A centre and its interval, in the unit of the samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Centre {
-    /// Median of the Walsh averages: the estimate of Hodges and Lehmann.
-    pub estimate: f64,
-    /// Infinite where no interval of so few samples reaches the level.
-    pub low: f64,
-    pub high: f64,
-}
+use fathom_base::statistics::{Estimate, Interval, median};
 
 /// Probability of each rank sum 0 … n(n + 1)/2 of `n` samples that scatter evenly about 0.
 pub fn rank_sums(n: usize) -> Vec<f64> {
@@ -54,14 +44,15 @@ fn walsh(samples: &[f64]) -> Vec<f64> {
     walsh
 }
 
-/// The samples' centre with its interval of at least the coverage `1 − alpha`.
-pub fn centre(samples: &[f64], alpha: f64) -> Centre {
+/// The samples' centre, the median of the Walsh averages (Hodges and Lehmann), with its interval of at least the coverage
+/// `1 − alpha`; none where no interval of so few samples reaches it.
+pub fn centre(samples: &[f64], alpha: f64) -> Estimate {
     let walsh = walsh(samples);
-    let (low, high) = match extreme_sums(samples.len(), alpha / 2.0) {
-        0 => (f64::NEG_INFINITY, f64::INFINITY),
-        beyond => (walsh[beyond - 1], walsh[walsh.len() - beyond]),
+    let interval = match extreme_sums(samples.len(), alpha / 2.0) {
+        0 => None,
+        beyond => Some(Interval { low: walsh[beyond - 1], high: walsh[walsh.len() - beyond] }),
     };
-    Centre { estimate: median(&walsh), low, high }
+    Estimate { median: median(&walsh), interval, n: samples.len() }
 }
 
 /// Probability of samples at least so high when their centre is `bound` or less.
@@ -167,15 +158,15 @@ mod tests {
         let change: Vec<f64> = after.iter().zip(before).map(|(a, b)| a - b).collect();
         assert!((below(&change, 0.0) - 0.0195).abs() < 5e-5);
         let centre = centre(&change, 0.04);
-        assert!((centre.estimate + 0.46).abs() < 1e-9, "{centre:?}");
-        assert!((centre.low + 0.786).abs() < 1e-9, "{centre:?}");
-        assert!((centre.high + 0.010).abs() < 1e-9, "{centre:?}");
+        let Interval { low, high } = centre.interval.unwrap();
+        for (found, expected) in [(centre.median, -0.46), (low, -0.786), (high, -0.010)] {
+            assert!((found - expected).abs() < 1e-9, "{centre:?}");
+        }
     }
 
     #[test]
     fn few_samples_have_no_interval_and_no_small_probability() {
-        let centre = centre(&[1.0, 1.1, 1.2, 1.3, 1.4], 0.05);
-        assert_eq!((centre.low, centre.high), (f64::NEG_INFINITY, f64::INFINITY));
+        assert_eq!(centre(&[1.0, 1.1, 1.2, 1.3, 1.4], 0.05).interval, None);
         assert_eq!(above(&[1.0, 2.0], 0.0), 0.25);
         assert_eq!(above(&[], 0.0), 1.0);
         assert_eq!(detectable(5, 0.01), None);
@@ -213,8 +204,8 @@ mod tests {
             0.3 + wide * normal(&mut random)
         };
         let covered = share(&mut sample, |samples| {
-            let centre = centre(samples, 0.05);
-            centre.low <= 0.3 && 0.3 <= centre.high
+            let Interval { low, high } = centre(samples, 0.05).interval.unwrap();
+            low <= 0.3 && 0.3 <= high
         });
         // Exactly 0.9575 for 12 samples; three standard errors are 0.0135.
         assert!((0.944..0.971).contains(&covered), "{covered}");

@@ -15,9 +15,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::adapters::AdapterRelation;
-use super::rank::{self, Centre};
+use super::rank;
 use super::store::StoredComparison;
-use fathom_base::statistics::median;
+use fathom_base::statistics::{Estimate, mean, median};
 use fathom_record::ThrottleReason;
 use fathom_record::comparison::{CellId, ComparisonHeader, GateSettings, MOST_PAIRS, Pair};
 
@@ -50,8 +50,7 @@ pub struct CellTime {
     /// Head over base less one, with the interval over launches of the measurement that counts; none where there are too few
     /// launches for it. Each measurement's intervals cover 1 − `alpha`. The first measurement decides whether there is a second,
     /// so intervals of a change at the threshold cover 93 %, not 95 %, by calculation (in simulated gates 914 of 1,000).
-    pub change: f64,
-    pub interval: Option<(f64, f64)>,
+    pub change: Estimate,
     /// Of a change beyond the threshold in either direction, by chance; and the same adjusted for two measurements of all cells.
     pub p: f64,
     pub adjusted_p: f64,
@@ -63,6 +62,35 @@ pub struct CellTime {
 }
 
 impl CellTime {
+    /// What the pairs of one cell say alone; [`together`] adds what they say among others.
+    fn of(cell: &CellId, second: bool, pairs: &[&Pair], settings: &GateSettings) -> Self {
+        let mut ratios: BTreeMap<u32, [Vec<f64>; 2]> = BTreeMap::new();
+        for pair in pairs {
+            let of_launch = ratios.entry(pair.launch).or_default();
+            of_launch[pair.first as usize].push((pair.head_ns / pair.base_ns).ln());
+        }
+        let launches: Vec<f64> = ratios.values().map(middle).collect();
+        let median = |ns: fn(&&Pair) -> f64| median(&pairs.iter().map(ns).collect::<Vec<_>>());
+        let centre = rank::centre(&launches, settings.alpha);
+        let bound = (1.0 + settings.threshold).ln();
+        let is_same = centre.interval.is_some_and(|i| -bound <= i.low && i.high <= bound);
+        let slower = rank::above(&launches, bound);
+        let faster = rank::below(&launches, -bound);
+        Self {
+            cell: cell.clone(),
+            verdict: if is_same { TimeVerdict::Same } else { TimeVerdict::Inconclusive },
+            second,
+            base_ns: median(|pair| pair.base_ns),
+            head_ns: median(|pair| pair.head_ns),
+            change: centre.map(f64::exp_m1),
+            p: (2.0 * slower.min(faster)).min(1.0),
+            adjusted_p: 1.0,
+            detectable: None,
+            throttled: ThrottledLaunches::of(pairs),
+            launches,
+        }
+    }
+
     /// Clocks were held down more often on the side that was slower: the change may be the machine's.
     pub fn may_be_throttling(&self) -> bool {
         self.throttled.as_ref().is_some_and(|launches| match self.verdict {
@@ -126,7 +154,7 @@ impl TimeGate {
         Some(format!(
             "the control {} has the base on both sides and yet differs by {:+.1} %",
             moved.cell,
-            100.0 * moved.change
+            100.0 * moved.change.median
         ))
     }
 }
@@ -142,39 +170,6 @@ fn middle([a, b]: &[Vec<f64>; 2]) -> f64 {
     let (a, b) = (a.iter().take(MOST_SAMPLES), b.iter().take(MOST_SAMPLES));
     let means = a.flat_map(|x| b.clone().map(move |y| (x + y) / 2.0));
     median(&means.collect::<Vec<_>>())
-}
-
-impl CellTime {
-    /// What the pairs of one cell say alone; [`together`] adds what they say among others.
-    fn of(cell: &CellId, second: bool, pairs: &[&Pair], settings: &GateSettings) -> Self {
-        let mut ratios: BTreeMap<u32, [Vec<f64>; 2]> = BTreeMap::new();
-        for pair in pairs {
-            let of_launch = ratios.entry(pair.launch).or_default();
-            of_launch[pair.first as usize].push((pair.head_ns / pair.base_ns).ln());
-        }
-        let launches: Vec<f64> = ratios.values().map(middle).collect();
-        let median = |ns: fn(&&Pair) -> f64| median(&pairs.iter().map(ns).collect::<Vec<_>>());
-        let Centre { estimate, low, high } = rank::centre(&launches, settings.alpha);
-        let bound = (1.0 + settings.threshold).ln();
-        let is_same = -bound <= low && high <= bound;
-        let is_bounded = low.is_finite() && high.is_finite();
-        let slower = rank::above(&launches, bound);
-        let faster = rank::below(&launches, -bound);
-        Self {
-            cell: cell.clone(),
-            verdict: if is_same { TimeVerdict::Same } else { TimeVerdict::Inconclusive },
-            second,
-            base_ns: median(|pair| pair.base_ns),
-            head_ns: median(|pair| pair.head_ns),
-            change: estimate.exp_m1(),
-            interval: is_bounded.then(|| (low.exp_m1(), high.exp_m1())),
-            p: (2.0 * slower.min(faster)).min(1.0),
-            adjusted_p: 1.0,
-            detectable: None,
-            throttled: ThrottledLaunches::of(pairs),
-            launches,
-        }
-    }
 }
 
 /// Measurements that a cell may go through.
@@ -213,7 +208,7 @@ fn together(mut cells: Vec<CellTime>, settings: &GateSettings) -> Vec<CellTime> 
     for (cell, adjusted_p) in cells.iter_mut().zip(rank::holm(&doubled)) {
         cell.adjusted_p = adjusted_p;
         if adjusted_p <= settings.alpha {
-            let slower = cell.change > 0.0;
+            let slower = cell.change.median > 0.0;
             cell.verdict = if slower { TimeVerdict::Slower } else { TimeVerdict::Faster };
         }
         let shift = rank::detectable(cell.launches.len(), level);
@@ -244,7 +239,7 @@ fn usable(pair: &Pair) -> bool {
 
 fn deviation(samples: &[f64]) -> f64 {
     let n = samples.len() as f64;
-    let mean = samples.iter().sum::<f64>() / n;
+    let mean = mean(samples.iter().copied());
     let squares: f64 = samples.iter().map(|x| (x - mean).powi(2)).sum();
     (squares / (n - 1.0).max(1.0)).sqrt()
 }

@@ -193,8 +193,8 @@ impl<'a> Verdicts<'a> {
 impl JudgedCell {
     /// Inconclusive, and possibly slower beyond the threshold.
     pub fn may_be_slower(&self, threshold: f64) -> bool {
-        let interval = self.time.as_ref().and_then(|time| time.interval);
-        let excluded = interval.is_some_and(|(_, high)| high <= threshold);
+        let interval = self.time.as_ref().and_then(|time| time.change.interval);
+        let excluded = interval.is_some_and(|interval| interval.high <= threshold);
         self.verdict == CellVerdict::Inconclusive && !excluded
     }
 
@@ -213,7 +213,7 @@ impl JudgedCell {
     fn weight(&self) -> f64 {
         let instructions = self.instructions.as_ref().map(|counted| counted.ratio - 1.0);
         match (&self.time, self.verdict) {
-            (Some(time), CellVerdict::Slower) => time.change,
+            (Some(time), CellVerdict::Slower) => time.change.median,
             _ => instructions.unwrap_or(0.0),
         }
     }

@@ -41,12 +41,12 @@ pub fn add_shares(
 ) -> Result<(), String> {
     for stage in &mut measured.stages {
         stage.ceiling = stage.share_of(ceilings);
-        if let Some(work) = impossible(stage).map(|share| share.work) {
-            raise(ceilings, work, &mut again).map_err(|error| error.to_string())?;
+        if let Some(share) = impossible(stage) {
+            raise(ceilings, share.work, &mut again).map_err(|error| error.to_string())?;
             stage.ceiling = stage.share_of(ceilings);
         }
-        if impossible(stage).is_some() {
-            return Err(beyond(stage));
+        if let Some(share) = impossible(stage) {
+            return Err(beyond(stage, share));
         }
     }
     Ok(())
@@ -73,8 +73,7 @@ fn raise(
 }
 
 /// What is said of a stage beyond its ceiling.
-fn beyond(stage: &StageRecord) -> String {
-    let Some(share) = &stage.ceiling else { return String::new() };
+fn beyond(stage: &StageRecord, share: &CeilingShare) -> String {
     format!(
         "{}: {} {} in {:.3} ms are {:.0} % of what the adapter can do ({}); the count or the clock is wrong: see fathom audit and \
          docs/ceilings.md",

@@ -2,32 +2,15 @@
 
 use std::collections::HashMap;
 
-use thiserror::Error;
+use anyhow::{Context, Result, ensure};
 
 use super::subject::Subject;
-use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
+use fathom_gpu::{FrameTimer, Gpu, Pixels, read_texture};
 use fathom_pipelines::AnyPipeline;
 use fathom_stages::OutputData;
 
-/// Why nothing can be told of images that stages left behind.
-#[derive(Debug, Error)]
-pub enum ReadoutError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error("no stage of {0} leaves a texture")]
-    NoTexture(String),
-    #[error("the cell's image has {0} × {1} pixels, the reference's {2} × {3}")]
-    Size(u32, u32, u32, u32),
-    #[error("the reference is black")]
-    BlackReference,
-    #[error("the repetitions' images differ in size")]
-    Sizes,
-    #[error("the image is black")]
-    Black,
-}
-
 /// Texels of the first texture that the first present of the named stages leaves.
-pub fn image(gpu: &Gpu, pipeline: &AnyPipeline, stages: &[String]) -> Result<Pixels, ReadoutError> {
+pub fn image(gpu: &Gpu, pipeline: &AnyPipeline, stages: &[String]) -> Result<Pixels> {
     let present = pipeline.stages();
     let named = |name: &String| present.iter().find(|stage| stage.name() == name);
     let mut outputs = stages.iter().find_map(named).into_iter().flat_map(|stage| &stage.outputs);
@@ -35,8 +18,8 @@ pub fn image(gpu: &Gpu, pipeline: &AnyPipeline, stages: &[String]) -> Result<Pix
         OutputData::Texture(texture) => Some(texture),
         _ => None,
     });
-    let texture = texture.ok_or_else(|| ReadoutError::NoTexture(stages.join(", ")))?;
-    Ok(read_texture(gpu, texture)?)
+    let missing = || format!("no stage of {} leaves a texture", stages.join(", "));
+    Ok(read_texture(gpu, texture.with_context(missing)?)?)
 }
 
 /// Results of reference runs, each run once.
@@ -54,7 +37,7 @@ impl References {
         timer: &mut FrameTimer,
         cell: &AnyPipeline,
         (subject, stages): (&Subject, &[String]),
-    ) -> Result<f64, ReadoutError> {
+    ) -> Result<f64> {
         let known = self.images(gpu, timer, subject, &[stages])?;
         relative_rms(&image(gpu, cell, stages)?, known[0])
     }
@@ -66,13 +49,13 @@ impl References {
         timer: &mut FrameTimer,
         subject: &Subject,
         outputs: &[&[String]],
-    ) -> Result<Vec<&Pixels>, ReadoutError> {
+    ) -> Result<Vec<&Pixels>> {
         let key =
             |stages: &[String]| format!("{stages:?} {} {}", subject.scene_name, subject.params);
         let keys: Vec<String> = outputs.iter().map(|stages| key(stages)).collect();
         if !keys.iter().all(|key| self.images.contains_key(key)) {
             let pipeline = subject.build(gpu)?;
-            timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
+            timer.untimed(gpu, &pipeline.stages())?;
             for (key, stages) in keys.iter().zip(outputs) {
                 let image = image(gpu, pipeline.as_ref(), stages)?;
                 self.images.insert(key.clone(), image);
@@ -82,16 +65,16 @@ impl References {
     }
 }
 
-fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, ReadoutError> {
-    if (image.width, image.height) != (reference.width, reference.height) {
-        let Pixels { width, height, .. } = *reference;
-        return Err(ReadoutError::Size(image.width, image.height, width, height));
-    }
+fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64> {
+    let size = |of: &Pixels| format!("{} × {}", of.width, of.height);
+    let (own, other) = (size(image), size(reference));
+    ensure!(own == other, "the cell's image has {own} pixels, the reference's {other}");
     let square = |x: f64| x * x;
     let pairs = image.data.iter().zip(&reference.data);
     let error: f64 = pairs.map(|(a, b)| square(f64::from(*a) - f64::from(*b))).sum();
     let power: f64 = reference.data.iter().map(|b| square(f64::from(*b))).sum();
-    if power > 0.0 { Ok((error / power).sqrt()) } else { Err(ReadoutError::BlackReference) }
+    ensure!(power > 0.0, "the reference is black");
+    Ok((error / power).sqrt())
 }
 
 #[cfg(test)]
@@ -114,13 +97,10 @@ mod tests {
 
     #[test]
     fn images_of_other_sizes_and_black_references_are_refused() {
-        assert!(matches!(
-            relative_rms(&image(&[1.0]), &image(&[1.0, 2.0])),
-            Err(ReadoutError::Size(1, 1, 2, 1))
-        ));
-        assert!(matches!(
-            relative_rms(&image(&[1.0]), &image(&[0.0])),
-            Err(ReadoutError::BlackReference)
-        ));
+        let sizes = "the cell's image has 1 × 1 pixels, the reference's 2 × 1";
+        for (reference, told) in [(&[1.0, 2.0][..], sizes), (&[0.0], "the reference is black")] {
+            let error = relative_rms(&image(&[1.0]), &image(reference)).unwrap_err();
+            assert_eq!(error.to_string(), told);
+        }
     }
 }

@@ -3,57 +3,40 @@
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
+use anyhow::{Result, anyhow, bail};
 use serde_json::{Value, json};
-use thiserror::Error;
 
+use super::picture::unwritten;
 use super::render;
 use super::subject::Subject;
 use fathom_base::folder::Folder;
 use fathom_base::npy;
 use fathom_base::text::{did_you_mean, nearest};
-use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
+use fathom_gpu::{Gpu, read_buffer, read_texture, read_volume};
 use fathom_stages::{Output, OutputData, Stage};
-
-#[derive(Debug, Error)]
-pub enum DumpError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error("this pipeline runs no stage `{name}`{}", did_you_mean(.nearest))]
-    UnknownStage { name: String, nearest: Option<String> },
-    #[error("stage `{0}` leaves nothing to dump")]
-    NoOutput(String),
-    #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: std::io::Error },
-}
 
 /// Runs one frame of the subject and writes the outputs of `stage` into `folder`, which is made if need be.
 /// Gives the `.npy` files' paths.
 ///
 /// A texture becomes an array of shape (height, width, channels), row 0 at the top; a volume one of shape (z, y, x), with
 /// channels last where it has several; a buffer one of shape (elements, columns). All values are 32-bit floats in C order.
-pub fn dump(
-    gpu: &Gpu,
-    subject: &Subject,
-    stage: &str,
-    folder: &Path,
-) -> Result<Vec<PathBuf>, DumpError> {
+pub fn dump(gpu: &Gpu, subject: &Subject, stage: &str, folder: &Path) -> Result<Vec<PathBuf>> {
     let pipeline = render::frame(gpu, subject)?;
     let stages = pipeline.stages();
     let outputs = &find(&stages, stage)?.outputs;
     let context = pipeline.context(stage);
     if outputs.is_empty() {
-        return Err(DumpError::NoOutput(stage.to_owned()));
+        bail!("stage `{stage}` leaves nothing to dump");
     }
-    let folder = Folder::make(folder)
-        .map_err(|source| DumpError::Write { path: folder.to_owned(), source })?;
+    let folder = Folder::make(folder).map_err(|error| unwritten(folder, error))?;
     outputs.iter().map(|output| write(gpu, subject, (stage, &context), output, &folder)).collect()
 }
 
-fn find<'a>(stages: &[&'a Stage], name: &str) -> Result<&'a Stage, DumpError> {
+fn find<'a>(stages: &[&'a Stage], name: &str) -> Result<&'a Stage> {
     let found = stages.iter().find(|stage| stage.name() == name);
-    found.copied().ok_or_else(|| DumpError::UnknownStage {
-        name: name.to_owned(),
-        nearest: nearest(name, stages.iter().map(|stage| stage.name())),
+    found.copied().ok_or_else(|| {
+        let nearest = nearest(name, stages.iter().map(|stage| stage.name()));
+        anyhow!("this pipeline runs no stage `{name}`{}", did_you_mean(&nearest))
     })
 }
 
@@ -63,26 +46,26 @@ fn write(
     (stage, context): (&str, &Value),
     output: &Output,
     folder: &Folder,
-) -> Result<PathBuf, DumpError> {
+) -> Result<PathBuf> {
     let (shape, values) = read(gpu, output)?;
     let stem = format!("{}-{}", stage.replace('/', "-"), output.name.replace('/', "-"));
     let name = format!("{stem}.npy");
     let path = folder.path().join(&name);
     folder
         .write_with(&name, |file| npy::write(BufWriter::new(file), &shape, &values))
-        .map_err(|source| DumpError::Write { path: path.clone(), source })?;
+        .map_err(|error| unwritten(&path, error))?;
     let mut about = describe(subject, stage, output, &shape);
     for (key, value) in context.as_object().into_iter().flatten() {
         about[key] = value.clone();
     }
     let beside = format!("{stem}.json");
     let written = folder.write(&beside, format!("{about:#}\n").as_bytes());
-    written.map_err(|source| DumpError::Write { path: folder.path().join(beside), source })?;
+    written.map_err(|error| unwritten(&folder.path().join(beside), error))?;
     Ok(path)
 }
 
 /// Shape and values of an output.
-fn read(gpu: &Gpu, output: &Output) -> Result<(Vec<usize>, Vec<f32>), DumpError> {
+fn read(gpu: &Gpu, output: &Output) -> Result<(Vec<usize>, Vec<f32>)> {
     Ok(match &output.data {
         OutputData::Buffer { buffer, stride_floats, count, row } => {
             let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, buffer)?);

@@ -5,17 +5,17 @@ use std::fmt::Display;
 use std::path::Path;
 use std::time::{Instant, SystemTime};
 
+use anyhow::{Context, Result};
 use fathom_picture::RgbImage;
 
 use super::difference::References;
 use super::journal::{CellName, Journal};
 use super::outcome::{Findings, measured};
-use super::picture::PictureError;
 use super::plan::{PlannedCell, PlannedExperiment};
 use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
-use super::sample::{CellResult, Executor, Failure};
-use super::views::{Views, ViewsError};
+use super::sample::{Executor, Failure};
+use super::views::Views;
 use super::{MAX_PASSES, picture};
 use fathom_base::folder::Folder;
 use fathom_clock::Samples;
@@ -167,12 +167,6 @@ impl Findings {
     }
 }
 
-/// Names of the quantities and errors that an experiment's claims and plots read.
-fn asked(experiment: &Experiment) -> Vec<String> {
-    let names = experiment.measures().into_iter().flat_map(|measure| measure.quantities());
-    names.map(str::to_owned).collect()
-}
-
 impl<'a> CellExecutor<'a> {
     pub fn new(
         session: &'a mut Session,
@@ -180,10 +174,11 @@ impl<'a> CellExecutor<'a> {
         PlannedExperiment { experiment, cells }: &'a PlannedExperiment,
         precision: f64,
     ) -> Self {
+        let asked = experiment.measures().into_iter().flat_map(|measure| measure.quantities());
         Self {
             session,
             experiment,
-            asked: asked(experiment),
+            asked: asked.map(str::to_owned).collect(),
             cells,
             names: cells.iter().map(|cell| name(&output.header, cell)).collect(),
             built: cells.iter().map(|_| None).collect(),
@@ -193,24 +188,6 @@ impl<'a> CellExecutor<'a> {
             pictured: false,
             finished: Vec::new(),
         }
-    }
-
-    fn build(&mut self, cell: usize) -> Result<u64, GpuError> {
-        let Session { gpu, spent, .. } = &mut *self.session;
-        let start = Instant::now();
-        let pipeline = self.cells[cell].subject.build(gpu)?;
-        let start = spent.since(start, SetUp::Pipelines);
-        let stages = pipeline.stages();
-        let counters = if self.cells[cell].plan.errors_only {
-            Vec::new()
-        } else {
-            gpu::count(gpu, &stages, MAX_PASSES)?.unwrap_or_default()
-        };
-        spent.since(start, SetUp::Counting);
-        let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
-        let bytes = pipeline.allocated_bytes() + code;
-        self.built[cell] = Some(Built { pipeline, counters, found: None });
-        Ok(bytes)
     }
 
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
@@ -258,10 +235,12 @@ impl<'a> CellExecutor<'a> {
         cell: usize,
         pipeline: &AnyPipeline,
         findings: &mut Findings,
-    ) -> Option<Result<RgbImage, PictureError>> {
+    ) -> Option<Result<RgbImage>> {
         let name = &self.experiment.views.as_ref()?.quantity;
         let Session { gpu, timer, .. } = &mut *self.session;
-        let others = self.cells[cell].views.as_ref().ok_or(ViewsError::NoSeed);
+        let others = self.cells[cell].views.as_ref();
+        let others =
+            others.context("the pipeline has no seed: what is noise cannot be told from the view");
         let views = others.and_then(|others| Views::of(gpu, timer, pipeline, others));
         let (spread, strip) = match views {
             Ok(Views { spread, strip }) => (spread, Some(strip)),
@@ -299,7 +278,7 @@ impl<'a> CellExecutor<'a> {
         &mut self,
         cell: usize,
         pipeline: &AnyPipeline,
-        views: Option<Result<RgbImage, PictureError>>,
+        views: Option<Result<RgbImage>>,
         findings: &mut Findings,
     ) {
         let later = std::mem::replace(&mut self.pictured, true);
@@ -323,7 +302,7 @@ impl<'a> CellExecutor<'a> {
         let saved = findings.noted(NoteKind::NoPicture, "no picture", saved);
         findings.pictures.extend(saved.map(|()| image));
         if self.experiment.error_picture {
-            let made = pipeline.error_picture(&mut self.judge(cell)).map_err(PictureError::from);
+            let made = pipeline.error_picture(&mut self.judge(cell)).map_err(anyhow::Error::from);
             let saved = made.and_then(|(picture, scale)| {
                 of_error.scale = Some(scale);
                 save(&picture, &of_error.path)
@@ -334,19 +313,14 @@ impl<'a> CellExecutor<'a> {
     }
 
     /// The record of a cell that is finished, with its stages' shares of their ceilings.
-    fn sampled(&mut self, cell: usize, samples: &Samples) -> Option<Cell> {
-        let mut record = self.record(cell, samples)?;
-        let measured = record.measured_mut()?;
+    fn sampled(&mut self, cell: usize, samples: &Samples) -> Result<Cell, String> {
+        let mut record = self.record(cell, samples).ok_or("its pipeline is gone")?;
         let Session { gpu, plan, ceilings, .. } = &mut *self.session;
-        let again = |limit| gpu::measure(gpu, *plan, limit);
-        if let Err(reason) = super::ceilings::add_shares(measured, ceilings, again) {
-            return Some(self.failed(cell, reason));
+        if let Some(measured) = record.measured_mut() {
+            let again = |limit| gpu::measure(gpu, *plan, limit);
+            super::ceilings::add_shares(measured, ceilings, again)?;
         }
-        Some(record)
-    }
-
-    fn failed(&self, cell: usize, reason: String) -> Cell {
-        self.cells[cell].record(Outcome::Failed { reason })
+        Ok(record)
     }
 
     fn frame<T>(
@@ -360,7 +334,7 @@ impl<'a> CellExecutor<'a> {
         };
         let stages = built.pipeline.stages();
         let Session { gpu, timer, spent, .. } = &mut *self.session;
-        let frame = run(timer, gpu, &stages).map_err(failure)?;
+        let frame = run(timer, gpu, &stages)?;
         spent.frames_ns += ns(&frame);
         self.output.progress.tick();
         Ok(frame)
@@ -376,10 +350,12 @@ pub fn name(run: &Run, cell: &PlannedCell) -> CellName {
     }
 }
 
-fn failure(error: GpuError) -> Failure {
-    match error {
-        GpuError::Device(DeviceError::Lost(reason)) => Failure::DeviceLost(reason),
-        other => Failure::Cell(other.to_string()),
+impl From<GpuError> for Failure {
+    fn from(error: GpuError) -> Self {
+        match error {
+            GpuError::Device(DeviceError::Lost(reason)) => Self::DeviceLost(reason),
+            other => Self::Cell(other.to_string()),
+        }
     }
 }
 
@@ -387,8 +363,23 @@ impl Executor for CellExecutor<'_> {
     type Fatal = RecordError;
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
-        self.output.progress.preparing(&self.cells[cell].plan);
-        self.build(cell).map_err(failure)
+        let PlannedCell { plan, subject, .. } = &self.cells[cell];
+        self.output.progress.preparing(plan);
+        let Session { gpu, spent, .. } = &mut *self.session;
+        let start = Instant::now();
+        let pipeline = subject.build(gpu)?;
+        let start = spent.since(start, SetUp::Pipelines);
+        let counters = if plan.errors_only {
+            Vec::new()
+        } else {
+            let counted = gpu::count(gpu, &pipeline.stages(), MAX_PASSES);
+            counted.map_err(GpuError::from)?.unwrap_or_default()
+        };
+        spent.since(start, SetUp::Counting);
+        let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
+        let bytes = pipeline.allocated_bytes() + code;
+        self.built[cell] = Some(Built { pipeline, counters, found: None });
+        Ok(bytes)
     }
 
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
@@ -415,16 +406,14 @@ impl Executor for CellExecutor<'_> {
         self.output.journal.write()
     }
 
-    fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), RecordError> {
+    fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), RecordError> {
         // What is found out about a cell may take long.
         self.output.journal.write()?;
-        let record = match result {
-            CellResult::Sampled(samples) => self.sampled(cell, &samples),
-            CellResult::Failed(reason) => Some(self.failed(cell, reason)),
-        };
-        let record = record.unwrap_or_else(|| self.failed(cell, "its pipeline is gone".to_owned()));
+        let record = result.and_then(|samples| self.sampled(cell, &samples));
+        let failed = record.is_err();
+        let record =
+            record.unwrap_or_else(|reason| self.cells[cell].record(Outcome::Failed { reason }));
         self.output.finish(&record)?;
-        let failed = matches!(record.outcome, Outcome::Failed { .. });
         self.finished.push(record);
         self.output.journal.close(&self.names[cell], failed)
     }
@@ -452,8 +441,7 @@ impl Executor for CellExecutor<'_> {
         let live: Vec<(usize, Cell)> = live.collect();
         let all: Vec<&Cell> =
             self.finished.iter().chain(live.iter().map(|(_, cell)| cell)).collect();
-        let software = self.session.gpu.adapter.software;
-        let open = self.experiment.unsettled(&all, software);
+        let open = self.experiment.unsettled(&all, self.session.gpu.adapter.software);
         let is_open = |(_, cell): &&(usize, Cell)| open.contains(&cell.cell.as_str());
         live.iter().filter(is_open).map(|(cell, _)| *cell).collect()
     }

@@ -2,9 +2,9 @@
 //! puts together with their captions.
 
 use std::collections::BTreeMap;
-use std::error::Error;
 use std::path::{Path, PathBuf};
 
+use anyhow::{Result, anyhow, bail};
 use fathom_picture::RgbImage;
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -22,18 +22,6 @@ use fathom_pipelines::Known;
 pub const ALL: &str = "all";
 /// Samples of a pixel where a panel and the command line say nothing.
 const SAMPLES: u32 = 4;
-
-#[derive(Debug, thiserror::Error)]
-pub enum FigureError {
-    #[error("unknown figure `{name}`{}; `fathom list figures` lists all", did_you_mean(.nearest))]
-    Unknown { name: String, nearest: Option<String> },
-    #[error("figure `{name}`: {message}")]
-    Invalid { name: String, message: String },
-    #[error("figure `{figure}`, panel `{panel}`: {source}")]
-    Panel { figure: String, panel: String, source: Box<dyn Error + Send + Sync> },
-    #[error("cannot write to {}: {source}", path.display())]
-    Folder { path: PathBuf, source: std::io::Error },
-}
 
 /// A published figure.
 #[derive(Clone, Debug, Deserialize)]
@@ -127,32 +115,30 @@ impl Figure {
     }
 
     /// The figure of this id. The error of an unknown one names the nearest.
-    pub fn load(folders: &Folders, id: &str) -> Result<Self, FigureError> {
-        match folders.text(&format!("{id}.toml")) {
-            Some((_, text)) => Self::parse(id, &text),
-            None => Err(FigureError::Unknown {
-                name: id.to_owned(),
-                nearest: nearest(id, Self::ids(folders).iter().map(String::as_str)),
-            }),
-        }
+    pub fn load(folders: &Folders, id: &str) -> Result<Self> {
+        let Some((_, text)) = folders.text(&format!("{id}.toml")) else {
+            let nearest = nearest(id, Self::ids(folders).iter().map(String::as_str));
+            let meant = did_you_mean(&nearest);
+            bail!("unknown figure `{id}`{meant}; `fathom list figures` lists all");
+        };
+        Self::parse(id, &text).map_err(|message| anyhow!("figure `{id}`: {message}"))
     }
 
     /// The figure of this id, or every figure.
-    pub fn named(folders: &Folders, name: &str) -> Result<Vec<Self>, FigureError> {
+    pub fn named(folders: &Folders, name: &str) -> Result<Vec<Self>> {
         let ids = if name == ALL { Self::ids(folders) } else { vec![name.to_owned()] };
         ids.iter().map(|id| Self::load(folders, id)).collect()
     }
 
-    fn parse(name: &str, text: &str) -> Result<Self, FigureError> {
-        let invalid = |message| FigureError::Invalid { name: name.to_owned(), message };
-        let mut figure: Self = toml::from_str(text).map_err(|e| invalid(one_line(&e, text)))?;
+    fn parse(name: &str, text: &str) -> Result<Self, String> {
+        let mut figure: Self = toml::from_str(text).map_err(|error| one_line(&error, text))?;
         if !figure.each.is_empty() {
             let filled = figure.each.iter();
             figure.panel = filled
                 .flat_map(|words| figure.panel.iter().map(|panel| panel.with(words)))
                 .collect();
         }
-        figure.check(name).map_err(invalid)?;
+        figure.check(name)?;
         Ok(figure)
     }
 
@@ -202,9 +188,9 @@ impl Figure {
         subjects: &mut Subjects,
         more: &[(String, Value)],
         samples: Option<u32>,
-    ) -> Result<Vec<Rendered>, FigureError> {
+    ) -> Result<Vec<Rendered>> {
         let mut known = Known::of_earlier_runs();
-        let mut rendered = |panel: &Panel| -> Result<Rendered, Box<dyn Error + Send + Sync>> {
+        let mut rendered = |panel: &Panel| -> Result<Rendered> {
             let (pipeline, scene, params) = self.setting(panel, more);
             let subject = subjects.subject(pipeline, scene, &params)?;
             let samples = samples.or(panel.samples).unwrap_or(SAMPLES);
@@ -219,10 +205,8 @@ impl Figure {
             Ok(Rendered { picture, caption: caption(panel, &subject) })
         };
         let named = |panel: &Panel| {
-            rendered(panel).map_err(|source| {
-                let (figure, panel) = (self.id.clone(), panel.caption.clone());
-                FigureError::Panel { figure, panel, source }
-            })
+            let told = |error| anyhow!("figure `{}`, panel `{}`: {error}", self.id, panel.caption);
+            rendered(panel).map_err(told)
         };
         self.panel.iter().map(named).collect()
     }
@@ -288,7 +272,7 @@ mod tests {
         assert!(place("uw-9") < place("uw-10") && place("uw-10") < place("vao-1"), "{ids:?}");
     }
 
-    fn parse(panel: &str) -> Result<Figure, FigureError> {
+    fn parse(panel: &str) -> Result<Figure, String> {
         let head = "id = \"f\"\ntitle = \"\"\nsource = \"\"\nabout = \"\"\n";
         Figure::parse("f", &format!("{head}{panel}"))
     }
@@ -302,10 +286,10 @@ mod tests {
             ("crop = [0.5, 0.0, 0.5, 1.0]", "crop must be"),
             ("sample = 4", "unknown field `sample`"),
         ] {
-            let error = parse(&format!("{sound}{more}")).unwrap_err().to_string();
+            let error = parse(&format!("{sound}{more}")).unwrap_err();
             assert!(error.contains(told), "{error}");
         }
-        let error = parse("[[panel]]\ncaption = \"c\"\n").unwrap_err().to_string();
+        let error = parse("[[panel]]\ncaption = \"c\"\n").unwrap_err();
         assert!(error.contains("names pipeline and scene"), "{error}");
         assert!(parse("panel = []\n").is_err());
     }

@@ -15,49 +15,14 @@ mod staging;
 
 use std::path::{Path, PathBuf};
 
-use thiserror::Error;
+use anyhow::{Result, bail, ensure};
 
 use super::outcome::Counts;
-use super::plan::PlanError;
-use fathom_experiments::ExperimentError;
-use fathom_record::output::{OutputError, OutputFolder};
-use fathom_record::{
-    Adapter, Damaged, LockError, Part, Reading, Record, RecordError, Run, Shard, read,
-};
+use fathom_record::output::OutputFolder;
+use fathom_record::{Adapter, Damaged, Part, Reading, Record, Run, Shard, read};
 
 pub use records::CellId;
 pub use staging::Staging;
-
-#[derive(Debug, Error)]
-pub enum MergeError {
-    #[error(transparent)]
-    Record(#[from] RecordError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-    #[error(transparent)]
-    Lock(#[from] LockError),
-    #[error(transparent)]
-    Experiment(#[from] ExperimentError),
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    #[error("{} holds no header of a run: nothing can be merged with it", folder.display())]
-    NoHeader { folder: PathBuf },
-    #[error(
-        "{} holds a whole run and no shard; `fathom report DIR DIR… --out DIR` shows several runs on one page",
-        folder.display()
-    )]
-    NoShard { folder: PathBuf },
-    #[error("{} says that it is shard {part}, and there is no such shard", folder.display())]
-    NoSuchShard { folder: PathBuf, part: Part },
-    #[error("{} and {} are shards of different runs: they differ in {what}", first.display(), other.display())]
-    OtherRun { first: PathBuf, other: PathBuf, what: &'static str },
-    #[error("{} and {} both hold shard {part}: name one of them", first.display(), other.display())]
-    Twice { first: PathBuf, other: PathBuf, part: Part },
-    #[error("{} is there already: choose another folder with --out", path.display())]
-    Taken { path: PathBuf },
-    #[error("cannot write to {}: {source}", path.display())]
-    Io { path: PathBuf, source: std::io::Error },
-}
 
 /// The folder of a shard, as it was read.
 struct Source {
@@ -88,15 +53,11 @@ pub struct Merged {
 }
 
 /// Reads the shards and sorts them by adapter, in the order of the folders.
-pub fn sources(folders: &[PathBuf]) -> Result<Vec<OfAdapter>, MergeError> {
+pub fn sources(folders: &[PathBuf]) -> Result<Vec<OfAdapter>> {
+    let all = folders.iter().map(|folder| Source::read(folder)).collect::<Result<Vec<_>>>()?;
+    all.iter().try_for_each(|source| source.belongs_to(&all[0]))?;
     let mut groups: Vec<OfAdapter> = Vec::new();
-    let mut first: Option<(PathBuf, Run, Shard)> = None;
-    for folder in folders {
-        let source = Source::read(folder)?;
-        match &first {
-            Some((path, header, shard)) => source.belongs_to(path, header, shard)?,
-            None => first = Some((folder.clone(), source.header.clone(), source.shard.clone())),
-        }
+    for source in all {
         let adapter = &source.header.adapter;
         match groups.iter_mut().find(|group| same_adapter(&group.adapter, adapter)) {
             Some(group) => group.sources.push(source),
@@ -104,11 +65,14 @@ pub fn sources(folders: &[PathBuf]) -> Result<Vec<OfAdapter>, MergeError> {
         }
     }
     for group in &mut groups {
-        group.sources.sort_by_key(|source| source.shard.number);
+        group.sources.sort_by_key(|source| source.shard.part.number);
         for pair in group.sources.windows(2) {
-            if pair[0].shard.number == pair[1].shard.number {
-                let [first, other] = [&pair[0], &pair[1]].map(|source| source.folder.clone());
-                return Err(MergeError::Twice { first, other, part: pair[0].shard.part() });
+            if pair[0].shard.part.number == pair[1].shard.part.number {
+                let [first, other] = [0, 1].map(|source| pair[source].folder.display());
+                bail!(
+                    "{first} and {other} both hold shard {}: name one of them",
+                    pair[0].shard.part
+                );
             }
         }
     }
@@ -122,41 +86,42 @@ fn same_adapter(a: &Adapter, b: &Adapter) -> bool {
 }
 
 impl Source {
-    fn read(folder: &Path) -> Result<Self, MergeError> {
+    fn read(folder: &Path) -> Result<Self> {
+        let shown = folder.display();
         let path = OutputFolder { folder: folder.to_owned() }.records();
         let reading = read(&path)?;
         let last = reading.records.iter().rev().find_map(Record::try_as_run_ref);
-        let folder = folder.to_owned();
         let Some(header) = last.cloned() else {
             // A file without any sound record is named with its damage.
             fathom_record::empty_or_sound(&path, &reading)?;
-            return Err(MergeError::NoHeader { folder });
+            bail!("{shown} holds no header of a run: nothing can be merged with it");
         };
         let Some(shard) = header.shard.clone() else {
-            return Err(MergeError::NoShard { folder });
+            bail!(
+                "{shown} holds a whole run and no shard; `fathom report DIR DIR… --out DIR` shows several runs on one page"
+            );
         };
-        let part = shard.part();
-        if !part.is_one() {
-            return Err(MergeError::NoSuchShard { folder, part });
-        }
+        let part = shard.part;
+        ensure!(part.is_one(), "{shown} says that it is shard {part}, and there is no such shard");
         let Reading { records, damaged } = reading;
-        Ok(Self { folder, records, damaged, shard, header: *header })
+        Ok(Self { folder: folder.to_owned(), records, damaged, shard, header: *header })
     }
 
-    fn belongs_to(&self, first: &Path, header: &Run, shard: &Shard) -> Result<(), MergeError> {
+    fn belongs_to(&self, first: &Self) -> Result<()> {
+        let Self { header, shard, .. } = first;
         let differs = [
             ("their format", header.schema != self.header.schema),
             ("fathom's version", header.fathom_version != self.header.fathom_version),
             ("the profile", header.profile != self.header.profile),
             ("the checks in shaders", header.shader_checks != self.header.shader_checks),
-            ("the number of shards", shard.of != self.shard.of),
+            ("the number of shards", shard.part.of != self.shard.part.of),
             ("experiments, cells or parameters", shard.plan != self.shard.plan),
         ];
-        let (first, other) = (first.to_owned(), self.folder.clone());
-        match differs.into_iter().find(|(_, differs)| *differs) {
-            Some((what, _)) => Err(MergeError::OtherRun { first, other, what }),
-            None => Ok(()),
+        if let Some((what, _)) = differs.into_iter().find(|(_, differs)| *differs) {
+            let (first, other) = (first.folder.display(), self.folder.display());
+            bail!("{first} and {other} are shards of different runs: they differ in {what}");
         }
+        Ok(())
     }
 }
 

@@ -49,17 +49,15 @@ pub fn measured(
     precision: f64,
 ) -> Measured {
     let frame = frame_record(samples);
-    let Findings { quantities, repeated, errors, mut notes, pictures } = found;
+    let Findings { mut quantities, repeated, mut errors, mut notes, pictures } = found;
     notes.extend(sampling_notes(samples, &frame.untimed, precision));
-    let (quantities, unusable): (BTreeMap<_, _>, BTreeMap<_, _>) =
-        quantities.into_iter().partition(|(_, value)| value.is_finite());
-    let (errors, unusable_errors): (Vec<_>, Vec<_>) =
-        errors.into_iter().partition(|error| error.value.is_finite());
-    let unusable =
-        unusable.into_keys().chain(unusable_errors.into_iter().map(|error| error.name.to_string()));
-    notes.extend(unusable.map(|name| {
-        Note::new(NoteKind::NotFinite, format!("{name} left out: it is not a finite number"))
-    }));
+    let mut is_finite = |name: &str, value: f64| {
+        let left_out = || format!("{name} left out: it is not a finite number");
+        notes.extend((!value.is_finite()).then(|| Note::new(NoteKind::NotFinite, left_out())));
+        value.is_finite()
+    };
+    quantities.retain(|name, value| is_finite(name, *value));
+    errors.retain(|error| is_finite(&error.name, error.value));
     Measured {
         stages: stage_records(samples, pipeline, counters),
         frame,
@@ -80,20 +78,17 @@ fn stage_records(
     counters: &[StageCounters],
 ) -> Vec<StageRecord> {
     let stages = pipeline.stages();
-    let work = |name: &str| {
-        let found = stages.iter().find(|stage| stage.name() == name);
-        found.map(|stage| (stage.work, stage.least_work)).unwrap_or_default()
-    };
-    let counted = |name: &str| {
-        let found = counters.iter().find(|stage| stage.name == name);
-        found.map(|stage| stage.counters.clone()).unwrap_or_default()
-    };
     let mut names: Vec<&str> = samples.stages().iter().map(|stage| stage.stage.as_str()).collect();
     if names.is_empty() {
         // Nothing was timed: what is known of its stages is their work.
         names = stages.iter().map(|stage| stage.name()).collect();
     }
-    let record =
-        |stage: (usize, &str)| stage_record(samples, stage, work(stage.1), counted(stage.1));
+    let record = |(place, name): (usize, &str)| {
+        let stage = stages.iter().find(|stage| stage.name() == name);
+        let work = stage.map(|stage| (stage.work, stage.least_work)).unwrap_or_default();
+        let counted = counters.iter().find(|stage| stage.name == name);
+        let counted = counted.map(|stage| stage.counters.clone()).unwrap_or_default();
+        stage_record(samples, (place, name), work, counted)
+    };
     names.into_iter().enumerate().map(record).collect()
 }

@@ -1,31 +1,21 @@
 //! A pipeline's final image, as a PNG file.
 
-use std::error::Error;
-use std::path::{Path, PathBuf};
+use std::fmt::Display;
+use std::path::Path;
+
+use anyhow::{Result, anyhow};
 
 use super::scale;
 use fathom_base::folder::{self, Folder};
-use fathom_gpu::{Gpu, GpuError, read_texture};
+use fathom_gpu::{Gpu, read_texture};
 use fathom_picture::{Effort, RgbImage};
-use fathom_pipelines::{AnyPipeline, JudgeError};
+use fathom_pipelines::AnyPipeline;
 
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
 const GAMMA: f32 = 2.2;
 
-#[derive(Debug, thiserror::Error)]
-pub enum PictureError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Judge(#[from] JudgeError),
-    #[error("cannot write {}: pictures are PNG files, so their names end in `.png`", path.display())]
-    NotPng { path: PathBuf },
-    #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: Box<dyn Error + Send + Sync> },
-}
-
 /// The image of the last frame; visibility gets a scale below.
-pub fn of(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage, PictureError> {
+pub fn of(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage> {
     Ok(explained(bare(gpu, pipeline)?, pipeline.shows_visibility()))
 }
 
@@ -35,12 +25,12 @@ pub fn explained(image: RgbImage, shows_visibility: bool) -> RgbImage {
 }
 
 /// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not.
-pub fn bare(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage, PictureError> {
+pub fn bare(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage> {
     reduced(gpu, pipeline, 1)
 }
 
 /// The same, `factor` times smaller: each pixel is the mean of a square of them. Light is averaged as light, visibility as it is.
-pub fn reduced(gpu: &Gpu, pipeline: &AnyPipeline, factor: u32) -> Result<RgbImage, PictureError> {
+pub fn reduced(gpu: &Gpu, pipeline: &AnyPipeline, factor: u32) -> Result<RgbImage> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {
         gpu.run(&presenting)?;
@@ -67,23 +57,23 @@ fn mean<'t>(texels: impl Iterator<Item = &'t [f32]>, gamma: f32) -> [u8; 3] {
 }
 
 /// Writes a picture within a folder, as PNG.
-pub fn write(image: &RgbImage, folder: &Folder, name: &Path) -> Result<(), PictureError> {
+pub fn write(image: &RgbImage, folder: &Folder, name: &Path) -> Result<()> {
     let path = folder.path().join(name);
     if !name.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
-        return Err(PictureError::NotPng { path });
+        return Err(unwritten(&path, "pictures are PNG files, so their names end in `.png`"));
     }
-    let bytes = image.to_png(Effort::Fast).map_err(|source| unwritten(&path, source))?;
-    folder.write(name, &bytes).map_err(|source| unwritten(&path, source))
+    let bytes = image.to_png(Effort::Fast).map_err(|error| unwritten(&path, error))?;
+    folder.write(name, &bytes).map_err(|error| unwritten(&path, error))
 }
 
 /// Writes a picture to a path that the user names.
-pub fn write_to(image: &RgbImage, path: &Path) -> Result<(), PictureError> {
-    let (folder, name) = folder::of(path).map_err(|source| unwritten(path, source))?;
+pub fn write_to(image: &RgbImage, path: &Path) -> Result<()> {
+    let (folder, name) = folder::of(path).map_err(|error| unwritten(path, error))?;
     write(image, &folder, name)
 }
 
-pub fn unwritten(path: &Path, source: impl Into<Box<dyn Error + Send + Sync>>) -> PictureError {
-    PictureError::Write { path: path.to_owned(), source: source.into() }
+pub fn unwritten(path: &Path, reason: impl Display) -> anyhow::Error {
+    anyhow!("cannot write {}: {reason}", path.display())
 }
 
 #[cfg(test)]

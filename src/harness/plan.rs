@@ -6,30 +6,20 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use anyhow::{Result, anyhow, bail};
 use serde_json::Value;
-use thiserror::Error;
 
 use super::catalog::Catalog;
 use super::repetitions::PlannedRepetitions;
 use super::shard;
 use super::subject::{Subject, SubjectError, Subjects};
-use super::views::OtherViews;
+use super::views::View;
 use fathom_base::private;
 use fathom_base::text::{did_you_mean, nearest};
 use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_gpu::Capacity;
 use fathom_record as record;
 use fathom_record::{Outcome, Part, Profile, resume_key};
-
-#[derive(Debug, Error)]
-pub enum PlanError {
-    #[error(transparent)]
-    Experiment(#[from] ExperimentError),
-    #[error("{experiment}, cell {cell}: {source}")]
-    Cell { experiment: String, cell: String, source: SubjectError },
-    #[error("no chosen experiment has the cell `{name}`{}", did_you_mean(nearest))]
-    UnknownCell { name: String, nearest: Option<String> },
-}
 
 /// What to measure.
 #[derive(Clone, Debug, Default)]
@@ -67,7 +57,7 @@ impl Request {
     }
 
     /// Keeps the cells that were asked for by name. A name that no experiment has is an error.
-    fn choose(&self, expanded: &mut [Vec<CellPlan>]) -> Result<(), PlanError> {
+    fn choose(&self, expanded: &mut [Vec<CellPlan>]) -> Result<()> {
         if self.cells.is_empty() {
             return Ok(());
         }
@@ -75,7 +65,7 @@ impl Request {
         for name in &self.cells {
             if !names().any(|known| known == name) {
                 let nearest = nearest(name, names());
-                return Err(PlanError::UnknownCell { name: name.clone(), nearest });
+                bail!("no chosen experiment has the cell `{name}`{}", did_you_mean(&nearest));
             }
         }
         for plans in expanded {
@@ -98,8 +88,8 @@ pub struct PlannedCell {
     pub skip: Option<String>,
     /// What its result is held against; see [`CellPlan::reference`].
     pub reference: Option<Subject>,
-    /// The same seen from elsewhere, where the experiment asks for views.
-    pub views: Option<OtherViews>,
+    /// The same and seen from elsewhere, where the experiment asks for views.
+    pub views: Option<Vec<View>>,
     pub repetitions: Option<PlannedRepetitions>,
 }
 
@@ -130,7 +120,7 @@ pub fn expand(
     experiments: &[Experiment],
     request: &Request,
     profile: Profile,
-) -> Result<Vec<Vec<CellPlan>>, PlanError> {
+) -> Result<Vec<Vec<CellPlan>>> {
     let cells = experiments.iter().map(|experiment| {
         let axes = request.axes_of(experiment, experiments);
         experiment.cells(profile, &axes, &request.sets)
@@ -147,25 +137,22 @@ pub fn plan(
     profile: Profile,
     capacity: &Capacity,
     catalog: &Catalog,
-) -> Result<Vec<PlannedExperiment>, PlanError> {
+) -> Result<Vec<PlannedExperiment>> {
     let mut subjects = Subjects::of(catalog).within(capacity);
     let mut expanded = expand(&experiments, request, profile)?;
     if let Some(part) = request.part {
         shard::keep(part, &experiments, &mut expanded);
     }
-    let cells = expanded.into_iter().zip(&experiments).map(|(plans, experiment)| {
+    let mut planned = Vec::new();
+    for (experiment, plans) in experiments.into_iter().zip(expanded) {
         let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
-        plans
-            .into_iter()
-            .map(|plan| planned_cell(&mut subjects, plan, turns_deg, capacity))
-            .collect()
-    });
-    let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_, _>>()?;
-    let planned = experiments.into_iter().zip(cells);
-    let planned = planned.map(|(experiment, cells)| PlannedExperiment { experiment, cells });
-    let wanted =
-        |planned: &PlannedExperiment| request.cells.is_empty() || !planned.cells.is_empty();
-    Ok(planned.filter(wanted).collect())
+        let cell = |plan| planned_cell(&mut subjects, plan, turns_deg, capacity);
+        let cells: Vec<_> = plans.into_iter().map(cell).collect::<Result<_>>()?;
+        if request.cells.is_empty() || !cells.is_empty() {
+            planned.push(PlannedExperiment { experiment, cells });
+        }
+    }
+    Ok(planned)
 }
 
 fn planned_cell(
@@ -173,20 +160,17 @@ fn planned_cell(
     plan: CellPlan,
     turns_deg: Option<&[f64]>,
     capacity: &Capacity,
-) -> Result<PlannedCell, PlanError> {
-    let error = |source| PlanError::Cell {
-        experiment: plan.experiment.clone(),
-        cell: plan.cell.clone(),
-        source,
-    };
+) -> Result<PlannedCell> {
+    let CellPlan { experiment, cell, .. } = &plan;
+    let error = |error: SubjectError| anyhow!("{experiment}, cell {cell}: {error}");
     let mut subject =
         |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
     let reference = plan.reference.as_ref().map(|run| subject(&run.overrides)).transpose()?;
-    let views = turns_deg.and_then(|turns_deg| OtherViews::of(&of_cell, turns_deg));
+    let views = turns_deg.and_then(|turns_deg| View::all(&of_cell, turns_deg));
     let mut repetitions = None;
     if let Some(runs) = &plan.repetitions {
-        let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_, _>>()?;
+        let repeated = runs.repeated.iter().map(|run| subject(run)).collect::<Result<_>>()?;
         repetitions = Some(PlannedRepetitions { repeated, limit: subject(&runs.limit)? });
     }
     let skip = of_cell.beyond(capacity).map_err(error)?;
@@ -195,13 +179,11 @@ fn planned_cell(
 
 /// Drops the cells that `finished` (resume keys) holds; how many they were.
 pub fn drop_finished(planned: &mut [PlannedExperiment], finished: &BTreeSet<String>) -> usize {
-    let count =
-        |planned: &[PlannedExperiment]| planned.iter().map(|e| e.cells.len()).sum::<usize>();
-    let before = count(planned);
-    for experiment in planned.iter_mut() {
-        experiment.cells.retain(|cell| !finished.contains(&cell.resume_key()));
-    }
-    before - count(planned)
+    let of_experiment = |experiment: &mut PlannedExperiment| {
+        let cells = &mut experiment.cells;
+        cells.extract_if(.., |cell| finished.contains(&cell.resume_key())).count()
+    };
+    planned.iter_mut().map(of_experiment).sum()
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::io::{IsTerminal, stderr};
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use fathom_base::tell;
 use fathom_base::text;
@@ -15,63 +15,54 @@ const LONGEST_S: f64 = 365.0 * 86_400.0;
 
 /// Follows a run over all its cells.
 pub struct Progress {
-    bar: Option<ProgressBar>,
-    total: usize,
-    done: usize,
+    /// Hidden where there is no terminal; it counts the cells there too.
+    bar: ProgressBar,
     end: Instant,
 }
 
 impl Progress {
     /// For `total` cells and a time budget in seconds.
     pub fn new(total: usize, budget_s: f64) -> Self {
-        let bar = stderr().is_terminal().then(|| {
-            let bar = ProgressBar::new(total as u64);
-            let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cells  {msg}")
-                .unwrap_or_else(|_| ProgressStyle::default_bar());
-            bar.with_style(style)
-        });
+        let hidden = !stderr().is_terminal();
+        let target =
+            if hidden { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cells  {msg}")
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = ProgressBar::with_draw_target(Some(total as u64), target).with_style(style);
         let budget = Duration::try_from_secs_f64(budget_s.clamp(0.0, LONGEST_S));
         let end = Instant::now() + budget.unwrap_or(Duration::ZERO);
-        Self { bar, total, done: 0, end }
+        Self { bar, end }
     }
 
     /// A cell's pipeline is about to be built.
     pub fn preparing(&mut self, cell: &CellPlan) {
-        if let Some(bar) = &self.bar {
-            bar.set_prefix(cell.experiment.clone());
-        }
+        self.bar.set_prefix(cell.experiment.clone());
         self.tick();
     }
 
     /// A frame has been rendered.
     pub fn tick(&mut self) {
-        if let Some(bar) = &self.bar {
-            bar.set_message(format!("{}  {}", bar.prefix(), self.time_left()));
+        if !self.bar.is_hidden() {
+            self.bar.set_message(format!("{}  {}", self.bar.prefix(), self.time_left()));
         }
     }
 
     /// A cell has its result.
     pub fn finished(&mut self, cell: &Cell) {
-        self.done += 1;
+        self.bar.inc(1);
         let name = format!("{} {}", cell.experiment, cell.cell);
         let result = describe(&cell.outcome);
-        match &self.bar {
-            Some(bar) => {
-                bar.println(text::line(&format!("{name}: {result}")));
-                bar.set_position(self.done as u64);
-            }
-            None => {
-                let (done, total, left) = (self.done, self.total, self.time_left());
-                tell::note(format!("[{done}/{total}] {name}: {result}  ({left})"));
-            }
+        if self.bar.is_hidden() {
+            let (done, total) = (self.bar.position(), self.bar.length().unwrap_or(0));
+            tell::note(format!("[{done}/{total}] {name}: {result}  ({})", self.time_left()));
+        } else {
+            self.bar.println(text::line(&format!("{name}: {result}")));
         }
     }
 
     /// Clears the bar.
     pub fn end(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
+        self.bar.finish_and_clear();
     }
 
     fn time_left(&self) -> String {

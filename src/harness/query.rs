@@ -4,14 +4,14 @@ pub mod photons;
 mod table;
 
 use std::fs::File;
-use std::io::{self, Read, Write};
-use std::path::{Path, PathBuf};
+use std::io::{Read, Write};
+use std::path::Path;
 
+use anyhow::{Result, anyhow, ensure};
 use glam::DVec3;
 use rayon::prelude::*;
-use thiserror::Error;
 
-use super::subject::{Subject, SubjectError};
+use super::subject::Subject;
 use fathom_base::input::{self, Limited};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_pipelines::occlusion::exact as attenuation;
@@ -22,7 +22,6 @@ use fathom_reference::rays::Tracer;
 use fathom_stages::ao::query::SurfacePoint;
 use fathom_stages::kit::Resources;
 use fathom_stages::marching::Occluder;
-pub use table::PointFault;
 use table::SHORT;
 
 /// Columns that a file of points must have, in any order and among others.
@@ -36,22 +35,6 @@ const REFERENCE: [&str; 2] = ["reference", "error"];
 /// Rays of a reference unless told otherwise: its own error is below 0.005.
 pub const REFERENCE_RAYS: u32 = 1024;
 
-#[derive(Debug, Error)]
-pub enum QueryError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error("cannot read {}: {source}", path.display())]
-    Read { path: PathBuf, source: io::Error },
-    #[error("{}, {fault}", path.display())]
-    Points { path: PathBuf, fault: PointFault },
-    #[error("{0}")]
-    Invalid(String),
-    #[error(transparent)]
-    Subject(#[from] SubjectError),
-    #[error("cannot write {target}: {source}")]
-    Write { target: String, source: csv::Error },
-}
-
 /// A surface point as its file has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceRow {
@@ -62,45 +45,36 @@ pub struct SurfaceRow {
 
 /// The points of a CSV file with the columns x, y, z (metres) and nx, ny, nz; others are left aside. An error names the first
 /// fault, its line and column.
-pub fn read(path: &Path) -> Result<Vec<SurfaceRow>, QueryError> {
+pub fn read(path: &Path) -> Result<Vec<SurfaceRow>> {
     read_with(path, parse)
 }
 
 /// What `parse` makes of a file.
-fn read_with<T>(
-    path: &Path,
-    parse: impl Fn(Limited<File>) -> Result<T, PointFault>,
-) -> Result<T, QueryError> {
-    let file = input::plain(path, MAX_POINTS_FILE)
-        .map_err(|source| QueryError::Read { path: path.to_owned(), source })?;
-    parse(file).map_err(|fault| QueryError::Points { path: path.to_owned(), fault })
+fn read_with<T>(path: &Path, parse: impl Fn(Limited<File>) -> Result<T>) -> Result<T> {
+    let shown = path.display();
+    let file = input::plain(path, MAX_POINTS_FILE);
+    let file = file.map_err(|error| anyhow!("cannot read {shown}: {error}"))?;
+    parse(file).map_err(|fault| anyhow!("{shown}, {fault}"))
 }
 
-fn parse(text: impl Read) -> Result<Vec<SurfaceRow>, PointFault> {
+fn parse(text: impl Read) -> Result<Vec<SurfaceRow>> {
     let (rows, _) = table::read(text, &COLUMNS, &[])?;
     rows.into_iter().map(row).collect()
 }
 
-fn row((line, numbers): table::TableRow) -> Result<SurfaceRow, PointFault> {
-    let vector = |at: usize| DVec3::from_slice(&numbers[at..]);
-    let normal = vector(3);
-    if normal.length() < SHORT {
-        return Err(PointFault::Direction {
-            line,
-            columns: "`nx`, `ny`, `nz`",
-            what: format!("a normal of length {} has no direction", normal.length()),
-        });
-    }
-    Ok(SurfaceRow { position_m: vector(0), normal })
+fn row((line, numbers): table::TableRow) -> Result<SurfaceRow> {
+    let [position_m, normal] = [0, 3].map(|at| DVec3::from_slice(&numbers[at..]));
+    let length = normal.length();
+    ensure!(
+        length >= SHORT,
+        "line {line}, columns `nx`, `ny`, `nz`: a normal of length {length} has no direction"
+    );
+    Ok(SurfaceRow { position_m, normal })
 }
 
 /// Ambient occlusion at each point by the volumes and rays of a subject of the pipeline `volume_ao`: 0 open … 1 closed.
 /// What is beyond the adapter's limits is an error before anything is allocated.
-pub fn occlusion(
-    gpu: &Gpu,
-    subject: &Subject,
-    rows: &[SurfaceRow],
-) -> Result<Vec<f32>, QueryError> {
+pub fn occlusion(gpu: &Gpu, subject: &Subject, rows: &[SurfaceRow]) -> Result<Vec<f32>> {
     let params = subject.parameters::<VolumeAo>()?;
     let point = |row: &SurfaceRow| SurfacePoint {
         position_m: row.position_m.as_vec3(),
@@ -115,36 +89,26 @@ pub fn occlusion(
 }
 
 /// Holds what `plan` makes against the adapter, before anything is allocated.
-fn check(
-    gpu: &Gpu,
-    plan: impl FnOnce(&Resources<'_>) -> Result<(), GpuError>,
-) -> Result<(), QueryError> {
+fn check(gpu: &Gpu, plan: impl FnOnce(&Resources<'_>) -> Result<(), GpuError>) -> Result<()> {
     let planner = Gpu::planner()?;
     let resources = Resources::new(planner);
     planner.scoped(|| plan(&resources))?;
-    gpu.check(&resources.into_parts().demand).map_err(QueryError::Invalid)
+    gpu.check(&resources.into_parts().demand).map_err(anyhow::Error::msg)
 }
 
 /// The same by casting `rays` rays from each point at the scene's triangles, all of them opaque and at rest. It is an error where
 /// geometry moves, or where rays pass through transparent objects.
-pub fn reference(
-    subject: &Subject,
-    rows: &[SurfaceRow],
-    rays: u32,
-) -> Result<Vec<f64>, QueryError> {
+pub fn reference(subject: &Subject, rows: &[SurfaceRow], rays: u32) -> Result<Vec<f64>> {
     let params = subject.parameters::<VolumeAo>()?;
-    let invalid = |what: &str| Err(QueryError::Invalid(what.to_owned()));
-    if params.animation.deform != Deform::None {
-        return invalid(
-            "--reference: the geometry moves (animation.deform), and the reference knows it at rest only",
-        );
-    }
+    ensure!(
+        params.animation.deform == Deform::None,
+        "--reference: the geometry moves (animation.deform), and the reference knows it at rest only"
+    );
     let opaque = subject.scene.objects.iter().all(|o| o.material.alpha >= 1.0);
-    if params.ao.occluder == Occluder::Opacity && !opaque {
-        return invalid(
-            "--reference: with ao.occluder=opacity rays pass through transparent objects, those of the reference do not",
-        );
-    }
+    ensure!(
+        opaque || params.ao.occluder != Occluder::Opacity,
+        "--reference: with ao.occluder=opacity rays pass through transparent objects, those of the reference do not"
+    );
     let marching = params.marching(&subject.scene);
     let attenuation = attenuation(marching.attenuation);
     let tracer = Tracer::new(&subject.scene.objects);
@@ -163,7 +127,7 @@ pub fn write(
     rows: &[SurfaceRow],
     occlusion: &[f32],
     reference: Option<&[f64]>,
-) -> Result<(), QueryError> {
+) -> Result<()> {
     let more = REFERENCE.iter().filter(|_| reference.is_some());
     let header = COLUMNS.iter().chain([&ANSWER]).chain(more).map(ToString::to_string).collect();
     let row = |(i, (row, occlusion)): (usize, (&SurfaceRow, &f32))| {
@@ -188,12 +152,12 @@ fn written(
     writer: impl Write,
     header: Vec<String>,
     mut rows: impl Iterator<Item = Vec<String>>,
-) -> Result<(), QueryError> {
+) -> Result<()> {
     let mut csv = csv::Writer::from_writer(writer);
     let written =
         csv.write_record(header).and_then(|()| rows.try_for_each(|row| csv.write_record(row)));
     let written = written.and_then(|()| csv.flush().map_err(csv::Error::from));
-    written.map_err(|source| QueryError::Write { target: target.to_owned(), source })
+    written.map_err(|error| anyhow!("cannot write {target}: {error}"))
 }
 
 #[cfg(test)]

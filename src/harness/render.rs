@@ -1,8 +1,9 @@
 //! `fathom render`: one frame of a scene as a PNG file.
 
+use anyhow::Result;
 use fathom_picture::RgbImage;
 
-use super::picture::{self, PictureError};
+use super::picture;
 use super::subject::Subject;
 use fathom_gpu::{Gpu, GpuError};
 use fathom_pipelines::caustics_image::Compared;
@@ -29,7 +30,7 @@ pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<AnyPipeline>, GpuError>
 }
 
 /// Renders the subject, each pixel as the mean of `samples`, a square number. A pipeline that has no larger picture gets one sample.
-pub fn bare(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<Bare, PictureError> {
+pub fn bare(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<Bare> {
     let factor = samples.isqrt();
     let larger = subject.enlarged(factor).filter(|_| factor > 1);
     let factor = if larger.is_some() { factor } else { 1 };
@@ -39,12 +40,7 @@ pub fn bare(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<Bare, PictureE
 }
 
 /// The subject's caustics, or those of the photon map in their place; see [`Compared::picture`].
-pub fn caustics(
-    gpu: &Gpu,
-    subject: &Subject,
-    known: &mut Known,
-    exact: bool,
-) -> Result<Bare, PictureError> {
+pub fn caustics(gpu: &Gpu, subject: &Subject, known: &mut Known, exact: bool) -> Result<Bare> {
     let pipeline = frame(gpu, subject)?;
     let mut judge = Judge { gpu, scene: &subject.scene, known, asked: &[] };
     let compared: Compared = pipeline.caustics(&mut judge)?;

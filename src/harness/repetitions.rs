@@ -1,11 +1,13 @@
 //! Noise and bias of a cell's result apart: its frame is drawn several times with the photon grids at other places, and once
 //! densely. UW §4.2.
 
-use super::difference::{ReadoutError, References, image};
+use anyhow::{Result, bail, ensure};
+
+use super::difference::{References, image};
 use super::subject::Subject;
 use fathom_base::statistics::mean;
 use fathom_experiments::schema::RepeatedOutput;
-use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels};
+use fathom_gpu::{FrameTimer, Gpu, Pixels};
 
 /// The runs of a cell: the same with its photon grids at other places, and its dense limit.
 pub struct PlannedRepetitions {
@@ -30,12 +32,12 @@ pub fn noise_and_bias(
     references: &mut References,
     planned: &PlannedRepetitions,
     outputs: &[RepeatedOutput],
-) -> Result<Vec<NoiseAndBias>, ReadoutError> {
+) -> Result<Vec<NoiseAndBias>> {
     let mut images: Vec<Vec<Pixels>> = outputs.iter().map(|_| Vec::new()).collect();
     // One pipeline at a time: only the outputs are kept.
     for subject in &planned.repeated {
         let pipeline = subject.build(gpu)?;
-        timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
+        timer.untimed(gpu, &pipeline.stages())?;
         for (images, output) in images.iter_mut().zip(outputs) {
             images.push(image(gpu, pipeline.as_ref(), &output.stages)?);
         }
@@ -46,18 +48,16 @@ pub fn noise_and_bias(
 }
 
 impl NoiseAndBias {
-    fn of(images: &[Pixels], limit: &Pixels) -> Result<Self, ReadoutError> {
+    fn of(images: &[Pixels], limit: &Pixels) -> Result<Self> {
         let alike = |image: &Pixels| image.data.len() == limit.data.len();
-        if !images.iter().all(alike) {
-            return Err(ReadoutError::Sizes);
-        }
+        ensure!(images.iter().all(alike), "the repetitions' images differ in size");
         let count = images.len() as f64;
         // Means over every other repetition, each of which is spread evenly over the unit square.
         let half = |first: usize| middle(images.iter().skip(first).step_by(2));
         let (halves, whole) = ([half(0), half(1)], middle(images.iter()));
         let level = mean(whole.iter().copied());
         if level <= 0.0 {
-            return Err(ReadoutError::Black);
+            bail!("the image is black");
         }
         let from_whole =
             |image: &Pixels| mean_square(image.data.iter().map(|v| f64::from(*v)), &whole);
@@ -139,9 +139,9 @@ mod tests {
     fn images_of_other_sizes_and_black_ones_are_refused() {
         let of = |value: f64| picture(|| value);
         let small = Pixels { width: 1, height: 1, channels: 1, data: vec![1.0] };
-        let sizes = NoiseAndBias::of(&[of(1.0), of(1.0)], &small);
-        assert!(matches!(sizes, Err(ReadoutError::Sizes)));
-        let black = NoiseAndBias::of(&[of(0.0), of(0.0)], &of(1.0));
-        assert!(matches!(black, Err(ReadoutError::Black)));
+        for (value, limit, told) in [(1.0, small, "differ in size"), (0.0, of(1.0), "is black")] {
+            let error = NoiseAndBias::of(&[of(value), of(value)], &limit).unwrap_err().to_string();
+            assert!(error.ends_with(told), "{error}");
+        }
     }
 }

@@ -4,23 +4,23 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use thiserror::Error;
+use anyhow::{Result, bail, ensure};
 
 use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, Output, Session, Spent};
 use super::journal::Journal;
 use super::outcome::Counts;
-use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
+use super::plan::{self, PlannedExperiment, Request};
 use super::progress::Progress;
 use super::sample::{self, Settings};
 use super::{ceilings, memory, shard};
 use fathom_base::{quiet, tell};
-use fathom_experiments::{Experiment, ExperimentError};
+use fathom_experiments::Experiment;
 use fathom_gpu as gpu;
-use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError};
+use fathom_gpu::{Audit, ClockPlan, Gpu};
 use fathom_record as record;
 use fathom_record::calendar;
-use fathom_record::output::{Held, OutputError};
+use fathom_record::output::Held;
 use fathom_record::{
     Conditions, Definition, End, Note, NoteKind, Outcome, Part, PassKind, Profile, Record,
     RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks, Shard,
@@ -30,24 +30,6 @@ use fathom_record::{
 /// which is to stay below 2 GiB.
 const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
 const GPU_GROUP_BYTES: u64 = 2 << 30;
-
-#[derive(Debug, Error)]
-pub enum RunError {
-    #[error(transparent)]
-    Experiment(#[from] ExperimentError),
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-    #[error(transparent)]
-    Record(#[from] RecordError),
-    #[error("{name} must be a positive number, not {value}")]
-    NotPositive { name: &'static str, value: f64 },
-    #[error("{} holds {holds}, and not {asked}: resume it with the command that began it", folder.display())]
-    OtherShard { folder: PathBuf, holds: String, asked: String },
-}
 
 /// What to run and how. `None` means the profile's own value.
 #[derive(Clone, Debug, Default)]
@@ -83,29 +65,9 @@ pub struct Summary {
     pub end: End,
 }
 
-impl Summary {
-    /// Wall time after set-up over the GPU time measured in it, if there is any.
-    pub fn efficiency(&self) -> Option<f64> {
-        let gpu_s = self.end.measured_gpu_s;
-        (gpu_s > 0.0).then(|| self.end.measuring_wall_s / gpu_s)
-    }
-}
-
-/// What a profile asks when the command line does not.
-struct Defaults {
-    precision: f64,
-    budget_per_cell_s: f64,
-    most_budget_s: f64,
-}
-
-/// Quick: all experiments within eight minutes, set-up included.
-const QUICK: Defaults = Defaults { precision: 0.02, budget_per_cell_s: 6.0, most_budget_s: 500.0 };
-const PAPER: Defaults =
-    Defaults { precision: 0.01, budget_per_cell_s: 20.0, most_budget_s: 1_800.0 };
-
 /// Measures what `options` ask for and writes records. When `interrupted` is set, what has been
 /// measured so far is written and the run ends.
-pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunError> {
+pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary> {
     let start = Instant::now();
     check(options)?;
     spread_references();
@@ -129,7 +91,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         None => Held::create(options.out.as_deref(), &gpu.adapter.name, profile)?,
     };
     let now = spent.since(now, SetUp::Scenes);
-    let audit = gpu::audit_all(&gpu).map_err(GpuError::from)?;
+    let audit = gpu::audit_all(&gpu)?;
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard, ..header(options, &gpu, &audit, profile, seed) };
@@ -139,9 +101,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
     journal.settle(finished.iter().map(|key| SampleLine::id(&header, key)));
     let ids = ids(&planned, &header);
-    let plan = clock_plan(audit.plan, &mut journal, &ids);
-    header.notes.extend(other_clocks(&audit.plan, &plan));
-    header.clocks = PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into();
+    let plan = clock_plan(&mut header, audit.plan, &mut journal, &ids);
     let now = Instant::now();
     if !options.no_ceilings {
         header.ceilings = ceilings::of_run(&gpu, plan, &header, &held.before)?;
@@ -163,19 +123,18 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
 }
 
 /// A folder is gone on with as the part of the run that it was begun as.
-fn same_shard(held: &Held, asked: Option<&Shard>) -> Result<(), RunError> {
+fn same_shard(held: &Held, asked: Option<&Shard>) -> Result<()> {
     let told = |shard: Option<&Shard>| match shard {
-        Some(shard) => format!("shard {} of the plan {}", shard.part(), shard.plan),
+        Some(shard) => format!("shard {} of the plan {}", shard.part, shard.plan),
         None => "a whole run".to_owned(),
     };
     let asked = told(asked);
     let runs = held.before.iter().filter_map(Record::try_as_run_ref);
-    match runs.map(|run| told(run.shard.as_ref())).find(|holds| *holds != asked) {
-        Some(holds) => {
-            Err(RunError::OtherShard { folder: held.output.folder.clone(), holds, asked })
-        }
-        None => Ok(()),
+    if let Some(holds) = runs.map(|run| told(run.shard.as_ref())).find(|holds| *holds != asked) {
+        let folder = held.output.folder.display();
+        bail!("{folder} holds {holds}, and not {asked}: resume it with the command that began it");
     }
+    Ok(())
 }
 
 /// A round that no sample of these records or samples has.
@@ -200,26 +159,30 @@ fn ids(planned: &[PlannedExperiment], header: &Run) -> Vec<String> {
     cells.map(|cell| executor::name(header, cell).id).collect()
 }
 
-/// The audit's plan, but by the clocks of the samples that are gone on with.
-fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockPlan {
+/// The audit's plan, but by the clocks of the samples that are gone on with. The header says by which, and where they are not those
+/// that this run's audit found.
+fn clock_plan(
+    header: &mut Run,
+    found: ClockPlan,
+    journal: &mut Journal,
+    ids: &[String],
+) -> ClockPlan {
     let clocks = PassKind::TIMED.map(|kind| (kind, found.clock(kind)));
     let chosen = journal.choose_clocks(ids, clocks.into());
-    chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock))
+    let plan = chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock));
+    header.clocks = PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into();
+    if !plan.has_clocks_of(&found) {
+        let text = "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
+        header.notes.push(Note::new(NoteKind::OtherClocks, text));
+    }
+    plan
 }
 
-/// Says so where passes are timed by another clock than this run's audit found.
-fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<Note> {
-    let text =
-        "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
-    (!plan.has_clocks_of(found)).then(|| Note::new(NoteKind::OtherClocks, text))
-}
-
-fn check(options: &Options) -> Result<(), RunError> {
+fn check(options: &Options) -> Result<()> {
     let given = [("--budget", options.budget_s), ("--precision", options.precision)];
     for (name, value) in given {
-        if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
-            return Err(RunError::NotPositive { name, value });
-        }
+        let value = value.unwrap_or(1.0);
+        ensure!(value.is_finite() && value > 0.0, "{name} must be a positive number, not {value}");
     }
     Ok(())
 }
@@ -263,15 +226,15 @@ fn settings(
     seed: u64,
     software: bool,
 ) -> Settings {
-    let defaults = match profile {
-        Profile::Quick => QUICK,
-        Profile::Paper => PAPER,
+    let (precision, per_cell_s, most_s): (f64, f64, f64) = match profile {
+        // All experiments within eight minutes, set-up included.
+        Profile::Quick => (0.02, 6.0, 500.0),
+        Profile::Paper => (0.01, 20.0, 1_800.0),
     };
     let cells: f64 = planned.iter().map(weight).sum();
-    let default_budget_s = (cells * defaults.budget_per_cell_s).min(defaults.most_budget_s);
     Settings {
-        precision: options.precision.unwrap_or(defaults.precision),
-        budget_s: options.budget_s.unwrap_or(default_budget_s),
+        precision: options.precision.unwrap_or(precision),
+        budget_s: options.budget_s.unwrap_or((cells * per_cell_s).min(most_s)),
         first_round: 0,
         group_bytes: if software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
         seed,
@@ -296,7 +259,7 @@ struct Measurement<'a> {
 
 impl Measurement<'_> {
     /// Writes the header, and says what of an earlier run was damaged and what is gone on with.
-    fn begin(&mut self, damage: &[String], ids: &[String]) -> Result<(), RunError> {
+    fn begin(&mut self, damage: &[String], ids: &[String]) -> Result<()> {
         let Output { held, header, journal, .. } = &mut self.output;
         held.writer.write(&Record::Run(Box::new(header.clone())))?;
         held.notices.iter().chain(damage).for_each(tell::note);
@@ -307,7 +270,7 @@ impl Measurement<'_> {
         Ok(())
     }
 
-    fn measure(&mut self, planned: &[PlannedExperiment]) -> Result<(), RunError> {
+    fn measure(&mut self, planned: &[PlannedExperiment]) -> Result<()> {
         let start = Instant::now();
         let is_shard = self.output.header.shard.is_some();
         if is_shard {
@@ -325,7 +288,6 @@ impl Measurement<'_> {
             if !is_shard {
                 self.define(&planned.experiment)?;
             }
-            self.skip(&planned.cells)?;
             let left_s = self.settings.budget_s - start.elapsed().as_secs_f64();
             let settings = Settings {
                 budget_s: (left_s * weight(planned) / weight_left.max(1e-9)).max(0.0),
@@ -333,7 +295,7 @@ impl Measurement<'_> {
                 first_round: self.round,
                 ..self.settings
             };
-            self.sample(planned, &settings)?;
+            self.cells(planned, &settings)?;
             self.session.gpu.forget_pipelines();
             weight_left -= weight(planned);
         }
@@ -353,30 +315,22 @@ impl Measurement<'_> {
         self.output.held.writer.write(&definition)
     }
 
-    fn skip(&mut self, cells: &[PlannedCell]) -> Result<(), RecordError> {
-        for cell in cells {
-            if let Some(reason) = cell.skip.clone() {
-                self.output.finish(&cell.record(Outcome::Skipped { reason }))?;
+    /// Records the cells that are skipped, and samples the others.
+    fn cells(&mut self, planned: &PlannedExperiment, settings: &Settings) -> Result<()> {
+        let mut due = Vec::new();
+        for (index, cell) in planned.cells.iter().enumerate() {
+            match cell.skip.clone() {
+                None => due.push(index),
+                Some(reason) => self.output.finish(&cell.record(Outcome::Skipped { reason }))?,
             }
         }
-        Ok(())
-    }
-
-    fn sample(
-        &mut self,
-        planned: &PlannedExperiment,
-        settings: &Settings,
-    ) -> Result<(), RecordError> {
         let (session, output) = (&mut self.session, &mut self.output);
         let mut executor = CellExecutor::new(session, output, planned, settings.precision);
-        let cells = planned.cells.iter().enumerate();
-        let due: Vec<usize> =
-            cells.filter(|(_, cell)| cell.skip.is_none()).map(|(index, _)| index).collect();
         self.round = sample::sample(&mut executor, &due, settings, self.interrupted)?;
         Ok(())
     }
 
-    fn end(self, start: Instant, kept: usize) -> Result<Summary, RunError> {
+    fn end(self, start: Instant, kept: usize) -> Result<Summary> {
         let parts_s = self.session.spent.set_up_s.clone();
         let set_up_s = parts_s.values().sum();
         let end = End {

@@ -69,8 +69,8 @@ pub trait Executor {
     fn untimed_only(&self, cell: usize) -> bool;
     /// Of these cells, whose samples are given, those that could settle a claim that is open.
     fn unsettled(&mut self, cells: &[(usize, &Samples)]) -> BTreeSet<usize>;
-    /// Takes a cell's result, before [`release`](Self::release).
-    fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), Self::Fatal>;
+    /// Takes what was sampled of a cell, or why it failed, before [`release`](Self::release).
+    fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), Self::Fatal>;
     /// Frees what [`prepare`](Self::prepare) made; also called for cells that failed.
     fn release(&mut self, cell: usize);
     /// Opens the device anew after its loss, or says why that is not possible.
@@ -99,12 +99,6 @@ pub struct Settings {
     pub seed: u64,
     /// Number of the first round.
     pub first_round: u32,
-}
-
-#[derive(Clone, Debug, PartialEq)]
-pub enum CellResult {
-    Sampled(Samples),
-    Failed(String),
 }
 
 struct Live {
@@ -308,7 +302,7 @@ impl<X: Executor> Sampler<'_, X> {
         let verdict = live.samples.verdict_on_rejections();
         self.executor.keep(cell, added)?;
         match verdict {
-            Some(reason) => self.close(cell, CellResult::Failed(reason)),
+            Some(reason) => self.close(cell, Err(reason)),
             None => Ok(()),
         }
     }
@@ -371,9 +365,9 @@ impl<X: Executor> Sampler<'_, X> {
         };
         match result {
             Ok(()) => Ok(()),
-            Err(Failure::Cell(reason)) => self.close(cell, CellResult::Failed(reason)),
+            Err(Failure::Cell(reason)) => self.close(cell, Err(reason)),
             Err(Failure::DeviceLost(reason)) => {
-                self.close(cell, CellResult::Failed(format!("device lost: {reason}")))?;
+                self.close(cell, Err(format!("device lost: {reason}")))?;
                 self.recover(&reason)
             }
         }
@@ -402,10 +396,10 @@ impl<X: Executor> Sampler<'_, X> {
             return Ok(());
         };
         let samples = std::mem::take(&mut live.samples);
-        self.close(cell, CellResult::Sampled(Samples { stopped, ..samples }))
+        self.close(cell, Ok(Samples { stopped, ..samples }))
     }
 
-    fn close(&mut self, cell: usize, result: CellResult) -> Result<(), X::Fatal> {
+    fn close(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), X::Fatal> {
         self.live.remove(&cell);
         let finished = self.executor.finish(cell, result);
         self.executor.release(cell);

@@ -7,7 +7,7 @@
 
 use sha2::{Digest, Sha256};
 
-use super::plan::{self, PlanError, Request};
+use super::plan::{self, Request};
 use fathom_experiments::{CellPlan, Experiment};
 use fathom_record::{Part, Profile, Selection, Shard};
 
@@ -30,14 +30,13 @@ pub fn of(
     experiments: &[Experiment],
     request: &Request,
     profile: Profile,
-) -> Result<Shard, PlanError> {
+) -> anyhow::Result<Shard> {
     let mut expanded = plan::expand(experiments, request, profile)?;
     let plan = digest(experiments, &expanded, profile);
     keep(part, experiments, &mut expanded);
     let Request { axes, sets, cells, .. } = request.clone();
     Ok(Shard {
-        number: part.number,
-        of: part.of,
+        part,
         cells: expanded.iter().map(Vec::len).sum(),
         plan,
         selection: Selection { axes, sets, cells },

@@ -1,14 +1,14 @@
 //! How much ambient occlusion at one surface point changes with the viewer: the variance over views, less that of the random
 //! numbers. VAO §6.1, Fig. 9.
 
+use anyhow::{Context, Result, ensure};
 use fathom_picture::RgbImage;
 use glam::{DQuat, DVec3};
-use thiserror::Error;
 
-use super::picture::{self, PictureError, explained};
+use super::picture::{self, explained};
 use super::subject::Subject;
 use fathom_base::statistics::mean;
-use fathom_gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
+use fathom_gpu::{FrameTimer, Gpu, Pixels, read_texture};
 use fathom_pipelines::AnyPipeline;
 use fathom_reference::rays::PixelRays;
 use fathom_scene::Camera;
@@ -23,18 +23,6 @@ const LEAST_WEIGHT: f64 = 0.25;
 /// Cosine between the normals of a point and of what is taken for it in another view: a point beside an edge is not taken for
 /// one around it.
 const SAME_NORMAL: f64 = 0.9;
-
-#[derive(Debug, Error)]
-pub enum ViewsError {
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error("the pipeline computes no occlusion")]
-    NoOcclusion,
-    #[error("the pipeline has no seed: what is noise cannot be told from the view")]
-    NoSeed,
-    #[error("no point is seen in two views")]
-    Nothing,
-}
 
 /// The camera turned about the vertical through its target.
 pub fn turned(camera: &Camera, turn_deg: f64) -> Camera {
@@ -55,17 +43,11 @@ struct Shot {
     visibility: Pixels,
 }
 
-/// The cell's subject seen from elsewhere, and every view once more with other random numbers.
-pub struct OtherViews {
-    /// The cell's own view, drawn anew.
-    again: Subject,
-    turned: Vec<Turned>,
-}
-
-struct Turned {
+/// A view of the cell's scene.
+pub struct View {
     turn_deg: f64,
-    /// As the cell is drawn, and drawn anew.
-    subjects: [Subject; 2],
+    /// As the cell is drawn, and drawn anew with other random numbers.
+    pub(super) subjects: [Subject; 2],
 }
 
 /// Added to a cell's seed where a view is drawn anew.
@@ -92,22 +74,18 @@ fn panned(camera: &Camera, share: f64) -> Camera {
     Camera { target_m: moved.to_array(), ..camera.clone() }
 }
 
-impl OtherViews {
-    /// The camera turned about its target by these angles; none for pipelines without random numbers.
-    pub fn of(cell: &Subject, turns_deg: &[f64]) -> Option<Self> {
+impl View {
+    /// The cell's own view, and those with the camera turned about its target by these angles; none for pipelines without random
+    /// numbers.
+    pub fn all(cell: &Subject, turns_deg: &[f64]) -> Option<Vec<Self>> {
         let camera = cell.camera();
-        let turned = turns_deg.iter().map(|&turn_deg| {
-            let seen = cell.seen_from(&turned(&camera, turn_deg));
+        let seen = |turn_deg: &f64| (*turn_deg, cell.seen_from(&turned(&camera, *turn_deg)));
+        let all = std::iter::once((0.0, cell.clone())).chain(turns_deg.iter().map(seen));
+        let twice = |(turn_deg, seen): (f64, Subject)| {
             let again = drawn_anew(&seen)?;
-            Some(Turned { turn_deg, subjects: [seen, again] })
-        });
-        Some(Self { again: drawn_anew(cell)?, turned: turned.collect::<Option<_>>()? })
-    }
-
-    /// Cameras of the turned views.
-    #[cfg(test)]
-    pub(super) fn cameras(&self) -> Vec<Camera> {
-        self.turned.iter().map(|view| view.subjects[0].camera()).collect()
+            Some(Self { turn_deg, subjects: [seen, again] })
+        };
+        all.map(twice).collect()
     }
 }
 
@@ -147,13 +125,13 @@ impl Spread {
 
 /// What several views of a cell show.
 pub struct Views {
-    pub spread: Result<Spread, ViewsError>,
+    pub spread: Result<Spread>,
     /// The views side by side in order of their angles, the cell's own at 0.
-    pub strip: Result<RgbImage, PictureError>,
+    pub strip: Result<RgbImage>,
 }
 
 impl Views {
-    /// Of the last frame's occlusion, as the image is composed with it, and of the `others`, each of which is drawn once.
+    /// Of the last frame's occlusion, as the image is composed with it, and of the other views, each of which is drawn once.
     ///
     /// # Errors
     /// What the GPU reports, and a pipeline without occlusion.
@@ -161,26 +139,25 @@ impl Views {
         gpu: &Gpu,
         timer: &mut FrameTimer,
         cell: &AnyPipeline,
-        others: &OtherViews,
-    ) -> Result<Self, ViewsError> {
-        let own = Shot::new(gpu, cell)?;
+        views: &[View],
+    ) -> Result<Self> {
         // One at a time, as the pictures of a view are large.
-        let mut draw = |subject: &Subject| -> Result<Box<AnyPipeline>, ViewsError> {
+        let mut draw = |subject: &Subject| -> Result<Box<AnyPipeline>> {
             let pipeline = subject.build(gpu)?;
-            timer.untimed(gpu, &pipeline.stages()).map_err(GpuError::from)?;
+            timer.untimed(gpu, &pipeline.stages())?;
             Ok(pipeline)
         };
-        let mut pictures = vec![(0.0, picture::bare(gpu, cell))];
-        let mut seen = Seen::by([&own, &Shot::new(gpu, draw(&others.again)?.as_ref())?]);
-        for view in &others.turned {
-            let [first, second] = &view.subjects;
-            let first = draw(first)?;
-            pictures.push((view.turn_deg, picture::bare(gpu, first.as_ref())));
-            let first = Shot::new(gpu, first.as_ref())?;
-            seen.also_by([&first, &Shot::new(gpu, draw(second)?.as_ref())?]);
+        let (mut pictures, mut seen) = (Vec::new(), Seen::default());
+        for (index, View { turn_deg, subjects: [first, second] }) in views.iter().enumerate() {
+            // The cell's own view is drawn already.
+            let drawn = if index > 0 { Some(draw(first)?) } else { None };
+            let first = drawn.as_deref().unwrap_or(cell);
+            pictures.push((*turn_deg, picture::bare(gpu, first)));
+            let shots = [Shot::new(gpu, first)?, Shot::new(gpu, draw(second)?.as_ref())?];
+            if index > 0 { seen.also_by(&shots) } else { seen = Seen::by(&shots) }
         }
         pictures.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let pictures: Result<Vec<RgbImage>, PictureError> =
+        let pictures: Result<Vec<RgbImage>> =
             pictures.into_iter().map(|(_, picture)| picture).collect();
         let side_by_side = |pictures: Vec<_>| explained(strip(&pictures), cell.shows_visibility());
         Ok(Self { spread: seen.spread(), strip: pictures.map(side_by_side) })
@@ -204,11 +181,12 @@ fn strip(pictures: &[RgbImage]) -> RgbImage {
 const GAP_PX: u32 = 4;
 
 /// Points of the cell's own view, and their occlusion in two draws of each view that sees them.
+#[derive(Default)]
 struct Seen(Vec<(SeenPoint, Vec<[f64; 2]>)>);
 
 impl Seen {
     /// Both draws of the cell's own view.
-    fn by([own, again]: [&Shot; 2]) -> Self {
+    fn by([own, again]: &[Shot; 2]) -> Self {
         let points = own.points().into_iter();
         let drawn = |point: SeenPoint| {
             let second = again.find(&point)?;
@@ -217,13 +195,13 @@ impl Seen {
         Self(points.filter_map(drawn).collect())
     }
 
-    fn also_by(&mut self, [first, second]: [&Shot; 2]) {
+    fn also_by(&mut self, [first, second]: &[Shot; 2]) {
         for (point, values) in &mut self.0 {
             values.extend(first.find(point).zip(second.find(point)).map(|(a, b)| [a, b]));
         }
     }
 
-    fn spread(&self) -> Result<Spread, ViewsError> {
+    fn spread(&self) -> Result<Spread> {
         // Each draw by itself: their mean has half of the noise.
         let over_views = |draws: &[[f64; 2]]| {
             mean([0, 1].map(|k| variance(&draws.iter().map(|d| d[k]).collect::<Vec<_>>())))
@@ -232,9 +210,7 @@ impl Seen {
         let seen_twice = self.0.iter().map(|(_, draws)| draws).filter(|d| d.len() > 1);
         let (variances, noises): (Vec<f64>, Vec<f64>) =
             seen_twice.map(|draws| (over_views(draws), between_draws(draws))).unzip();
-        if variances.len() < 2 {
-            return Err(ViewsError::Nothing);
-        }
+        ensure!(variances.len() > 1, "no point is seen in two views");
         let differences: Vec<f64> = variances.iter().zip(&noises).map(|(a, b)| a - b).collect();
         Ok(Spread {
             points: differences.len(),
@@ -260,8 +236,8 @@ struct SeenPoint {
 }
 
 impl Shot {
-    fn new(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<Shot, ViewsError> {
-        let buffers = pipeline.occlusion().ok_or(ViewsError::NoOcclusion)?;
+    fn new(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<Shot> {
+        let buffers = pipeline.occlusion().context("the pipeline computes no occlusion")?;
         let depth = read_texture(gpu, &buffers.gbuffer.depth)?;
         let opening = 2.0 * (buffers.camera.fov_y_deg.to_radians() / 2.0).tan();
         Ok(Shot {
@@ -366,8 +342,8 @@ mod tests {
             })
         };
         let [own, other] = [[4.0, 3.0, 2.0], [4.5, 3.0, 0.5]];
-        let mut seen = Seen::by([&draw(own, 0.0, 1), &draw(own, 0.0, 2)]);
-        seen.also_by([&draw(other, offset, 3), &draw(other, offset, 4)]);
+        let mut seen = Seen::by(&[draw(own, 0.0, 1), draw(own, 0.0, 2)]);
+        seen.also_by(&[draw(other, offset, 3), draw(other, offset, 4)]);
         seen.spread().unwrap()
     }
 

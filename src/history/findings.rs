@@ -32,12 +32,7 @@ impl Size {
         let after = &after[..after.len().min(MOST_SIDE)];
         if before.iter().chain(after).all(|value| *value > 0.0) {
             let logarithms = |values: &[f64]| values.iter().map(|v| v.ln()).collect::<Vec<f64>>();
-            let found = shift(&logarithms(before), &logarithms(after));
-            let mut share = Estimate { median: found.median.exp_m1(), ..found };
-            if let Some(interval) = &mut share.interval {
-                (interval.low, interval.high) = (interval.low.exp_m1(), interval.high.exp_m1());
-            }
-            return Size::Share(share);
+            return Size::Share(shift(&logarithms(before), &logarithms(after)).map(f64::exp_m1));
         }
         Size::Difference(shift(before, after))
     }

@@ -115,12 +115,16 @@ pub struct StoredRuns {
 }
 
 /// Which part of a history.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, clap::Args)]
 pub struct Selection {
+    /// Only runs of this branch [default: all, each as series of its own]
+    #[arg(long, value_name = "NAME")]
     pub branch: Option<String>,
-    /// A date, a moment, or a commit of the history: from there on.
+    /// Only runs of commits from here on: a date such as 2026-01-31, or a commit of the history
+    #[arg(long, value_name = "DATE|COMMIT")]
     pub since: Option<String>,
     /// Part of `CELL FIGURE`.
+    #[arg(skip)]
     pub filter: Option<String>,
 }
 

@@ -35,7 +35,7 @@ impl Pipeline for Hsao {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = Seen::frame(resources, &view);
+        let shared = settings::begin(resources, &view);
         let geometry = Geometry::new(resources, scene);
         if let Some(deform) = settings::deform(resources, &geometry, scene, &params.animation)? {
             resources.push(deform);

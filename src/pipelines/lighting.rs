@@ -5,7 +5,7 @@ use super::settings::{Compose, Filter, Shadow, VIEWPORT};
 use fathom_gpu::{GpuError, StageInfo};
 use fathom_scene::Scene;
 use fathom_stages::bilateral;
-use fathom_stages::frame::{self, Shared, View};
+use fathom_stages::frame::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
@@ -20,13 +20,6 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Writes the shared uniforms: the first stage of a frame.
-    pub fn frame(resources: &Resources<'_>, view: &View) -> Shared {
-        let shared = Shared::new(resources, view);
-        resources.push(frame::new(view.clone(), &shared));
-        shared
-    }
-
     /// The geometry from the light and from the camera.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use fathom_gpu::GpuError;
 use fathom_scene::{Bounds, Scene};
-use fathom_stages::frame::{self, Shared, View};
+use fathom_stages::frame::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
@@ -46,8 +46,7 @@ impl Pipeline for PhotonTracing {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = &Shared::new(resources, &view);
-        resources.push(frame::new(view.clone(), shared));
+        let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
 
         let light_map = (params.shadow.size, params.surface.cells);

@@ -14,7 +14,7 @@ use super::settings::{self, VIEWPORT};
 use fathom_gpu::GpuError;
 use fathom_reference::pool::Basin;
 use fathom_scene::Scene;
-use fathom_stages::frame::{self, Shared, View};
+use fathom_stages::frame::View;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::planar::compose;
@@ -45,8 +45,7 @@ impl Pipeline for Planar {
         let basin = Basin::of(&scene.water, params.floor_depth_m);
         receivers::check(scene, &basin).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = &Shared::new(resources, &view);
-        resources.push(frame::new(view.clone(), shared));
+        let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
 
         let light_map = (params.shadow.size, params.surface.cells);

@@ -18,7 +18,7 @@ use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile};
-use fathom_stages::frame::{self, Shared, View};
+use fathom_stages::frame::{Shared, View};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
@@ -104,8 +104,7 @@ impl Pipeline for ScreenRefraction {
             return Err(GpuError::Unusable(without));
         }
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = &Shared::new(resources, &view);
-        resources.push(frame::new(view.clone(), shared));
+        let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);

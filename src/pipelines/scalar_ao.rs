@@ -14,7 +14,7 @@ use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
 use fathom_stages::Stage;
-use fathom_stages::frame::{self, Shared};
+use fathom_stages::frame::Shared;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::ray_cast::Cast;
 use fathom_stages::scalar;
@@ -59,8 +59,7 @@ impl Pipeline for ScalarAo {
         let r_max_m = settings::r_max_m(scene, params.scalar.r_max_m, params.scalar.r_max_share);
         params.scalar.suits(volume, r_max_m)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = Shared::new(resources, &view);
-        resources.push(frame::new(view, &shared));
+        let shared = settings::begin(resources, &view);
         let field = ScalarField::new(resources, volume, params.scalar.needs_pyramid());
         let of_view = &resources.sized_by(VIEWPORT);
         let size_px = [params.view.width, params.view.height];

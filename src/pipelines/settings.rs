@@ -248,6 +248,13 @@ pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> frame
     }
 }
 
+/// What the stages of a frame share, written by its first stage.
+pub fn begin(resources: &Resources<'_>, view: &frame::View) -> frame::Shared {
+    let shared = frame::Shared::new(resources, view);
+    resources.push(frame::new(view.clone(), &shared));
+    shared
+}
+
 /// Pixels of a buffer of `scale` times the viewport's sides.
 pub fn scaled(viewport: [u32; 2], scale: f64) -> [u32; 2] {
     viewport.map(|side| ((f64::from(side) * scale).round() as u32).max(1))

@@ -14,7 +14,7 @@ use fathom_gpu::{Gpu, GpuError, read_buffer};
 use fathom_reference::quantities::{StoredPhoton, stored_photons};
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, Light, LightKind, Scene, SceneFile};
-use fathom_stages::frame::{self, Shared, View};
+use fathom_stages::frame::View;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::{MISSED, Photons};
@@ -63,8 +63,7 @@ impl Pipeline for ShadowRays {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let shared = &Shared::new(resources, &view);
-        resources.push(frame::new(view.clone(), shared));
+        let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);
@@ -168,14 +167,15 @@ impl ShadowRays {
 }
 
 /// Distance of the light from a place.
-fn light_m(view: &View, place: DVec3) -> f64 {
+pub fn light_m(view: &View, place: DVec3) -> f64 {
     match view.light.kind {
         LightKind::Directional => f64::INFINITY,
         LightKind::Point => place.distance(DVec3::from(view.light.position_m)),
     }
 }
 
-fn to_light(view: &View, place: DVec3) -> DVec3 {
+/// Direction to the light from a place.
+pub fn to_light(view: &View, place: DVec3) -> DVec3 {
     match view.light.kind {
         LightKind::Directional => -view.light_frame().forward,
         LightKind::Point => (DVec3::from(view.light.position_m) - place).normalize(),

@@ -13,14 +13,14 @@ use glam::{DVec3, UVec2, Vec2};
 use serde_json::Value;
 
 use super::caustics_image::Compared;
-use super::settings::{VIEWPORT, scaled};
+use super::settings::{VIEWPORT, begin, scaled};
 use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
 use fathom_stages::caustics::mesh::{self, MeshUniforms};
 use fathom_stages::caustics::splat::{self, PointSize, SplatUniforms};
 use fathom_stages::compose::{self, ComposeUniforms, Composed};
-use fathom_stages::frame::{self, Shared, View};
+use fathom_stages::frame::{Shared, View};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::godrays::lines::LinesUniforms;
 use fathom_stages::kit::Resources;
@@ -70,8 +70,7 @@ impl Pipeline for Underwater {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = view(params, scene);
         let plan = Plan::new(params, &view);
-        let shared = &Shared::new(resources, &view);
-        resources.push(frame::new(view.clone(), shared));
+        let shared = &begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
 
         let of_light = &resources.sized_by("shadow.size");

@@ -42,7 +42,7 @@ impl Pipeline for VolumeAo {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let view_projection = view.camera.view_projection(view.aspect());
-        let shared = Seen::frame(resources, &view);
+        let shared = settings::begin(resources, &view);
         let geometry = Geometry::new(resources, scene);
         let volumes = voxelize(resources, &geometry, scene, params, params.voxel.update)?;
         let seen = Seen::draw(resources, (view, shared), &geometry, &params.shadow)?;

@@ -145,9 +145,9 @@ impl Limit {
             Self::Atomics { addresses: Addresses::Contended } => {
                 "atomic adds, contended".to_owned()
             }
-            Self::Arithmetic { pass } => format!("arithmetic, {}", pass.name()),
+            Self::Arithmetic { pass } => format!("arithmetic, {pass}"),
             Self::Primitives { primitive } => primitive.name().to_owned(),
-            Self::EmptyPass { pass } => format!("empty passes, {}", pass.name()),
+            Self::EmptyPass { pass } => format!("empty passes, {pass}"),
         }
     }
 

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use strum::IntoStaticStr;
+use strum::Display;
 
 use fathom_base::{statistics, text};
 
@@ -147,17 +147,7 @@ pub struct Adapter {
 }
 
 #[derive(
-    Clone,
-    Copy,
-    Debug,
-    PartialEq,
-    Eq,
-    PartialOrd,
-    Ord,
-    IntoStaticStr,
-    Serialize,
-    Deserialize,
-    JsonSchema,
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display, Serialize, Deserialize, JsonSchema,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -175,10 +165,6 @@ pub enum PassKind {
 impl PassKind {
     /// Those that an audit chooses a clock for.
     pub const TIMED: [Self; 3] = [Self::Compute, Self::Render, Self::Copy];
-
-    pub fn name(self) -> &'static str {
-        self.into()
-    }
 }
 
 /// The clock that timed a stage.

@@ -13,10 +13,15 @@ pub const MOST_SHARDS: u32 = 1 << 10;
 const ROUND_BITS: u32 = 22;
 
 /// Which part, such as `3/8`: the third of eight.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
 pub struct Part {
-    /// From 1.
+    /// Which one, from 1.
+    #[schemars(range(min = 1, max = MOST_SHARDS))]
     pub number: u32,
+    /// Of how many.
+    #[schemars(range(min = 1, max = MOST_SHARDS))]
     pub of: u32,
 }
 
@@ -54,24 +59,14 @@ impl FromStr for Part {
 /// The part of a run that was measured, and what the whole run is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Shard {
-    /// Which one, from 1.
-    #[schemars(range(min = 1, max = MOST_SHARDS))]
-    pub number: u32,
-    /// Of how many.
-    #[schemars(range(min = 1, max = MOST_SHARDS))]
-    pub of: u32,
+    #[serde(flatten)]
+    pub part: Part,
     /// Cells that are this shard's.
     pub cells: usize,
     /// Digest of the whole run's plan: profile, experiments and every cell with what is set in it. Shards of one run have the
     /// same.
     pub plan: String,
     pub selection: Selection,
-}
-
-impl Shard {
-    pub fn part(&self) -> Part {
-        Part { number: self.number, of: self.of }
-    }
 }
 
 /// What a run was asked for beside experiments: their cells follow from it.

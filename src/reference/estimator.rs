@@ -108,6 +108,7 @@ mod tests {
         let direction = DVec3::new(0.5, -(0.75f64).sqrt(), 0.0);
         let found = estimate(DVec3::ZERO, direction, 0.5, 50, step).unwrap();
         assert!(found.residual_m > 0.1, "residual {}", found.residual_m);
+        assert_eq!(estimate(DVec3::ZERO, DVec3::NEG_Y, 1.0, 3, |_| None), None, "beside the map");
     }
 
     #[test]
@@ -131,10 +132,5 @@ mod tests {
         assert!((found - 4.0).abs() < 1e-9, "{found}");
         assert_eq!(first_crossing(3.9, 50, behind), None, "the floor lies beyond");
         assert_eq!(first_crossing(5.0, 50, |_| None), None);
-    }
-
-    #[test]
-    fn leaving_the_map_ends_without_an_estimate() {
-        assert!(estimate(DVec3::ZERO, DVec3::NEG_Y, 1.0, 3, |_| None).is_none());
     }
 }

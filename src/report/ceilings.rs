@@ -117,6 +117,7 @@ fn point<'a>(ceilings: &[Ceiling], stage: &'a StageRecord) -> Option<RoofPoint<'
 #[cfg(test)]
 pub mod tests {
     use super::*;
+    use crate::testing;
     use fathom_experiments::fixtures;
     use fathom_record::ceilings::{Basis, Limit, TexelFormat};
     use fathom_record::{Estimate, Record};
@@ -179,8 +180,7 @@ pub mod tests {
 
     #[test]
     fn records_without_ceilings_have_no_roofline() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         assert!(rooflines(&view).is_empty() && bounds(&view).is_empty());
     }
 }

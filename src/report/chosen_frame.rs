@@ -86,6 +86,7 @@ fn frames(measured: &Measured) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing;
     use fathom_base::statistics::median;
     use fathom_experiments::fixtures;
 
@@ -95,8 +96,7 @@ mod tests {
 
     #[test]
     fn a_frame_is_found_by_cell_experiment_and_number() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let default = view.frame(&FrameChoice::default()).unwrap();
         let envelopes = &default.measured.frame.envelope_samples_ns;
         // Fifteen samples: the median is one of them.
@@ -110,8 +110,7 @@ mod tests {
 
     #[test]
     fn what_is_not_there_is_named() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let refused = |cell, frame| view.frame(&choice(cell, frame)).err().unwrap().to_string();
         let told = refused(Some("uw-photon"), None);
         assert!(told.starts_with("no timed cell `uw-photon`; did you mean `uw-photons "), "{told}");

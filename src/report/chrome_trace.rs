@@ -5,7 +5,6 @@
 //! gaps stand together at the frame's end. Places and durations are whole nanoseconds, so that neighbours meet and nothing
 //! overlaps.
 
-use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::timed::cell_name;
@@ -24,35 +23,6 @@ pub const EXPORTER: RunExporter = Exporter {
 const PROCESS: u32 = 1;
 const NS_PER_US: f64 = 1e3;
 const LAYOUT: &str = "Durations are measured. Places are not: stages stand one after the other in frame order, all gaps at the end.";
-
-/// The file.
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Trace {
-    trace_events: Vec<Event>,
-    display_time_unit: &'static str,
-    other_data: Value,
-}
-
-#[derive(Serialize)]
-#[serde(tag = "ph")]
-enum Event {
-    /// Something that took time.
-    #[serde(rename = "X")]
-    Complete {
-        name: String,
-        cat: &'static str,
-        pid: u32,
-        tid: u32,
-        /// Microseconds.
-        ts: f64,
-        /// Microseconds.
-        dur: f64,
-        args: Value,
-    },
-    #[serde(rename = "M")]
-    Metadata { name: &'static str, pid: u32, tid: u32, args: Value },
-}
 
 /// A row of the trace; its number is the thread's.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -78,11 +48,11 @@ impl Track {
         }
     }
 
-    /// Something on this row.
-    fn event(self, name: String, cat: &'static str, begin: u64, end: u64, args: Value) -> Event {
+    /// Something on this row that took time.
+    fn event(self, name: &str, cat: &str, begin: u64, end: u64, args: Value) -> Value {
         let us = |ns: u64| ns as f64 / NS_PER_US;
         let (ts, dur) = (us(begin), us(end - begin));
-        Event::Complete { name, cat, pid: PROCESS, tid: self as u32, ts, dur, args }
+        json!({ "ph": "X", "name": name, "cat": cat, "pid": PROCESS, "tid": self as u32, "ts": ts, "dur": dur, "args": args })
     }
 }
 
@@ -95,14 +65,12 @@ fn export(frame: &ChosenFrame<'_>) -> String {
     }
     events.extend(envelope(frame));
     events.extend(stages(frame));
-    let trace =
-        Trace { trace_events: events, display_time_unit: "ms", other_data: other_data(frame) };
-    // Strings and numbers always have a JSON.
-    serde_json::to_string_pretty(&trace).unwrap_or_default() + "\n"
+    let (unit, other) = ("ms", other_data(frame));
+    format!("{:#}\n", json!({ "traceEvents": events, "displayTimeUnit": unit, "otherData": other }))
 }
 
-fn metadata(name: &'static str, tid: u32, args: Value) -> Event {
-    Event::Metadata { name, pid: PROCESS, tid, args }
+fn metadata(name: &str, tid: u32, args: Value) -> Value {
+    json!({ "ph": "M", "name": name, "pid": PROCESS, "tid": tid, "args": args })
 }
 
 fn process(frame: &ChosenFrame<'_>) -> String {
@@ -111,32 +79,26 @@ fn process(frame: &ChosenFrame<'_>) -> String {
 }
 
 /// The whole frame, and within it, at its end, the gaps. Gaps that are none or no part of the frame are in its arguments only.
-fn envelope(frame: &ChosenFrame<'_>) -> Vec<Event> {
+fn envelope(frame: &ChosenFrame<'_>) -> Vec<Value> {
     let (whole, gaps) = (frame.envelope_ns(), frame.gaps_ns());
     let end = whole_ns(whole);
     let args = json!({ "envelope_ns": whole, "gaps_ns": gaps, "stages_ns": stages_ns(frame) });
-    let mut events = vec![Track::Frame.event("frame".to_owned(), "frame", 0, end, args)];
+    let mut events = vec![Track::Frame.event("frame", "frame", 0, end, args)];
     if 0.0 < gaps && gaps <= whole {
         let begin = whole_ns(whole - gaps);
         let args = json!({ "ns": gaps, "share": gaps / whole });
-        events.push(Track::Frame.event("gaps".to_owned(), "gap", begin, end, args));
+        events.push(Track::Frame.event("gaps", "gap", begin, end, args));
     }
     events
 }
 
-fn stages(frame: &ChosenFrame<'_>) -> Vec<Event> {
+fn stages(frame: &ChosenFrame<'_>) -> Vec<Value> {
     let mut begin_ns = 0.0;
     let place = |stage: &StageRecord| {
         let end_ns = begin_ns + frame.stage_ns(stage).max(0.0);
         let (begin, end) = (whole_ns(begin_ns), whole_ns(end_ns));
         begin_ns = end_ns;
-        Track::of(stage).event(
-            stage.stage.to_string(),
-            "stage",
-            begin,
-            end,
-            stage_args(frame, stage),
-        )
+        Track::of(stage).event(&stage.stage, "stage", begin, end, stage_args(frame, stage))
     };
     frame.measured.stages.iter().map(place).collect()
 }
@@ -178,7 +140,7 @@ fn other_data(frame: &ChosenFrame<'_>) -> Value {
         "layout": LAYOUT,
     });
     if let Some(run) = frame.entry.run {
-        let clock = |(pass, clock): (&PassKind, &Clock)| (pass.name(), clock.name());
+        let clock = |(pass, clock): (&PassKind, &Clock)| (pass.to_string(), clock.name());
         data["adapter"] = json!(run.adapter.name);
         data["driver"] = json!(format!("{} {}", run.adapter.driver, run.adapter.driver_info));
         data["software"] = json!(run.adapter.software);

@@ -332,12 +332,12 @@ pub fn share(share: &Estimate) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing;
     use fathom_experiments::fixtures;
 
     #[test]
     fn the_tally_counts_every_claim_once() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let counts = tally(&view).map(|(_, count)| count);
         assert_eq!(counts.iter().sum::<usize>(), claims(&view).len());
         assert!([0, 1, 3].iter().all(|verdict| counts[*verdict] > 0), "{counts:?}");
@@ -345,8 +345,7 @@ mod tests {
 
     #[test]
     fn claims_stand_by_verdict_and_the_furthest_contradicted_first() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let claims = claims(&view);
         assert!(claims.is_sorted_by_key(|claim| claim.ruling.verdict));
         let contradicted = claims.iter().filter(|c| c.ruling.verdict == Verdict::Contradicted);
@@ -356,8 +355,7 @@ mod tests {
 
     #[test]
     fn the_frame_nearest_to_the_defaults_stands_for_its_pipeline() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let frames = representatives(&view);
         let pipelines: Vec<&str> = frames.iter().map(|f| f.cell.pipeline.as_str()).collect();
         assert!(pipelines.iter().all_unique() && pipelines.len() > 5, "{pipelines:?}");
@@ -368,8 +366,7 @@ mod tests {
 
     #[test]
     fn shares_of_a_frame_add_up_and_have_intervals() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         for frame in representatives(&view) {
             let stages = frame.stages();
             let sum: f64 = stages.iter().map(|stage| stage.share.median).sum();
@@ -380,8 +377,7 @@ mod tests {
 
     #[test]
     fn slow_stages_are_sorted_and_of_several_frames() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let slow = slowest_stages(&view, 5);
         let times: Vec<f64> = slow.iter().map(|slow| slow.stage.stage.time.median).collect();
         assert!(times.len() == 5 && times.is_sorted_by(|a, b| a >= b), "{times:?}");
@@ -389,8 +385,7 @@ mod tests {
 
     #[test]
     fn exponents_are_those_of_the_fixtures_cost_model() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let exponents = exponents(&view);
         let trace = exponents.iter().find(|exponent| {
             exponent.section.id == "uw-photons" && exponent.y_title() == "caustics/trace"

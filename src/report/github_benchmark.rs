@@ -65,12 +65,11 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
-    use fathom_experiments::fixtures;
+    use crate::testing;
 
     #[test]
     fn every_entry_has_what_the_action_asks_for() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let all: Vec<Value> = serde_json::from_str(&export(&view)).unwrap();
         assert_eq!(all.len(), times(&view).len());
         for entry in &all {

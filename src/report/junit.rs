@@ -33,19 +33,20 @@ pub const EXPORTER: RunExporter = Exporter {
 #[derive(Clone, Debug, PartialEq)]
 pub enum CaseStatus {
     Passed,
-    /// Not run, or run without a decision.
-    Skipped {
-        message: String,
-    },
-    NotPassed {
+    Not {
         kind: NotPassed,
-        what: String,
+        /// What a failure or an error is called.
+        what: Option<String>,
         message: String,
     },
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why a test case did not pass, by the name of its element.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
+#[strum(serialize_all = "lowercase")]
 pub enum NotPassed {
+    /// Not run, or run without a decision.
+    Skipped,
     Failure,
     Error,
 }
@@ -76,16 +77,9 @@ impl TestSuite {
         self.cases.push(TestCase { class: text::line(class), name: text::line(name), status });
     }
 
-    fn count(&self, wanted: impl Fn(&CaseStatus) -> bool) -> usize {
-        self.cases.iter().filter(|case| wanted(&case.status)).count()
-    }
-
-    fn skipped(&self) -> usize {
-        self.count(|status| matches!(status, CaseStatus::Skipped { .. }))
-    }
-
-    fn not_passed(&self, wanted: NotPassed) -> usize {
-        self.count(|status| matches!(status, CaseStatus::NotPassed { kind, .. } if *kind == wanted))
+    fn count(&self, wanted: NotPassed) -> usize {
+        let is = |case: &&TestCase| matches!(case.status, CaseStatus::Not { kind, .. } if kind == wanted);
+        self.cases.iter().filter(is).count()
     }
 }
 
@@ -126,38 +120,29 @@ fn cell_status(outcome: &Outcome) -> CaseStatus {
 
 /// A failure or an error of this type.
 pub fn failed(kind: NotPassed, what: impl Display, message: &str) -> CaseStatus {
-    CaseStatus::NotPassed { kind, what: what.to_string(), message: text::line(message) }
+    CaseStatus::Not { kind, what: Some(what.to_string()), message: text::line(message) }
 }
 
 pub fn skipped(message: &str) -> CaseStatus {
-    CaseStatus::Skipped { message: text::line(message) }
+    CaseStatus::Not { kind: NotPassed::Skipped, what: None, message: text::line(message) }
 }
 
 /// The file of these suites; those without a test case are left out.
 pub fn xml<const N: usize>(name: &str, suites: [TestSuite; N]) -> String {
     let suites = suites.iter().filter(|suite| !suite.cases.is_empty()).collect_vec();
-    let sum = |count: fn(&TestSuite) -> usize| suites.iter().map(|s| count(s)).sum::<usize>();
-    let counts = [
-        ("tests", sum(|suite| suite.cases.len())),
-        ("skipped", sum(TestSuite::skipped)),
-        ("failures", sum(|suite| suite.not_passed(NotPassed::Failure))),
-        ("errors", sum(|suite| suite.not_passed(NotPassed::Error))),
+    let counts = counts(&suites, [NotPassed::Failure, NotPassed::Error]);
+    let mut lines = vec![
+        r#"<?xml version="1.0" encoding="UTF-8"?>"#.to_owned(),
+        format!("<testsuites{}{counts}>", attribute("name", name)),
     ];
-    let mut lines = vec![r#"<?xml version="1.0" encoding="UTF-8"?>"#.to_owned()];
-    lines.push(format!("<testsuites{}{}>", attribute("name", name), counted(&counts)));
     suites.iter().for_each(|suite| write_suite(suite, &mut lines));
     lines.extend(["</testsuites>".to_owned(), String::new()]);
     lines.join("\n")
 }
 
 fn write_suite(suite: &TestSuite, lines: &mut Vec<String>) {
-    let counts = [
-        ("tests", suite.cases.len()),
-        ("skipped", suite.skipped()),
-        ("errors", suite.not_passed(NotPassed::Error)),
-        ("failures", suite.not_passed(NotPassed::Failure)),
-    ];
-    lines.push(format!("    <testsuite{}{}>", attribute("name", suite.name), counted(&counts)));
+    let counts = counts(&[suite], [NotPassed::Error, NotPassed::Failure]);
+    lines.push(format!("    <testsuite{}{counts}>", attribute("name", suite.name)));
     if !suite.properties.is_empty() {
         lines.push("        <properties>".to_owned());
         lines.extend(suite.properties.iter().map(|(name, value)| {
@@ -172,21 +157,25 @@ fn write_suite(suite: &TestSuite, lines: &mut Vec<String>) {
 
 fn write_case(case: &TestCase, lines: &mut Vec<String>) {
     let attributes = attribute("name", &case.name) + &attribute("classname", &case.class);
-    let inner = match &case.status {
-        CaseStatus::Passed => return lines.push(format!("        <testcase{attributes}/>")),
-        CaseStatus::Skipped { message } => format!("skipped{}", attribute("message", message)),
-        CaseStatus::NotPassed { kind, what, message } => {
-            let tag = if *kind == NotPassed::Failure { "failure" } else { "error" };
-            format!("{tag}{}{}", attribute("message", message), attribute("type", what))
-        }
+    let CaseStatus::Not { kind, what, message } = &case.status else {
+        return lines.push(format!("        <testcase{attributes}/>"));
     };
+    let what = what.as_ref().map_or_else(String::new, |what| attribute("type", what));
     lines.push(format!("        <testcase{attributes}>"));
-    lines.push(format!("            <{inner}/>"));
+    lines.push(format!("            <{kind}{}{what}/>", attribute("message", message)));
     lines.push("        </testcase>".to_owned());
 }
 
-fn counted(counts: &[(&str, usize)]) -> String {
-    counts.iter().map(|(name, count)| attribute(name, &count.to_string())).collect()
+/// How many test cases there are, how many were skipped, and of these two kinds.
+fn counts(suites: &[&TestSuite], kinds: [NotPassed; 2]) -> String {
+    let sum = |count: &dyn Fn(&TestSuite) -> usize| {
+        suites.iter().map(|suite| count(suite)).sum::<usize>().to_string()
+    };
+    let of_kinds =
+        kinds.map(|kind| attribute(&format!("{kind}s"), &sum(&|suite| suite.count(kind))));
+    attribute("tests", &sum(&|suite| suite.cases.len()))
+        + &attribute("skipped", &sum(&|suite| suite.count(NotPassed::Skipped)))
+        + &of_kinds.concat()
 }
 
 fn attribute(name: &str, value: &str) -> String {
@@ -197,20 +186,21 @@ fn attribute(name: &str, value: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_experiments::fixtures;
+    use crate::testing;
 
     #[test]
     fn claims_and_cells_have_a_case_each_by_what_became_of_them() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let [claims, cells] = suites(&view);
         let rulings: Vec<&Ruling> = view.sections.iter().flat_map(|s| s.rulings()).collect();
         let ruled = |verdict| rulings.iter().filter(|ruling| ruling.verdict == verdict).count();
         assert!(ruled(Verdict::Contradicted) > 0 && ruled(Verdict::Supported) > 0);
-        let passed = |suite: &TestSuite| suite.count(|status| *status == CaseStatus::Passed);
+        let passed = |suite: &TestSuite| {
+            suite.cases.iter().filter(|case| case.status == CaseStatus::Passed).count()
+        };
         assert_eq!(passed(&claims), ruled(Verdict::Supported));
-        assert_eq!(claims.not_passed(NotPassed::Failure), ruled(Verdict::Contradicted));
-        assert_eq!([cells.not_passed(NotPassed::Error), cells.skipped()], [1, 1]);
+        assert_eq!(claims.count(NotPassed::Failure), ruled(Verdict::Contradicted));
+        assert_eq!([NotPassed::Error, NotPassed::Skipped].map(|kind| cells.count(kind)), [1, 1]);
         assert_eq!(passed(&cells), view.measured().count());
     }
 

@@ -18,6 +18,8 @@ mod plots;
 mod series;
 mod summary;
 pub mod svg;
+#[cfg(test)]
+mod testing;
 mod timed;
 mod trust;
 mod view;

@@ -1,10 +1,8 @@
 //! `summary.md`: what a run says within a minute, on at most [`MOST_LINES`] lines. Everything else is on the page and in
 //! `cells.csv`.
 
-mod claims;
-mod frames;
 mod head;
-mod scaling;
+mod tables;
 
 use itertools::Itertools;
 
@@ -26,9 +24,9 @@ const MOST_LINES: usize = 200;
 fn export(view: &ReportView<'_>) -> String {
     let mut text = String::new();
     head::write(view, &mut text);
-    claims::write(view, &mut text);
-    frames::write(view, &mut text);
-    scaling::write(view, &mut text);
+    tables::claims(view, &mut text);
+    tables::frames(view, &mut text);
+    tables::scaling(view, &mut text);
     text
 }
 

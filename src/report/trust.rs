@@ -59,7 +59,7 @@ pub fn worst<'a>(view: &ReportView<'a>) -> Option<&'a Run> {
 pub fn verdict(run: &Run) -> String {
     let of = |wanted: ClockTrust| {
         let kinds = clocks(run).filter(|(.., trust)| *trust == wanted);
-        kinds.map(|(kind, ..)| kind.name()).join(" and ")
+        kinds.map(|(kind, ..)| kind).join(" and ")
     };
     let [unsound, unknown, host] =
         [ClockTrust::Unsound, ClockTrust::NotAudited, ClockTrust::Host].map(of);
@@ -85,9 +85,7 @@ pub fn conditions(run: &Run) -> String {
     let all: Vec<(PassKind, Clock)> = clocks(run).map(|(kind, clock, _)| (kind, clock)).collect();
     let clocks = match all.iter().map(|(_, clock)| *clock).dedup().collect_vec().as_slice() {
         [clock] => format!("{} of every pass", clock.name()),
-        _ => {
-            all.iter().map(|(kind, clock)| format!("{}: {}", kind.name(), clock.name())).join(", ")
-        }
+        _ => all.iter().map(|(kind, clock)| format!("{kind}: {}", clock.name())).join(", "),
     };
     let Conditions { cores, rasterizer_threads, randomized, .. } = &run.conditions;
     let mut conditions = Vec::new();

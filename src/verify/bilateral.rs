@@ -20,10 +20,9 @@ const NORMAL_SIGMA: f64 = 0.3;
 const TOLERANCE: f64 = 1e-3;
 
 pub fn cases() -> Vec<Case> {
-    let case = |info: &'static StageInfo| {
-        Case::new(info.name, "noise guided by a scene's depth", move |rig| check(info, rig))
-    };
-    [&ao::bilateral::INFO, &hsao::filter::INFO].map(case).into()
+    let what = "noise guided by a scene's depth";
+    let stages = [&ao::bilateral::INFO, &hsao::filter::INFO];
+    stages.map(|info| Case::new(info.name, what, move |rig| check(info, rig))).into()
 }
 
 fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {

@@ -20,14 +20,14 @@ pub fn cases() -> Vec<Case> {
         (Motion::Twist, deform::Motion::Twist, "twist"),
         (Motion::Wave, deform::Motion::Wave, "wave"),
     ]
-    .map(|(motion, stage, name)| Case::new(STAGE, name, move |rig| check(rig, motion, stage, name)))
+    .map(|motion| Case::new(STAGE, motion.2, move |rig| check(rig, motion)))
     .into()
 }
 
 /// A vertex's position and normal.
 type Vertex = [DVec3; 2];
 
-fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) -> Checks {
+fn check(rig: &Rig<'_>, (motion, of_stage, name): (Motion, deform::Motion, &str)) -> Checks {
     let scene = Scene::load(SCENE)?;
     let geometry = Geometry::new(rig, &scene);
     let amount = (CYCLES, AMPLITUDE);

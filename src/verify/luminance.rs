@@ -11,11 +11,8 @@ const TOLERANCE: f64 = 2e-5;
 const LEAST: f64 = 1e-4;
 
 pub fn cases() -> Vec<Case> {
-    let case = |[width, height]: [u32; 2]| {
-        let what = format!("noise of {width}×{height}");
-        Case::new(INFO.name, what, move |rig| check(rig, [width, height]))
-    };
-    SIZES.map(case).into()
+    let what = |[width, height]: [u32; 2]| format!("noise of {width}×{height}");
+    Case::each(INFO.name, SIZES, what, check).collect()
 }
 
 fn check(rig: &Rig<'_>, size: [u32; 2]) -> Result<Check> {

@@ -57,8 +57,6 @@ pub enum VerifyError {
     NoMatch { filter: String, known: String },
     #[error("{stage}: {what}")]
     Invalid { stage: &'static str, what: String },
-    #[error("{stage}: nothing to compare in check `{what}`")]
-    Empty { stage: &'static str, what: String },
 }
 
 pub type Result<T, E = VerifyError> = std::result::Result<T, E>;
@@ -83,7 +81,7 @@ pub struct Check {
 }
 
 /// The same comparison with one value perturbed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Control {
     pub perturbed: String,
     pub measured: f64,
@@ -91,9 +89,33 @@ pub struct Control {
 }
 
 impl Check {
-    /// A comparison of the stage that a case judges: what is compared, and its statistic.
-    pub fn of(rig: &Rig<'_>, what: impl Into<String>) -> Comparison {
-        Comparison { stage: rig.stage, what: what.into() }
+    /// A comparison of the stage that a case judges: what is compared, and its statistic. It is not sound until it is given what was
+    /// measured and a control.
+    pub fn of(rig: &Rig<'_>, what: impl Into<String>) -> Check {
+        Check {
+            stage: rig.stage,
+            what: what.into(),
+            unit: "",
+            measured: f64::NAN,
+            tolerance: f64::NAN,
+            passed: false,
+            control: Control::default(),
+            figures: Vec::new(),
+        }
+    }
+
+    /// What was measured, and the tolerance up to which it passes, with its unit. What is not a number does not pass.
+    #[must_use]
+    pub fn within(self, (tolerance, unit): (f64, &'static str), measured: f64) -> Check {
+        Check { tolerance, unit, measured, passed: measured <= tolerance, ..self }
+    }
+
+    /// The same measured with one value perturbed: it must exceed the tolerance. What is not a number does not.
+    #[must_use]
+    pub fn control(self, perturbed: impl Into<String>, measured: f64) -> Check {
+        let failed_as_it_must = measured > self.tolerance;
+        let control = Control { perturbed: perturbed.into(), measured, failed_as_it_must };
+        Check { control, ..self }
     }
 
     /// Adds a figure that is reported and not judged.
@@ -115,46 +137,6 @@ impl From<Check> for Vec<Check> {
     }
 }
 
-/// What a check compares.
-pub struct Comparison {
-    stage: &'static str,
-    what: String,
-}
-
-impl Comparison {
-    /// What was measured, and the tolerance up to which it passes, with its unit.
-    pub fn within(
-        self,
-        (tolerance, unit): (f64, &'static str),
-        measured: f64,
-    ) -> CheckedComparison {
-        CheckedComparison { comparison: self, tolerance, unit, measured }
-    }
-}
-
-/// A comparison that still needs its control.
-pub struct CheckedComparison {
-    comparison: Comparison,
-    tolerance: f64,
-    unit: &'static str,
-    measured: f64,
-}
-
-impl CheckedComparison {
-    /// The same measured with one value perturbed: it must exceed the tolerance. What is not a number neither passes nor exceeds.
-    pub fn control(self, perturbed: impl Into<String>, measured: f64) -> Check {
-        let CheckedComparison { comparison: Comparison { stage, what }, tolerance, unit, .. } =
-            self;
-        let control = Control {
-            perturbed: perturbed.into(),
-            measured,
-            failed_as_it_must: measured > tolerance,
-        };
-        let (measured, passed) = (self.measured, self.measured <= tolerance);
-        Check { stage, what, unit, measured, tolerance, passed, control, figures: Vec::new() }
-    }
-}
-
 type Run = dyn Fn(&Rig<'_>) -> Checks;
 
 /// A case: one run on the GPU that yields one or more checks of a stage.
@@ -171,6 +153,16 @@ impl Case {
         run: impl Fn(&Rig<'_>) -> Result<C> + 'static,
     ) -> Case {
         Case { stage, what: what.into(), run: Box::new(move |rig| run(rig).map(Into::into)) }
+    }
+
+    /// A case for each of some subjects.
+    pub fn each<T: Copy + 'static, C: Into<Vec<Check>>>(
+        stage: &'static str,
+        of: impl IntoIterator<Item = T>,
+        what: impl Fn(T) -> String,
+        run: impl Fn(&Rig<'_>, T) -> Result<C> + Copy + 'static,
+    ) -> impl Iterator<Item = Case> {
+        of.into_iter().map(move |one| Case::new(stage, what(one), move |rig| run(rig, one)))
     }
 
     fn matches(&self, filter: &str) -> bool {
@@ -333,8 +325,9 @@ mod tests {
     use super::*;
 
     fn check(measured: f64, control: f64) -> Check {
-        let comparison = Comparison { stage: "a/b", what: "error".to_owned() };
-        comparison.within((0.1, "m"), measured).control("index 1.34", control)
+        let gpu = Gpu::planner().unwrap();
+        let check = Check::of(&Rig::new(gpu, "a/b"), "error");
+        check.within((0.1, "m"), measured).control("index 1.34", control)
     }
 
     #[test]
@@ -344,6 +337,8 @@ mod tests {
         assert!(!check(0.05, 0.05).is_sound());
         assert!(!check(f64::NAN, 0.2).passed);
         assert!(!check(0.05, f64::NAN).is_sound());
+        let unchecked = Check { control: Control::default(), ..check(0.05, 0.2) };
+        assert!(!unchecked.is_sound());
     }
 
     #[test]

@@ -3,12 +3,10 @@
 mod bounces;
 
 use crate::prelude::*;
-use fathom_stages::ldi::lists;
-use fathom_stages::ldi::peel;
-use fathom_stages::ldi::sort;
-use fathom_stages::rays::{group, march, rasterize, reduce};
-use fathom_stages::transfer::bounce;
-use fathom_stages::transfer::map;
+use fathom_pipelines::screen_tracing::{self, Method};
+use fathom_stages::kit::Resources;
+use fathom_stages::ldi::{lists, sort};
+use fathom_stages::rays::reduce;
 use std::iter::successors;
 
 /// Scenes with columns and curved objects; with an open shore, seen from above; with many boxes and barrels.
@@ -31,47 +29,33 @@ const OFF_M: f64 = 1e-6;
 
 pub fn cases() -> Vec<Case> {
     let mut cases = vec![Case::new(map::INFO.name, "positions and directions", transfers)];
-    for kind in [LightKind::Directional, LightKind::Point] {
-        let what = format!("weights, {kind:?} light");
-        cases.push(Case::new(map::INFO.name, what, move |rig| weights(rig, kind)));
-    }
-    for name in SCENES {
-        cases.push(Case::new(peel::INFO.name, format!("scene {name}"), move |rig| {
-            layers(rig, name)
-        }));
-    }
+    let kinds = [LightKind::Directional, LightKind::Point];
+    let what = |kind| format!("weights, {kind:?} light");
+    cases.extend(Case::each(map::INFO.name, kinds, what, weights));
+    cases.extend(Case::each(peel::INFO.name, SCENES, |name| format!("scene {name}"), layers));
     for name in SCENES {
         let what = format!("scene {name}");
         cases.push(Case::new(lists::INFO.name, what.clone(), move |rig| listed(rig, name)));
         cases.push(Case::new(sort::INFO.name, what, move |rig| sorted(rig, name)));
     }
     for name in SCENES {
-        for (stage, method) in METHODS {
+        for how in METHODS {
             let what = format!("scene {name}");
-            cases.push(Case::new(stage, what, move |rig| ends(rig, name, method)));
+            cases.push(Case::new(how.0.info().name, what, move |rig| ends(rig, name, how)));
         }
     }
-    for name in SCENES.into_iter().chain(PAPER_SCENES) {
-        let what = format!("scene {name}: photon by photon as marched");
-        cases.push(Case::new(reduce::INFO.name, what, move |rig| alike(rig, name)));
-    }
+    let scenes = SCENES.into_iter().chain(PAPER_SCENES);
+    let what = |name| format!("scene {name}: photon by photon as marched");
+    cases.extend(Case::each(reduce::INFO.name, scenes, what, alike));
     cases.extend(bounces::cases());
     cases
 }
 
-/// What finds the ends of rays.
-#[derive(Clone, Copy, PartialEq)]
-enum Method {
-    Lines { rows: u32 },
-    March,
-    Group,
-}
+/// What finds the ends of rays, and the rows of its target.
+type How = (Method, u32);
 
-const METHODS: [(&str, Method); 3] = [
-    (rasterize::INFO.name, Method::Lines { rows: FEW_ROWS }),
-    (march::INFO.name, Method::March),
-    (group::INFO.name, Method::Group),
-];
+const MARCH: How = (Method::March, 1);
+const METHODS: [How; 3] = [(Method::Lines, FEW_ROWS), MARCH, (Method::Group, 1)];
 
 /// A scene with its layers and the photons behind its water.
 struct Setup {
@@ -102,19 +86,18 @@ impl Setup {
         Ok(Setup { stand, layers, transfers, stored, weights })
     }
 
-    fn trace(&self, rig: &Rig<'_>, method: Method, test: HitTest) -> Result<Vec<StoredPhoton>> {
-        self.trace_ways(rig, method, test, 1)
+    fn trace(&self, rig: &Rig<'_>, how: How, test: HitTest) -> Result<Vec<StoredPhoton>> {
+        self.trace_ways(rig, how, test, 1)
     }
 
     /// Several ways use the transfer map up.
     fn trace_ways(
         &self,
         rig: &Rig<'_>,
-        method: Method,
+        (method, rows): How,
         test: HitTest,
         ways: u32,
     ) -> Result<Vec<StoredPhoton>> {
-        let rows = if let Method::Lines { rows } = method { rows } else { 1 };
         let walking =
             Walking { test, tolerance_m: TOLERANCE_M, start_m: 0.0, least: 8, rows, ways };
         let rays = Rays {
@@ -123,27 +106,11 @@ impl Setup {
             bounds: self.stand.scene.solid_bounds(),
             walking,
         };
-        let shared = &self.stand.shared;
-        let count = self.transfers.count;
-        let traced = |stages: &[&dyn TimedStage], photons: &Photons, tiles: u32| {
-            let bounce = bounce::new(rig, shared, &rays, photons, tiles)?;
-            let bounces: &[&dyn TimedStage] = if ways > 1 { &[&bounce] } else { &[] };
-            rig.run(&[stages, bounces].concat())?;
-            Ok(rig.read_photons(photons)?)
-        };
-        let walked = |info, workgroups| {
-            let stage = walked(rig, info, shared, &rays, workgroups)?;
-            traced(&[&stage], &stage, 1)
-        };
-        match method {
-            Method::Lines { .. } => {
-                let lines = rasterize::new(rig, shared, &rays)?;
-                let reduce = reduce::new(rig, &lines, &rays)?;
-                traced(&[&lines, &reduce], &reduce, rays.tiles())
-            }
-            Method::March => walked(&march::INFO, linear_workgroups(count.into())),
-            Method::Group => walked(&group::INFO, group_each(count)),
-        }
+        let resources = Resources::new(rig.gpu);
+        let photons = screen_tracing::trace(&resources, &self.stand.shared, &rays, method)?;
+        let stages = resources.into_parts().stages;
+        rig.gpu.run(&stages.iter().map(AsRef::as_ref).collect::<Vec<&Stage>>())?;
+        Ok(rig.read_photons(&photons)?)
     }
 
     /// Where each photon that is alive ends exactly, where that is in view.
@@ -322,11 +289,11 @@ fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
 
 /// Where a method ends the photons against rays cast from the same places in the same directions, and by the paper's tolerance
 /// against the surfaces behind each pixel.
-fn ends(rig: &Rig<'_>, name: &str, method: Method) -> Checks {
+fn ends(rig: &Rig<'_>, name: &str, how: How) -> Checks {
     let setup = Setup::new(rig, name, LAYERS)?;
     let (exact, turned) = (setup.exact(0.0), setup.exact(0.02));
-    let crossing = setup.trace(rig, method, HitTest::Crossing)?;
-    let tolerant = setup.trace(rig, method, HitTest::Tolerance)?;
+    let crossing = setup.trace(rig, how, HitTest::Crossing)?;
+    let tolerant = setup.trace(rig, how, HitTest::Tolerance)?;
     // Of the photons that land and land exactly.
     let off = |found: &[StoredPhoton], exact: &[Option<DVec3>]| -> Vec<f64> {
         let landed = found.iter().zip(exact).filter(|(found, _)| found.landed());
@@ -380,14 +347,14 @@ fn alike(rig: &Rig<'_>, name: &str) -> Checks {
     let setup = Setup::new(rig, name, LAYERS)?;
     let mut checks = Vec::new();
     for test in [HitTest::Crossing, HitTest::Tolerance] {
-        let marched = setup.trace(rig, Method::March, test)?;
+        let marched = setup.trace(rig, MARCH, test)?;
         let others = [
-            ("rows of one tile", Method::Lines { rows: 8192 }),
-            ("rows of several tiles", Method::Lines { rows: FEW_ROWS }),
-            ("workgroups", Method::Group),
+            ("rows of one tile", (Method::Lines, 8192)),
+            ("rows of several tiles", (Method::Lines, FEW_ROWS)),
+            ("workgroups", (Method::Group, 1)),
         ];
-        for (other, method) in others {
-            let found = setup.trace(rig, method, test)?;
+        for (other, how) in others {
+            let found = setup.trace(rig, how, test)?;
             let elsewhere = |shifted: usize| {
                 share(found.iter().zip(marched.iter().cycle().skip(shifted)).map(|(a, b)| {
                     a.residual_m != b.residual_m || (a.distance_m - b.distance_m).abs() > 1e-3

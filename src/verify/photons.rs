@@ -32,9 +32,8 @@ pub fn cases() -> Vec<Case> {
     cases.push(Case::new(STAGE, "photons that meet nothing", beside_the_floor));
     cases.push(Case::new(STAGE, "run-time subdivision", dynamic_subdivision));
     cases.push(Case::new(STAGE, "strewn photons", strewn));
-    for model in [WaterModel::Circular, WaterModel::Directional] {
-        cases.push(Case::new(STAGE, format!("{model} waves"), move |rig| waves(rig, model)));
-    }
+    let models = [WaterModel::Circular, WaterModel::Directional];
+    cases.extend(Case::each(STAGE, models, |model| format!("{model} waves"), waves));
     for name in Scene::names().into_iter().filter(|name| has_water(name)) {
         cases.push(Case::new(STAGE, format!("scene {name}"), move |rig| real(rig, &name)));
     }

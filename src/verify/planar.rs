@@ -22,18 +22,15 @@ const GAMMA_PER_M: f64 = 0.13;
 
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
-    for (name, scene) in SETTINGS {
-        cases.push(Case::new(points::INFO.name, format!("{name}: texel by texel"), move |rig| {
-            counted(rig, name, scene()?)
-        }));
-        cases.push(Case::new(points::INFO.name, format!("{name}: exact photons"), move |rig| {
-            exact(rig, name, scene()?)
-        }));
+    for setting in SETTINGS {
+        let case = |what| format!("{}: {what}", setting.0);
+        let stage = points::INFO.name;
+        cases.push(Case::new(stage, case("texel by texel"), move |rig| counted(rig, setting)));
+        cases.push(Case::new(stage, case("exact photons"), move |rig| exact(rig, setting)));
     }
-    for kind in [LightKind::Directional, LightKind::Point] {
-        let what = format!("flux of a light, {kind:?}");
-        cases.push(Case::new(points::INFO.name, what, move |rig| flux(rig, kind)));
-    }
+    let kinds = [LightKind::Directional, LightKind::Point];
+    let what = |kind| format!("flux of a light, {kind:?}");
+    cases.extend(Case::each(points::INFO.name, kinds, what, flux));
     cases.push(Case::new(compose::INFO.name, "look-up in the map", looked_up));
     cases.push(Case::new(compose::INFO.name, "map of the floor", shown_map));
     cases
@@ -201,8 +198,8 @@ fn of_basin(basin: &Basin) -> Pool {
 }
 
 /// Each texel against the photons that lie in it by an f64 count of the same transfers, and the sum of all.
-fn counted(rig: &Rig<'_>, name: &str, scene: Scene) -> Checks {
-    let drawn = Drawn::new(rig, scene, GRID)?;
+fn counted(rig: &Rig<'_>, (name, scene): (&str, Make)) -> Checks {
+    let drawn = Drawn::new(rig, scene()?, GRID)?;
     let counted = drawn.counted(&drawn.basin, 1.0);
     // In photons of mean flux.
     let photon_w = counted.flux_w / drawn.stored.len() as f64;
@@ -236,8 +233,8 @@ fn counted(rig: &Rig<'_>, name: &str, scene: Scene) -> Checks {
 }
 
 /// The map against exact entries, exact refraction and exact planes: the share of the flux in other texels.
-fn exact(rig: &Rig<'_>, name: &str, scene: Scene) -> Result<Check> {
-    let drawn = Drawn::new(rig, scene, GRID)?;
+fn exact(rig: &Rig<'_>, (name, scene): (&str, Make)) -> Result<Check> {
+    let drawn = Drawn::new(rig, scene()?, GRID)?;
     let misplaced = |index: f64| {
         let counted = drawn.exact(index);
         0.5 * drawn.off_w(&counted).map(|(_, off_w)| off_w).sum::<f64>() / counted.flux_w

@@ -69,7 +69,8 @@ impl<'g> Rig<'g> {
 
     /// Why a case cannot be carried out: this is missing.
     pub fn empty(&self, what: &str) -> VerifyError {
-        VerifyError::Empty { stage: self.stage, what: what.to_owned() }
+        let what = format!("nothing to compare in check `{what}`");
+        VerifyError::Invalid { stage: self.stage, what }
     }
 
     /// Runs stages as one frame and waits for it.

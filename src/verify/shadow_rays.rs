@@ -1,6 +1,7 @@
 //! Rays from pixels to the light against exact ones, and the picture that they make.
 
 use crate::prelude::*;
+use fathom_pipelines::shadow_rays::{light_m, to_light};
 use fathom_stages::photon::OUTSIDE;
 use fathom_stages::rays::march;
 use fathom_stages::shadow::compose;
@@ -54,19 +55,11 @@ impl Setup {
     }
 
     fn to_light(&self, place: DVec3) -> DVec3 {
-        match self.stand.scene.light.kind {
-            LightKind::Directional => -self.stand.view.light_frame().forward,
-            LightKind::Point => {
-                (DVec3::from(self.stand.scene.light.position_m) - place).normalize()
-            }
-        }
+        to_light(&self.stand.view, place)
     }
 
     fn light_m(&self, place: DVec3) -> f64 {
-        match self.stand.scene.light.kind {
-            LightKind::Directional => f64::INFINITY,
-            LightKind::Point => DVec3::from(self.stand.scene.light.position_m).distance(place),
-        }
+        light_m(&self.stand.view, place)
     }
 
     /// Rays as the stage has left them.

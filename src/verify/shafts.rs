@@ -15,12 +15,9 @@ const LINES: usize = 12;
 const SIGMAS_PX: [f64; 2] = [0.6, 2.5];
 
 pub fn cases() -> Vec<Case> {
-    let blurred = |sigma_px: f64| {
-        let what = format!("standard deviation {sigma_px} px");
-        Case::new(blur::INFO.name, what, move |rig| gaussian(rig, sigma_px))
-    };
+    let what = |sigma_px| format!("standard deviation {sigma_px} px");
     let mut cases = vec![Case::new(lines::INFO.name, "one line after the other", single_lines)];
-    cases.extend(SIGMAS_PX.map(blurred));
+    cases.extend(Case::each(blur::INFO.name, SIGMAS_PX, what, gaussian));
     cases
 }
 
@@ -149,8 +146,7 @@ fn gaussian(rig: &Rig<'_>, sigma_px: f64) -> Result<Check> {
     let blurred = rig.drawn(&[&stage], stage.texture(), 0)?;
     let error = |sigma_px: f64| {
         let exact = twin(&twin(&source, sigma_px, [1, 0]), sigma_px, [0, 1]);
-        let off = blurred.data().iter().zip(exact.data()).map(|(a, b)| (a - b).abs());
-        largest(off) / source.mean()
+        apart(&blurred, &exact) / source.mean()
     };
     Ok(Check::of(rig, format!("σ = {sigma_px} px: largest difference from the twin, of the mean"))
         .within((1e-5, "1"), error(sigma_px))

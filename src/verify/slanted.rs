@@ -140,11 +140,16 @@ impl Setup {
         Ok(scene)
     }
 
-    fn trace(&self, rig: &Rig<'_>, degrees: f64, method: Method) -> Result<Traced> {
+    fn trace(
+        &self,
+        rig: &Rig<'_>,
+        degrees: f64,
+        (estimator, iterations): Method,
+    ) -> Result<Traced> {
         let scene = self.scene(degrees)?;
         let uniforms = TraceUniforms {
-            estimator: method.estimator as u32,
-            iterations: method.iterations,
+            estimator: estimator as u32,
+            iterations,
             bottom_m: scene.bounds.min.y as f32 - 0.01,
             // Nothing stands above the water, and the mask has texels of up to 0.7 m at the water's rim.
             masked: 0,
@@ -221,17 +226,14 @@ impl Setup {
     }
 }
 
-#[derive(Clone, Copy)]
-struct Method {
-    estimator: PhotonEstimator,
-    iterations: u32,
-}
+/// An estimator and its iterations.
+type Method = (PhotonEstimator, u32);
 
-const SECANT: Method = Method { estimator: PhotonEstimator::Secant, iterations: 8 };
+const SECANT: Method = (PhotonEstimator::Secant, 8);
 /// As many iterations as the default was before they followed from the light.
-const PAPER_SIX: Method = Method { estimator: PhotonEstimator::Paper, iterations: 6 };
+const PAPER_SIX: Method = (PhotonEstimator::Paper, 6);
 /// Enough at 60°.
-const PAPER_MANY: Method = Method { estimator: PhotonEstimator::Paper, iterations: 20 };
+const PAPER_MANY: Method = (PhotonEstimator::Paper, 20);
 /// What controls hold against the exact photons.
 const PAPER: &str = "the paper's estimator at 70°, 6 iterations";
 

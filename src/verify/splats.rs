@@ -49,11 +49,8 @@ pub fn cases() -> Vec<Case> {
             by(rules, "splats of more pixels than a loop has turns", large),
         ]);
     }
-    for name in ["plane", "tank"] {
-        cases.push(Case::new(STAGE, format!("conserved energy of scene {name}"), move |rig| {
-            scene_energy(rig, name)
-        }));
-    }
+    let what = |name| format!("conserved energy of scene {name}");
+    cases.extend(Case::each(STAGE, ["plane", "tank"], what, scene_energy));
     cases
 }
 

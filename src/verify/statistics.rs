@@ -41,6 +41,11 @@ pub fn difference(image: &Image, other: &Image) -> f64 {
     pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / other.sum()
 }
 
+/// The largest difference of two images' pixels.
+pub fn apart(image: &Image, other: &Image) -> f64 {
+    largest(image.data().iter().zip(other.data()).map(|(a, b)| (a - b).abs()))
+}
+
 /// Of how many places two lists of the same length differ; what one has more differs.
 pub fn differing<T: PartialEq>(a: &[T], b: &[T]) -> f64 {
     let pairs = a.iter().zip(b).filter(|(a, b)| a != b).count();

@@ -203,28 +203,29 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
     }
 }
 
-/// A greeting before which a build waits when it was started so often. It is started twice before the launches, and once in each.
+/// A head waits before its greeting when it was started so often. It is started twice before the launches, and once in each.
 const AT_LAUNCH_5: usize = 2 + 5;
 
-fn waits_at_launch_5(builds: &Builds) -> Script<'static> {
+/// A comparison in a process group of its own, after three launches; the fifth cannot begin before [`Builds::release`].
+fn begun() -> (Builds, Child, impl Iterator<Item = String>) {
+    let builds = Builds::without_builds();
     let (log, greeting) = (builds.path("starts"), Script::default().hello);
     let waits = format!(
         "echo >> '{log}'; [ $(wc -l < '{log}') -lt {AT_LAUNCH_5} ] || {{ {}; }}; {greeting}",
         builds.waits(),
         log = log.display()
     );
-    Script { hello: waits, ..Script::default() }
+    builds.build("base", &Script::default());
+    builds.build("head", &Script { hello: waits, ..Script::default() });
+    let (child, mut told) = spawned(builds.command("").process_group(0));
+    told.find(|line| line.contains("3 of 10 launches")).unwrap();
+    (builds, child, told)
 }
 
 #[test]
 fn ctrl_c_in_a_terminal_costs_no_cell() {
-    let builds = Builds::without_builds();
-    builds.build("base", &Script::default());
-    builds.build("head", &waits_at_launch_5(&builds));
-    let (mut child, mut told) = spawned(builds.command("").process_group(0));
-    told.find(|line| line.contains("3 of 10 launches")).unwrap();
+    let (builds, mut child, told) = begun();
     let group = format!("-{}", child.id());
-    // The fifth launch cannot have begun.
     let sent = Command::new("kill").args(["-INT", "--", &group]).status();
     assert!(sent.unwrap().success());
     // What it says in the end must not block it.
@@ -241,11 +242,7 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
 
 #[test]
 fn a_killed_comparison_goes_on_where_it_ended() {
-    let builds = Builds::without_builds();
-    builds.build("base", &Script::default());
-    builds.build("head", &waits_at_launch_5(&builds));
-    let (mut child, mut told) = spawned(&mut builds.command(""));
-    told.find(|line| line.contains("3 of 10 launches")).unwrap();
+    let (builds, mut child, _told) = begun();
     child.kill().unwrap();
     child.wait().unwrap();
 

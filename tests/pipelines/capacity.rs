@@ -11,10 +11,8 @@ use crate::common::{Ends, Place, sets};
 
 const GIB: u64 = 1 << 30;
 
-/// A pipeline, a scene, and what is set.
-type Case = (&'static str, &'static str, &'static str);
-
-fn subject(subjects: &mut Subjects, (pipeline, scene, set): Case) -> Subject {
+/// Of a pipeline, a scene, and what is set.
+fn subject(subjects: &mut Subjects, (pipeline, scene, set): (&str, &str, &str)) -> Subject {
     subjects.subject(pipeline, scene, &sets(set)).unwrap()
 }
 

@@ -182,6 +182,10 @@ fn the_light_frustum_and_the_photons_belong_together() {
     let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
     let dumps = dumps(&gpu, "water.amplitude_m=0.0");
     let photons = &dumps.photons;
+    assert_eq!(photons.array.shape, [64 * 64 * 4, 13]);
+    assert_eq!(photons.at::<Vec<usize>>("/shape"), photons.array.shape);
+    assert_eq!(photons.at::<Vec<Value>>("/columns").len(), 13);
+    assert_eq!(photons.at::<f64>("/params/water/refractive_index"), 1.33);
     let project = photons.matrix("/light_frustum/view_projection");
     let inverse = photons.matrix("/light_frustum/inverse");
     assert!((project * inverse - DMat4::IDENTITY).to_cols_array().iter().all(|v| v.abs() < 1e-9));

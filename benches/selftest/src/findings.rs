@@ -175,7 +175,7 @@ fn truths(made: &[(Trial, StoredComparison)]) -> Truths {
             return None;
         };
         let cells = Verdicts::of(comparison).cells.into_iter();
-        Some(cells.filter_map(move |cell| Some(((size, cell.cell), cell.time?.change))))
+        Some(cells.filter_map(move |cell| Some(((size, cell.cell), cell.time?.change.median))))
     });
     long.flatten().collect()
 }
@@ -198,10 +198,10 @@ fn result(
         CellResult {
             cell: cell.cell.clone(),
             verdict: cell.verdict.to_string(),
-            change: time.map(|time| short(time.change)),
+            change: time.map(|time| short(time.change.median)),
             interval: time
-                .and_then(|time| time.interval)
-                .map(|(low, high)| (short(low), short(high))),
+                .and_then(|time| time.change.interval)
+                .map(|interval| (short(interval.low), short(interval.high))),
             detectable: time.and_then(|time| time.detectable).map(short),
             instructions: cell.instructions.as_ref().map(|counted| short(counted.ratio - 1.0)),
             truth: time.and(truth).map(short),

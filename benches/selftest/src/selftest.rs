@@ -5,7 +5,6 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;
 
 use anyhow::{anyhow, bail};
-use fathom::compare::build::BuildError;
 use fathom::compare::flow::{self, CompareOptions, Program};
 use fathom::compare::launch::WorkerStart;
 use fathom::compare::store::StoredComparison;
@@ -49,9 +48,8 @@ fn make(test: &Cli, missing: &[Trial], injections: &[Injection]) -> anyhow::Resu
         }
         tell::note(format!("trial {number} of {}: {}", missing.len(), trial.id));
         match measure(test, &mut workshop, trial, injections) {
-            Err(error) if matches!(error.downcast_ref(), Some(BuildError::Interrupted { .. })) => {
-                break;
-            }
+            // Whoever interrupts needs no reason.
+            Err(_) if INTERRUPT.load(Ordering::Relaxed) => break,
             made => made?,
         }
     }

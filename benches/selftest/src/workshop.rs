@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::anyhow;
-use fathom::compare::build::{self, BuildError, Worktree};
+use anyhow::{Context, Result, anyhow};
+use fathom::compare::build::{self, Worktree};
 use fathom::harness::catalog::CargoTarget;
 use fathom::tell;
 
@@ -22,7 +22,7 @@ pub struct Workshop {
 
 impl Workshop {
     /// A checkout of HEAD of the repository around a folder.
-    pub fn open(folder: &Path) -> Result<Self, BuildError> {
+    pub fn open(folder: &Path) -> Result<Self> {
         let repository = build::repository(folder)?;
         let commit = build::commit(&repository, "HEAD")?;
         let cache = repository.join(build::CACHE);
@@ -41,7 +41,7 @@ impl Workshop {
         &mut self,
         variant: &Variant,
         injections: &[Injection],
-    ) -> anyhow::Result<[PathBuf; 2]> {
+    ) -> Result<[PathBuf; 2]> {
         let (base, incremental) = match variant {
             Variant::Again | Variant::Unrelated => ("base", false),
             Variant::Injected(..) | Variant::Every(_) => ("base-of-injections", true),
@@ -78,7 +78,7 @@ impl Workshop {
     }
 
     /// Builds with these files in place of the committed ones, if that was not done before.
-    fn build(&self, name: &str, incremental: bool, changes: &Changes) -> anyhow::Result<PathBuf> {
+    fn build(&self, name: &str, incremental: bool, changes: &Changes) -> Result<PathBuf> {
         let program = self.programs.join(name);
         if program.is_file() {
             return Ok(program);
@@ -109,11 +109,11 @@ impl Workshop {
         Ok(program)
     }
 
-    fn put(&self, changes: &Changes) -> Result<(), BuildError> {
+    fn put(&self, changes: &Changes) -> Result<()> {
         for (file, text) in changes {
             let path = self.worktree.path.join(file);
             let written = std::fs::write(&path, text);
-            written.map_err(|source| BuildError::Io { action: "write", path, source })?;
+            written.with_context(|| format!("cannot write {}", path.display()))?;
         }
         Ok(())
     }

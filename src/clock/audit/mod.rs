@@ -28,6 +28,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
+use itertools::Itertools;
+
 use self::kernels::{Kernel, Kernels};
 use self::verdict::{Series, factor, judge, median};
 use super::frame::{ClockPlan, FrameSample, FrameTimer, HostClock, Probe, SubmitCost};
@@ -388,9 +390,9 @@ fn kernel<'k, 'a>(kernels: &'k [Kernel<'a>; 3], kind: PassKind) -> &'k Kernel<'a
 
 /// Which kinds of pass with timestamps had command buffers of their own; empty if none had.
 fn passes_apart(gpu: &WatchedDevice, kinds: &[PassKind]) -> String {
-    let apart =
+    let mut apart =
         KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind) && !kinds.contains(kind));
-    let names = apart.map(PassKind::name).collect::<Vec<_>>().join(" and ");
+    let names = apart.join(" and ");
     if names.is_empty() { names } else { format!(" ({names} apart)") }
 }
 
@@ -417,7 +419,7 @@ pub fn audit_table(audit: &Audit) -> String {
             table,
             "{:<12} {:<8} {:<8} {:>11.3} {:>10.3} {:>7.3} {:>9.2}  {verdict}: {}",
             row.clock.name(),
-            row.pass.name(),
+            row.pass,
             row.context,
             row.clock_ns * 1e-6,
             row.host_ns * 1e-6,
@@ -432,7 +434,7 @@ pub fn audit_table(audit: &Audit) -> String {
             Clock::ProcessCpu => "the process's CPU time",
             Clock::FencedHost | Clock::Host => "fenced host clock",
         };
-        let _ = writeln!(table, "{} passes are timed by {clock}", kind.name());
+        let _ = writeln!(table, "{kind} passes are timed by {clock}");
     }
     let cost = audit.plan.submit_cost;
     let _ = writeln!(

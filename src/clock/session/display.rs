@@ -12,7 +12,7 @@ impl fmt::Display for FrameClock {
         writeln!(f, "{} ({})", self.gpu.adapter.name, self.gpu.adapter.driver_info)?;
         for kind in PassKind::TIMED {
             let clock = self.audit.plan.clock(kind).name();
-            write!(f, "{} passes: {clock} clock", kind.name())?;
+            write!(f, "{kind} passes: {clock} clock")?;
             let mut rows = self.audit.rows.iter().filter(|row| row.pass == kind && !row.sound);
             match rows.next() {
                 Some(row) => writeln!(f, "; {}", row.reason)?,

@@ -1,7 +1,6 @@
 //! Bencher Metric Format: the head's figures by cell, and its time over the base's with the interval.
 
 use crate::verdict::{JudgedCell, Verdicts};
-use fathom_record::Interval;
 use fathom_record::comparison::Side;
 use fathom_report::bencher::{ALLOCATED_BYTES, Benchmarks, LATENCY};
 
@@ -21,10 +20,8 @@ fn add(cell: &JudgedCell, all: &mut Benchmarks) {
     let name = cell.cell.as_str();
     if let Some(time) = &cell.time {
         // What digits there are beyond these is the mathematics library's affair.
-        let ratio = |change: f64| ((1.0 + change) * 1e6).round() / 1e6;
-        let interval =
-            time.interval.map(|(low, high)| Interval { low: ratio(low), high: ratio(high) });
-        all.add(name, "time-ratio", ratio(time.change), interval);
+        let ratio = time.change.map(|change| ((1.0 + change) * 1e6).round() / 1e6);
+        all.add(name, "time-ratio", ratio.median, ratio.interval);
         all.add(name, LATENCY, time.head_ns.round(), None);
     }
     if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {

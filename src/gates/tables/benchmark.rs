@@ -1,6 +1,7 @@
 //! `customSmallerIsBetter` of github-action-benchmark: the head's figures by cell, to be kept from commit to commit.
 
 use crate::verdict::{JudgedCell, Verdicts};
+use fathom_record::Interval;
 use fathom_report::format::NS_PER_MS;
 use fathom_report::github_benchmark::{Entry, text};
 
@@ -16,8 +17,10 @@ fn entries(cell: &JudgedCell) -> Vec<Entry> {
         entries.push(Entry { name: format!("{} {what}", cell.cell), unit, value, extra, range });
     };
     if let Some(time) = &cell.time {
-        let extra = format!("{verdict}: {:+.2} % against the base", 100.0 * time.change);
-        let range = time.interval.map(|(low, high)| format!("± {:.2} %", 50.0 * (high - low)));
+        let extra = format!("{verdict}: {:+.2} % against the base", 100.0 * time.change.median);
+        let range =
+            |interval: Interval| format!("± {:.2} %", 50.0 * (interval.high - interval.low));
+        let range = time.change.interval.map(range);
         add("time", "ms", time.head_ns / NS_PER_MS, extra, range);
     }
     if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {

@@ -3,8 +3,8 @@
 use maud::{Markup, html};
 
 use super::rows;
-use crate::time::CellTime;
 use crate::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
+use fathom_record::{Estimate, Interval};
 use fathom_report::axis::{Axis, ScaleKind, tenth};
 use fathom_report::format::trim_zeros;
 use fathom_report::page::parts::{table, words};
@@ -56,7 +56,7 @@ fn row(cell: &JudgedCell, threshold: f64, reach: f64) -> Markup {
             th scope="row" { (cell.cell.to_string()) }
             td { (tone(cell.verdict).chip(&cell.verdict.to_string())) }
             @match &cell.time {
-                Some(time) => { td data-v=(time.change) { (picture(time, threshold, reach)) } }
+                Some(time) => { td data-v=(time.change.median) { (picture(&time.change, threshold, reach)) } }
                 None => { td.faint { "no time" } }
             }
             @for figure in &rows::cell(cell)[FIGURES..] { td { (figure) } }
@@ -78,31 +78,32 @@ fn tone(verdict: CellVerdict) -> Tone {
 fn reach(cells: &[&JudgedCell]) -> f64 {
     let times = cells.iter().filter_map(|cell| cell.time.as_ref());
     let ends = times.flat_map(|time| {
-        let (low, high) = time.interval.unwrap_or((time.change, time.change));
-        [time.change.abs(), low.abs(), high.abs()]
+        let [low, high] = time.change.ends();
+        [time.change.median.abs(), low.abs(), high.abs()]
     });
     ends.filter(|end| end.is_finite()).fold(LEAST_SHOWN, f64::max)
 }
 
 /// A change of time on an axis that all cells share.
-fn picture(time: &CellTime, threshold: f64, reach: f64) -> Markup {
+fn picture(change: &Estimate, threshold: f64, reach: f64) -> Markup {
     let axis = Axis::spanning(ScaleKind::Linear, [-reach, reach], [6.0, WIDTH_PX - 6.0]);
     let Some(axis) = axis else { return html! {} };
     let middle = HEIGHT_PX / 2.0;
     let [start, end, zero, at] =
-        [-threshold, threshold, 0.0, time.change].map(|value| axis.px_within(value));
-    let tip = match time.interval {
-        Some((low, high)) => {
-            format!("{} ({} … {})", percent(time.change), percent(low), percent(high))
+        [-threshold, threshold, 0.0, change.median].map(|value| axis.px_within(value));
+    let median = percent(change.median);
+    let tip = match change.interval {
+        Some(Interval { low, high }) => {
+            format!("{median} ({} … {})", percent(low), percent(high))
         }
-        None => format!("{}, too few launches for an interval", percent(time.change)),
+        None => format!("{median}, too few launches for an interval"),
     };
     html! {
         svg.claim-axis role="img" aria-label=(tip) width=(WIDTH_PX) height=(HEIGHT_PX) {
             title { (tip) }
             rect.band x=(start) y="3" width=(tenth(end - start)) height=(HEIGHT_PX - 6.0) {}
             line.rule x1=(zero) x2=(zero) y1="0" y2=(HEIGHT_PX) {}
-            @if let Some((low, high)) = time.interval {
+            @if let Some(Interval { low, high }) = change.interval {
                 line.interval x1=(axis.px_within(low)) x2=(axis.px_within(high)) y1=(middle) y2=(middle) {}
             }
             circle.value cx=(at) cy=(middle) r="4" {}

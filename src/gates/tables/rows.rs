@@ -13,7 +13,7 @@ use crate::time::{CellTime, ThrottledLaunches, TimeVerdict};
 use crate::unpaired::{RunTime, Unpaired};
 use crate::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
 use fathom_record::comparison::{ComparedBuild, Fault, Gate, Side, SideEnvironment};
-use fathom_record::{Adapter, machine};
+use fathom_record::{Adapter, Interval, machine};
 use fathom_report::format::{NS_PER_MS, mebibytes, si, three};
 
 /// Columns of a table of cells.
@@ -60,14 +60,14 @@ fn rounded(value: f64, digits: usize) -> f64 {
 
 /// `+5.1 % (4.2 … 6.0)`, and with times of different adapters that they are.
 fn change(time: &CellTime) -> String {
-    let interval = match time.interval {
-        Some((low, high)) => {
+    let interval = match time.change.interval {
+        Some(Interval { low, high }) => {
             format!("{:.1} … {:.1}", rounded(100.0 * low, 1), rounded(100.0 * high, 1))
         }
         None => "too few launches for an interval".to_owned(),
     };
     let unjudged = if time.verdict == TimeVerdict::NotJudged { ", different adapters" } else { "" };
-    format!("{} ({interval}){unjudged}", signed(time.change, 1))
+    format!("{} ({interval}){unjudged}", signed(time.change.median, 1))
 }
 
 /// In which launches clocks were held down, and whether that may be the reason for a change.

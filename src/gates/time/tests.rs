@@ -5,7 +5,7 @@ use super::*;
 use crate::rank::{POWER, normal};
 use crate::schedule::Schedule;
 use fathom_record::comparison::{Gate, LAUNCHES, Launch, PAIRS, PairStates, Side};
-use fathom_record::{Adapter, MachineState};
+use fathom_record::{Adapter, Interval, MachineState};
 
 /// How the samples of a simulated gate scatter, as shares of the time.
 #[derive(Clone, Copy)]
@@ -179,7 +179,7 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
         let of_first = judge(&comparison.header.cells, once, &settings());
         for (counts, gate) in [(&mut first, of_first), (&mut last, judged(&comparison.pairs))] {
             for (n, cell) in gate.cells.iter().enumerate() {
-                let (low, high) = cell.interval.unwrap();
+                let Interval { low, high } = cell.change.interval.unwrap();
                 counts[n % truths.len()] += usize::from(low <= truth(n) && truth(n) <= high);
             }
         }
@@ -207,7 +207,7 @@ fn a_change_of_one_cell_is_found_and_no_other_is_blamed() {
             let injected = trial % CELLS;
             let gate = simulation.gate(|n| if n == injected { injection } else { 0.0 });
             let hit = gate.cells[injected].verdict == verdict;
-            let change = |n: &usize| gate.cells[*n].change.abs();
+            let change = |n: &usize| gate.cells[*n].change.median.abs();
             let largest = (0..CELLS).max_by(|a, b| change(a).total_cmp(&change(b)));
             assert_eq!(largest, Some(injected));
             found += usize::from(hit);
@@ -246,7 +246,7 @@ fn too_few_launches_decide_nothing_and_leave_nothing_open() {
     let gate = judged(&few.pairs);
     assert_eq!(count(&gate, TimeVerdict::Inconclusive), CELLS);
     let cell = &gate.cells[0];
-    assert_eq!((cell.interval, cell.detectable), (None, None));
+    assert_eq!((cell.change.interval, cell.detectable), (None, None));
 }
 
 #[test]
@@ -280,7 +280,7 @@ fn who_is_sampled_second_makes_no_difference() {
             Side::Head => (0.94e6, 1.0e6),
         };
     }
-    let change = |pairs: &[Pair]| judged(pairs).cells[0].change;
+    let change = |pairs: &[Pair]| judged(pairs).cells[0].change.median;
     assert!(change(&pairs).abs() < 1e-9);
     pairs.retain(|pair| pair.first == Side::Base);
     assert!((change(&pairs) + 0.06).abs() < 1e-9, "nothing to hold it against");
@@ -294,7 +294,7 @@ fn unusable_numbers_are_left_out() {
     pairs[17].head_ns = f64::NAN;
     let damaged = judged(&pairs);
     assert_eq!(damaged.cells[0].launches.len(), LAUNCHES as usize);
-    assert!((damaged.cells[0].change - sound.cells[0].change).abs() < 0.005);
+    assert!((damaged.cells[0].change.median - sound.cells[0].change.median).abs() < 0.005);
     assert!(judged(&[]).cells.is_empty());
 }
 

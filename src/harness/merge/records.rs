@@ -2,13 +2,14 @@
 
 use std::collections::{HashMap, HashSet};
 
+use anyhow::Result;
 use indexmap::{IndexMap, IndexSet};
 use itertools::Itertools;
 
 use super::super::journal;
 use super::super::outcome::Counts;
 use super::super::plan::{self, Request};
-use super::{MergeError, Merged, OfAdapter, Source};
+use super::{Merged, OfAdapter, Source};
 use fathom_experiments::Experiment;
 use fathom_record::output::OutputFolder;
 use fathom_record::{
@@ -30,13 +31,14 @@ struct Sitting {
 
 impl OfAdapter {
     /// The records in their order, and what there is to say of them.
-    pub fn merge(mut self) -> Result<(Vec<Record>, Merged), MergeError> {
+    pub fn merge(mut self) -> Result<(Vec<Record>, Merged)> {
         let definitions = self.definitions();
         let (kept, duplicates) = kept(&self.sources);
         let notes = self.notes(duplicates);
         let mut sittings: Vec<Sitting> = Vec::new();
-        for (source, kept) in self.sources.iter_mut().zip(&kept) {
-            add(std::mem::take(&mut source.records), kept, &mut sittings);
+        for (place, source) in self.sources.iter_mut().enumerate() {
+            let is_kept = |line| kept.contains(&(place, line));
+            add(std::mem::take(&mut source.records), is_kept, &mut sittings);
         }
         for sitting in &mut sittings {
             sitting.cells.sort_by_key(|cell| definitions.get_index_of(&cell.experiment));
@@ -65,7 +67,7 @@ impl OfAdapter {
         &self,
         definitions: &IndexMap<String, Definition>,
         sittings: &[Sitting],
-    ) -> Result<Vec<CellId>, MergeError> {
+    ) -> Result<Vec<CellId>> {
         let Some(Source { shard, header, .. }) = self.sources.first() else {
             return Ok(Vec::new());
         };
@@ -77,8 +79,8 @@ impl OfAdapter {
     }
 
     fn absent(&self) -> Vec<Part> {
-        let of = self.sources.first().map_or(0, |source| source.shard.of);
-        let is_there = |number: &u32| self.sources.iter().any(|s| s.shard.number == *number);
+        let of = self.sources.first().map_or(0, |source| source.shard.part.of);
+        let is_there = |number: &u32| self.sources.iter().any(|s| s.shard.part.number == *number);
         let numbers = (1..=of).filter(|number| !is_there(number));
         numbers.map(|number| Part { number, of }).collect()
     }
@@ -125,7 +127,7 @@ fn planned(
     definitions: &IndexMap<String, Definition>,
     selection: &Selection,
     profile: Profile,
-) -> Result<Vec<CellId>, MergeError> {
+) -> Result<Vec<CellId>> {
     let Selection { axes, sets, cells } = selection.clone();
     let request = Request { axes, sets, cells, ..Request::default() };
     let parse = |definition: &Definition| Experiment::parse(&definition.id, &definition.toml);
@@ -134,26 +136,22 @@ fn planned(
     Ok(expanded.into_iter().flatten().map(|plan| (plan.experiment, plan.cell)).collect())
 }
 
-/// Of each source, which of its records are those that count of their cells; and how many are not.
-fn kept(sources: &[Source]) -> (Vec<Vec<bool>>, usize) {
+/// Source and line of those records of cells that count; and how many do not.
+fn kept(sources: &[Source]) -> (HashSet<(usize, usize)>, usize) {
     let mut best = HashMap::<(&str, &str), (u8, usize, usize)>::new();
+    let mut cells = 0;
     for (place, source) in sources.iter().enumerate() {
         for (line, record) in source.records.iter().enumerate() {
             if let Record::Cell(cell) = record {
+                cells += 1;
                 let worth = (worth(&cell.outcome), place, line);
                 let known = best.entry((&cell.experiment, &cell.cell)).or_insert(worth);
                 *known = worth.max(*known);
             }
         }
     }
-    let mut kept: Vec<Vec<bool>> =
-        sources.iter().map(|source| vec![false; source.records.len()]).collect();
-    for (_, place, line) in best.values() {
-        kept[*place][*line] = true;
-    }
-    let records = sources.iter().flat_map(|source| &source.records);
-    let cells = records.filter_map(Record::try_as_cell_ref).count();
-    (kept, cells - best.len())
+    let duplicates = cells - best.len();
+    (best.into_values().map(|(_, place, line)| (place, line)).collect(), duplicates)
 }
 
 fn worth(outcome: &Outcome) -> u8 {
@@ -165,12 +163,12 @@ fn worth(outcome: &Outcome) -> u8 {
 }
 
 /// Adds a shard's cells to the sittings. One whose header says what that of an earlier sitting says goes on with that.
-fn add(records: Vec<Record>, kept: &[bool], sittings: &mut Vec<Sitting>) {
+fn add(records: Vec<Record>, is_kept: impl Fn(usize) -> bool, sittings: &mut Vec<Sitting>) {
     let mut current = None;
-    for (record, kept) in records.into_iter().zip(kept) {
+    for (line, record) in records.into_iter().enumerate() {
         match (record, current) {
             (Record::Run(run), _) => current = Some(sitting(of_whole(*run), sittings)),
-            (Record::Cell(cell), Some(at)) if *kept => sittings[at].cells.push(*cell),
+            (Record::Cell(cell), Some(at)) if is_kept(line) => sittings[at].cells.push(*cell),
             (Record::End(end), Some(at)) => {
                 let sitting: &mut Sitting = &mut sittings[at];
                 sitting.end = Some(sitting.end.take().map_or(end.clone(), |e| e.and(&end)));

@@ -5,9 +5,10 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use anyhow::{Context, Result, anyhow, ensure};
 use tempfile::TempDir;
 
-use super::{MergeError, Merged, OfAdapter};
+use super::{Merged, OfAdapter};
 use fathom_base::folder::{self, Folder};
 use fathom_record::output::{OutputFolder, PICTURES, picture_path};
 use fathom_record::{Cell, Picture, Record, Writer};
@@ -25,20 +26,19 @@ pub struct Staging {
 
 impl Staging {
     /// Begins a folder for `place`, where nothing may be but an empty folder.
-    pub fn begin(place: &Path) -> Result<Self, MergeError> {
-        let path = place.to_owned();
-        let io = |source| MergeError::Io { path: path.clone(), source };
-        let taken = || MergeError::Taken { path: path.clone() };
-        let mut place = path.clone();
+    pub fn begin(path: &Path) -> Result<Self> {
+        let io = |error| unwritten(path, &error);
+        let taken =
+            format!("{} is there already: choose another folder with --out", path.display());
+        let mut place = path.to_owned();
         if folder::is_there(&place) {
             // The user may name an empty folder by a link.
-            place = fs::canonicalize(&place).map_err(|_| taken())?;
-            if !fs::read_dir(&place).is_ok_and(|mut entries| entries.next().is_none()) {
-                return Err(taken());
-            }
+            place = fs::canonicalize(&place).map_err(|_| anyhow!("{taken}"))?;
+            let is_empty = fs::read_dir(&place).is_ok_and(|mut entries| entries.next().is_none());
+            ensure!(is_empty, taken);
         }
         // A name without an end, such as `..`, names a folder that is there.
-        let name = place.file_name().ok_or_else(taken)?;
+        let name = place.file_name().context(taken)?;
         let mut hidden = OsString::from(".");
         hidden.push(name);
         hidden.push(".merging-");
@@ -62,20 +62,16 @@ impl Staging {
     }
 
     /// Writes the records and pictures of one adapter's shards into the folder, or into one within it. The records come back.
-    pub fn write(
-        &self,
-        within: Option<&str>,
-        shards: OfAdapter,
-    ) -> Result<(Vec<Record>, Merged), MergeError> {
+    pub fn write(&self, within: Option<&str>, shards: OfAdapter) -> Result<(Vec<Record>, Merged)> {
         let folder = within.map_or(self.folder().into(), |within| self.folder().join(within));
         let output = OutputFolder { folder };
-        let io = |source| MergeError::Io { path: output.folder.clone(), source };
+        let io = |error| unwritten(&output.folder, &error);
         let to = Folder::make(&output.folder).map_err(io)?;
         to.make_beneath(PICTURES).map_err(io)?;
         let mut notes = Vec::new();
         for shard in &shards.sources {
-            let unread = |source| MergeError::Io { path: shard.folder.clone(), source };
-            let from = Folder::open(&shard.folder).map_err(unread)?;
+            let from =
+                Folder::open(&shard.folder).map_err(|error| unwritten(&shard.folder, &error))?;
             notes.extend(copy_pictures(&from, &shard.records, &to)?);
         }
         let (lines, mut merged) = shards.merge()?;
@@ -89,10 +85,9 @@ impl Staging {
     }
 
     /// Moves the folder to its place.
-    pub fn publish(self) -> Result<(), MergeError> {
+    pub fn publish(self) -> Result<()> {
         let Self { place, folder } = self;
-        fs::rename(folder.path(), &place)
-            .map_err(|source| MergeError::Io { path: place, source })?;
+        fs::rename(folder.path(), &place).map_err(|error| unwritten(&place, &error))?;
         // It is no longer where it was made, and not to be removed.
         let _ = folder.keep();
         Ok(())
@@ -100,11 +95,7 @@ impl Staging {
 }
 
 /// Copies the pictures that records name. One by a name that fathom does not give is left where it is: it could lie anywhere.
-fn copy_pictures(
-    from: &Folder,
-    records: &[Record],
-    to: &Folder,
-) -> Result<Vec<String>, MergeError> {
+fn copy_pictures(from: &Folder, records: &[Record], to: &Folder) -> Result<Vec<String>> {
     let mut notes = Vec::new();
     for cell in records.iter().filter_map(Record::try_as_cell_ref) {
         for picture in cell.measured().into_iter().flat_map(|measured| &measured.pictures) {
@@ -123,7 +114,7 @@ fn copy_picture(
     cell: &Cell,
     picture: &Picture,
     to: &Folder,
-) -> Result<Result<(), String>, MergeError> {
+) -> Result<Result<(), String>> {
     let path = picture_path(&cell.experiment, &cell.cell, picture.shows);
     if path != picture.path {
         return Ok(Err(format!("`{}` is not the name of its file", picture.path)));
@@ -133,5 +124,9 @@ fn copy_picture(
         Err(error) => return Ok(Err(error.to_string())),
     };
     let written = to.write(&path, &bytes);
-    written.map(Ok).map_err(|source| MergeError::Io { path: to.path().join(&path), source })
+    written.map(Ok).map_err(|error| unwritten(&to.path().join(&path), &error))
+}
+
+fn unwritten(path: &Path, error: &std::io::Error) -> anyhow::Error {
+    anyhow!("cannot write to {}: {error}", path.display())
 }

@@ -182,43 +182,33 @@ fn a_measured_cell_counts_before_one_that_failed_later() {
     assert_eq!(merged.notes.len(), 1, "{:?}", merged.notes);
 }
 
+/// Nothing is counted up to a number that someone wrote into a header.
 #[test]
-fn shards_of_other_runs_are_refused() {
+fn shards_that_do_not_belong_together_are_refused() {
     type Change = fn(&mut Run);
-    let changes: [(&str, Change); 4] = [
-        ("the profile", |run| run.profile = Profile::Paper),
-        ("fathom's version", |run| run.fathom_version = "9".to_owned()),
-        ("the number of shards", |run| run.shard.as_mut().unwrap().of = 9),
-        ("experiments, cells or parameters", |run| run.shard.as_mut().unwrap().plan.push('x')),
+    fn numbered<const NUMBER: u32, const OF: u32>(run: &mut Run) {
+        let shard = run.shard.as_mut().unwrap();
+        (shard.part.number, shard.part.of) = (NUMBER, OF);
+    }
+    let changes: [(&str, Change); 10] = [
+        ("differ in the profile", |run| run.profile = Profile::Paper),
+        ("differ in fathom's version", |run| run.fathom_version = "9".to_owned()),
+        ("differ in the number of shards", |run| run.shard.as_mut().unwrap().part.of = 9),
+        ("differ in experiments, cells or parameters", |run| {
+            run.shard.as_mut().unwrap().plan.push('x');
+        }),
+        ("both hold shard 1/3", numbered::<1, 3>),
+        ("holds a whole run", |run| run.shard = None),
+        ("there is no such shard", numbered::<0, 3>),
+        ("there is no such shard", numbered::<4, 3>),
+        ("there is no such shard", numbered::<1, { u32::MAX }>),
+        ("there is no such shard", numbered::<0, 0>),
     ];
     for (what, change) in changes {
         let mut shards = Shards::new();
         change(shards.header(2));
         let error = shards.error(&shards.folders());
-        assert!(error.contains("shards of different runs") && error.contains(what), "{error}");
-    }
-}
-
-#[test]
-fn a_shard_twice_and_a_whole_run_are_refused() {
-    let mut shards = Shards::new();
-    let folders = shards.folders();
-    let error = shards.error(&[folders[0].clone(), folders[1].clone(), folders[0].clone()]);
-    assert!(error.contains("both hold shard 1/3"), "{error}");
-    shards.header(2).shard = None;
-    let error = shards.error(&shards.folders());
-    assert!(error.contains("holds a whole run"), "{error}");
-}
-
-/// Nothing is counted up to a number that someone wrote into a header.
-#[test]
-fn a_shard_that_cannot_be_is_refused() {
-    for (number, of) in [(0, 3), (4, 3), (1, u32::MAX), (0, 0)] {
-        let mut shards = Shards::new();
-        let shard = shards.header(0).shard.as_mut().unwrap();
-        (shard.number, shard.of) = (number, of);
-        let error = shards.error(&shards.folders()[..1]);
-        assert!(error.contains("there is no such shard"), "{error}");
+        assert!(error.contains(what), "{error}");
     }
 }
 

@@ -3,12 +3,13 @@
 use std::io::{Read, Write};
 use std::path::Path;
 
+use anyhow::{Result, anyhow, ensure};
 use glam::{DVec3, Vec3};
 use itertools::Itertools;
 use rayon::prelude::*;
 
-use super::table::{self, PointFault, SHORT};
-use super::{QueryError, check, numbers, read_with, written};
+use super::table::{self, SHORT};
+use super::{check, numbers, read_with, written};
 use crate::subject::Subject;
 use fathom_gpu::Gpu;
 use fathom_pipelines::underwater::{self, Intensity, Params, Underwater, photon_query, photons_at};
@@ -56,34 +57,33 @@ pub struct Start {
 
 /// The starts of a CSV file with the columns x, y, z (metres) and, all or none, dx, dy, dz; others are left aside. An error names
 /// the first fault, its line and column.
-pub fn read(path: &Path) -> Result<Vec<Start>, QueryError> {
+pub fn read(path: &Path) -> Result<Vec<Start>> {
     read_with(path, parse)
 }
 
-fn parse(text: impl Read) -> Result<Vec<Start>, PointFault> {
+fn parse(text: impl Read) -> Result<Vec<Start>> {
     let (rows, aimed) = table::read(text, &PLACE, &DIRECTION)?;
     rows.into_iter().map(|row| start(row, aimed)).collect()
 }
 
-fn start((line, numbers): table::TableRow, aimed: bool) -> Result<Start, PointFault> {
-    let fault = |columns, what| PointFault::Direction { line, columns, what };
+fn start((line, numbers): table::TableRow, aimed: bool) -> Result<Start> {
     let position_m = DVec3::from_slice(&numbers);
-    if position_m.y <= 0.0 {
-        let what = format!("a start at y = {} is not above the water", position_m.y);
-        return Err(fault("`x`, `y`, `z`", what));
-    }
+    let y = position_m.y;
+    ensure!(
+        y > 0.0,
+        "line {line}, columns `x`, `y`, `z`: a start at y = {y} is not above the water"
+    );
     if !aimed {
         return Ok(Start { position_m, direction: None });
     }
     let given = DVec3::from_slice(&numbers[3..]);
     let direction = given / given.length();
-    if given.length() < SHORT || direction.y > -LEAST_FALL {
-        let what = format!(
-            "the direction {:?} must point downwards: its y, at unit length, must be below -{LEAST_FALL}",
-            given.to_array()
-        );
-        return Err(fault("`dx`, `dy`, `dz`", what));
-    }
+    ensure!(
+        given.length() >= SHORT && direction.y <= -LEAST_FALL,
+        "line {line}, columns `dx`, `dy`, `dz`: the direction {:?} must point downwards: its y, at unit length, must be below \
+         -{LEAST_FALL}",
+        given.to_array()
+    );
     Ok(Start { position_m, direction: Some(direction) })
 }
 
@@ -96,17 +96,17 @@ pub struct Query {
 }
 
 impl Query {
-    pub fn new(subject: &Subject, starts: Vec<Start>) -> Result<Query, QueryError> {
+    pub fn new(subject: &Subject, starts: Vec<Start>) -> Result<Query> {
         let params = subject.parameters::<Underwater>()?;
         let view = underwater::view(&params, &subject.scene);
         let light = view.light_frame();
         let query = Query { starts, params, view, light };
         match query.starts.iter().position(|s| query.incident(s).y > -LEAST_FALL) {
             None => Ok(query),
-            Some(i) => Err(QueryError::Invalid(format!(
+            Some(i) => Err(anyhow!(
                 "start {}: the light's ray through it does not fall on the water; move it below the light",
                 i + 1
-            ))),
+            )),
         }
     }
 
@@ -119,7 +119,7 @@ impl Query {
     }
 
     /// The answers of the GPU's tracing. What is beyond the adapter's limits is an error before anything is allocated.
-    pub fn answers(&self, gpu: &Gpu, subject: &Subject) -> Result<Vec<Answer>, QueryError> {
+    pub fn answers(&self, gpu: &Gpu, subject: &Subject) -> Result<Vec<Answer>> {
         let starts: Vec<query::Start> = self.starts.iter().map(stored).collect();
         let plan = |resources: &Resources<'_>| {
             photon_query(resources, &subject.scene, &self.params, &starts).map(drop)
@@ -129,12 +129,12 @@ impl Query {
     }
 
     /// Exact refraction and ray casting from the same starts.
-    pub fn reference(&self, subject: &Subject) -> Result<Vec<Landing>, QueryError> {
+    pub fn reference(&self, subject: &Subject) -> Vec<Landing> {
         let tracer = Tracer::new(&subject.scene.objects);
         let land = |start: &Start| {
             land_ray(&self.view.water, &tracer, start.position_m, self.incident(start))
         };
-        Ok(self.starts.par_iter().map(land).collect())
+        self.starts.par_iter().map(land).collect()
     }
 
     /// What enters the water of the energy of the photon that lands so.
@@ -161,7 +161,7 @@ impl Query {
         writer: impl Write,
         answers: &[Answer],
         reference: Option<&[Landing]>,
-    ) -> Result<(), QueryError> {
+    ) -> Result<()> {
         let row = |(i, (start, answer)): (usize, (&Start, &Answer))| {
             let mut fields = numbers([start.position_m, self.incident(start)]).collect_vec();
             fields.extend(self.answer(answer));

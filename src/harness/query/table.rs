@@ -2,7 +2,7 @@
 
 use std::io::Read;
 
-use thiserror::Error;
+use anyhow::{Context, Result, anyhow, ensure};
 
 use fathom_base::text::line as on_one_line;
 
@@ -11,50 +11,27 @@ const FAR: f64 = 1e6;
 /// Shorter directions have none in 32 bits.
 pub const SHORT: f64 = 1e-6;
 
-/// What is wrong with a file of points.
-#[derive(Debug, Error)]
-pub enum PointFault {
-    #[error("line 1: there is no column `{column}`: {needed} are needed")]
-    Column { column: &'static str, needed: String },
-    #[error("line {line}, column `{column}`: `{}` is not a number within ±10⁶", on_one_line(.text))]
-    Number { line: u64, column: &'static str, text: String },
-    #[error("line {line}, columns {columns}: {what}")]
-    Direction { line: u64, columns: &'static str, what: String },
-    #[error("line {line} has {fields} fields, the header has {expected}")]
-    Fields { line: u64, fields: u64, expected: u64 },
-    #[error("line 2: there is no point")]
-    Empty,
-    #[error("{0}")]
-    Csv(csv::Error),
-}
-
 /// A row's line and its numbers, in the order of the columns asked for.
 pub type TableRow = (u64, Vec<f64>);
 
 /// Columns in any order and among others, which are left aside. Those of `optional` come all or not at all; the second part
 /// of the answer says whether they are there.
-pub fn read(
-    text: impl Read,
-    needed: &[&'static str],
-    optional: &[&'static str],
-) -> Result<(Vec<TableRow>, bool), PointFault> {
+pub fn read(text: impl Read, needed: &[&str], optional: &[&str]) -> Result<(Vec<TableRow>, bool)> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text);
     let header = reader.headers().map_err(fault)?.clone();
-    let has = |column: &&&'static str| header.iter().any(|name| name == **column);
-    let more = optional.iter().any(|column| has(&column));
+    let more = optional.iter().any(|column| header.iter().any(|name| name == *column));
     let mut columns = needed.to_vec();
     columns.extend(optional.iter().filter(|_| more));
     let places = columns.iter().map(|column| {
         let found = header.iter().position(|name| name == *column);
-        let missing = || PointFault::Column { column, needed: list(&columns) };
-        Ok((*column, found.ok_or_else(missing)?))
+        let needed = || format!("{} are needed", list(&columns));
+        let missing = || format!("line 1: there is no column `{column}`: {}", needed());
+        Ok((*column, found.with_context(missing)?))
     });
-    let places = places.collect::<Result<Vec<_>, PointFault>>()?;
+    let places = places.collect::<Result<Vec<_>>>()?;
     let rows = reader.records().map(|record| row(&record.map_err(fault)?, &places));
-    let rows = rows.collect::<Result<Vec<TableRow>, _>>()?;
-    if rows.is_empty() {
-        return Err(PointFault::Empty);
-    }
+    let rows = rows.collect::<Result<Vec<TableRow>>>()?;
+    ensure!(!rows.is_empty(), "line 2: there is no point");
     Ok((rows, more))
 }
 
@@ -66,25 +43,25 @@ fn list(columns: &[&str]) -> String {
     }
 }
 
-fn row(
-    record: &csv::StringRecord,
-    places: &[(&'static str, usize)],
-) -> Result<TableRow, PointFault> {
+fn row(record: &csv::StringRecord, places: &[(&str, usize)]) -> Result<TableRow> {
     let line = record.position().map_or(0, csv::Position::line);
-    let number = |(column, place): &(&'static str, usize)| {
+    let number = |(column, place): &(&str, usize)| {
         let text = record.get(*place).unwrap_or_default();
         let parsed = text.parse().ok().filter(|n: &f64| n.abs() <= FAR);
-        parsed.ok_or_else(|| PointFault::Number { line, column, text: text.to_owned() })
+        let text = on_one_line(text);
+        parsed.with_context(|| {
+            format!("line {line}, column `{column}`: `{text}` is not a number within ±10⁶")
+        })
     };
-    let numbers = places.iter().map(number).collect::<Result<Vec<f64>, _>>()?;
-    Ok((line, numbers))
+    Ok((line, places.iter().map(number).collect::<Result<_>>()?))
 }
 
-fn fault(error: csv::Error) -> PointFault {
+fn fault(error: csv::Error) -> anyhow::Error {
     match error.kind() {
         csv::ErrorKind::UnequalLengths { pos: Some(position), expected_len, len } => {
-            PointFault::Fields { line: position.line(), fields: *len, expected: *expected_len }
+            let line = position.line();
+            anyhow!("line {line} has {len} fields, the header has {expected_len}")
         }
-        _ => PointFault::Csv(error),
+        _ => anyhow!("{error}"),
     }
 }

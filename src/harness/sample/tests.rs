@@ -26,24 +26,19 @@ struct MockCell {
     frames: usize,
 }
 
-impl Default for MockCell {
-    fn default() -> Self {
-        let (time, faulty): (FrameTime, _) = (|_, _| 1e7, |_| false);
-        Self {
-            time,
-            bytes: 1,
-            faulty,
-            refuses: false,
-            untimed_only: false,
-            open_until: 0,
-            loses_device_at: None,
-            frames: 0,
-        }
-    }
-}
+const STEADY: MockCell = MockCell {
+    time: |_, _| 1e7,
+    bytes: 1,
+    faulty: |_| false,
+    refuses: false,
+    untimed_only: false,
+    open_until: 0,
+    loses_device_at: None,
+    frames: 0,
+};
 
 fn cell(time: FrameTime) -> MockCell {
-    MockCell { time, ..MockCell::default() }
+    MockCell { time, ..STEADY }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,7 +46,6 @@ enum Did {
     Prepare,
     Timed,
     Untimed,
-    Finish,
     Release,
 }
 use Did::*;
@@ -67,7 +61,7 @@ struct Mock {
     calls: Vec<Call>,
     /// Pairs of each cell at each look.
     looks: Vec<BTreeMap<usize, usize>>,
-    results: BTreeMap<usize, CellResult>,
+    results: BTreeMap<usize, Result<Samples, String>>,
     /// What an earlier run has left, by cell.
     earlier: BTreeMap<usize, Vec<Addition>>,
     /// In the order in which it was kept.
@@ -117,17 +111,11 @@ impl Mock {
     }
 
     fn samples(&self, cell: usize) -> &Samples {
-        match &self.results[&cell] {
-            CellResult::Sampled(samples) => samples,
-            CellResult::Failed(reason) => panic!("cell {cell} failed: {reason}"),
-        }
+        self.results[&cell].as_ref().expect("it has samples")
     }
 
     fn reason(&self, cell: usize) -> &str {
-        match &self.results[&cell] {
-            CellResult::Failed(reason) => reason,
-            CellResult::Sampled(_) => panic!("cell {cell} did not fail"),
-        }
+        self.results[&cell].as_ref().expect_err("it failed")
     }
 
     fn count(&self, wanted: Did) -> usize {
@@ -200,11 +188,10 @@ impl Executor for Mock {
         open.map(|(cell, _)| *cell).collect()
     }
 
-    fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), String> {
+    fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), String> {
         if self.disk_full {
             return Err("disk full".to_owned());
         }
-        self.calls.push((Finish, cell));
         assert!(self.results.insert(cell, result).is_none(), "cell {cell} finished twice");
         Ok(())
     }
@@ -249,11 +236,8 @@ fn a_steady_cell_stops_as_precise_and_a_noisy_one_at_its_budget() {
     assert_eq!(mock.samples(0).stopped, Stopped::Precise);
     assert_eq!(mock.samples(0).pairs(), MIN_PAIRS);
     assert_eq!(mock.samples(1).stopped, Stopped::OutOfTime);
-    assert!(
-        (9.8..=10.4).contains(&mock.now_s),
-        "the noisy cell takes what is left: {} s",
-        mock.now_s
-    );
+    let all_s = mock.now_s;
+    assert!((9.8..=10.4).contains(&all_s), "the noisy cell takes what is left: {all_s} s");
 }
 
 #[test]
@@ -298,8 +282,8 @@ fn what_the_samples_say_does_not_change_when_they_are_looked_at() {
 
 #[test]
 fn cells_whose_times_nobody_asks_for_render_one_frame() {
-    let errors = || MockCell { untimed_only: true, bytes: 900, ..MockCell::default() };
-    let mock = Mock::of(vec![errors(), MockCell::default(), errors()]).run(&SETTINGS);
+    let errors = || MockCell { untimed_only: true, bytes: 900, ..STEADY };
+    let mock = Mock::of(vec![errors(), STEADY, errors()]).run(&SETTINGS);
     for cell in [0, 2] {
         let frames =
             mock.calls.iter().filter(|(did, of)| matches!(did, Timed | Untimed) && *of == cell);
@@ -312,8 +296,8 @@ fn cells_whose_times_nobody_asks_for_render_one_frame() {
 
 #[test]
 fn samples_name_their_round_and_their_time_and_groups_share_no_round() {
-    let sized = || MockCell { bytes: 600, ..MockCell::default() };
-    let mock = Mock::of(vec![MockCell::default(), MockCell::default(), sized(), sized()]);
+    let sized = || MockCell { bytes: 600, ..STEADY };
+    let mock = Mock::of(vec![STEADY, STEADY, sized(), sized()]);
     let mock = mock.run(&Settings { first_round: 40, ..SETTINGS });
     let rounds = |cell: usize| mock.samples(cell).each(|pair| pair.round);
     assert_eq!(rounds(0), (40..40 + MIN_PAIRS as u32).collect::<Vec<_>>());
@@ -325,7 +309,7 @@ fn samples_name_their_round_and_their_time_and_groups_share_no_round() {
 
 #[test]
 fn samples_keep_stages_gaps_and_pairs_in_step() {
-    let mock = Mock::of(vec![MockCell::default()]).run(&SETTINGS);
+    let mock = Mock::of(vec![STEADY]).run(&SETTINGS);
     let samples = mock.samples(0);
     let n = samples.pairs();
     assert!(n >= MIN_PAIRS && samples.taken.iter().all(|pair| pair.stages.len() == 2));
@@ -355,13 +339,11 @@ fn a_cell_stops_at_the_greatest_number_of_pairs() {
 fn warm_up_ends_when_frames_no_longer_get_faster() {
     let compiles = cell(|f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1e7));
     let never_steady = cell(|f, _| 1e9 * 0.8f64.powi(f as i32));
-    let mock = Mock::of(vec![MockCell::default(), compiles, never_steady]).run(&SETTINGS);
+    let mock = Mock::of(vec![STEADY, compiles, never_steady]).run(&SETTINGS);
     assert_eq!(mock.samples(0).warm_up_frames, 2);
     assert_eq!(mock.samples(1).warm_up_frames, 5);
-    assert!(
-        mock.samples(1).taken.iter().all(|pair| pair.envelope_ns == 1e7),
-        "no compiling frame is a sample"
-    );
+    let taken = &mock.samples(1).taken;
+    assert!(taken.iter().all(|pair| pair.envelope_ns == 1e7), "no compiling frame is a sample");
     assert!(!mock.samples(1).unsteady);
     assert_eq!(mock.samples(2).warm_up_frames, MAX_WARM_UP_FRAMES);
     assert!(mock.samples(2).unsteady);
@@ -412,7 +394,7 @@ fn the_seed_decides_the_order() {
 
 #[test]
 fn faulty_frames_are_counted_and_never_used() {
-    let sometimes = MockCell { faulty: |f| f % 8 == 5, ..MockCell::default() };
+    let sometimes = MockCell { faulty: |f| f % 8 == 5, ..STEADY };
     let mock = Mock::of(vec![sometimes]).run(&SETTINGS);
     let samples = mock.samples(0);
     assert_eq!(samples.rejected.keys().collect::<Vec<_>>(), [&FaultKind::FrameNotPositive.into()]);
@@ -421,16 +403,16 @@ fn faulty_frames_are_counted_and_never_used() {
 
 #[test]
 fn a_cell_with_too_many_faults_fails_with_the_reason() {
-    let always = MockCell { faulty: |_| true, ..MockCell::default() };
-    let mock = Mock::of(vec![always, MockCell::default()]).run(&SETTINGS);
+    let always = MockCell { faulty: |_| true, ..STEADY };
+    let mock = Mock::of(vec![always, STEADY]).run(&SETTINGS);
     assert_eq!(mock.reason(0), "6 of 6 timed frames rejected: frame time not positive (6 times)");
     assert_eq!(mock.samples(1).stopped, Stopped::Precise);
 }
 
 #[test]
 fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
-    let refuses = MockCell { refuses: true, ..MockCell::default() };
-    let mock = Mock::of(vec![MockCell::default(), refuses, MockCell::default()]).run(&SETTINGS);
+    let refuses = MockCell { refuses: true, ..STEADY };
+    let mock = Mock::of(vec![STEADY, refuses, STEADY]).run(&SETTINGS);
     assert_eq!(mock.reason(1), "out of GPU memory");
     assert!(mock.calls.contains(&(Release, 1)));
     assert_eq!(mock.results.len(), 3);
@@ -439,7 +421,7 @@ fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
 
 #[test]
 fn groups_fit_into_memory_and_are_released() {
-    let sized = |bytes| MockCell { bytes, ..MockCell::default() };
+    let sized = |bytes| MockCell { bytes, ..STEADY };
     let mock = Mock::of([400, 400, 300, 5_000, 100].map(sized).into()).run(&SETTINGS);
     let (mut alive, mut most) = (BTreeSet::new(), 0);
     let mut groups: Vec<usize> = Vec::new();
@@ -466,7 +448,7 @@ fn groups_fit_into_memory_and_are_released() {
 
 #[test]
 fn a_lost_device_is_opened_once_more_and_samples_survive() {
-    let loses = MockCell { loses_device_at: Some(7), ..MockCell::default() };
+    let loses = MockCell { loses_device_at: Some(7), ..STEADY };
     let noisy = cell(|f, _| 1e7 * noise(f, 0.5));
     let mock = Mock::of(vec![loses, noisy]).run(&SETTINGS);
     assert_eq!(mock.reason(0), "device lost: gone");
@@ -477,8 +459,8 @@ fn a_lost_device_is_opened_once_more_and_samples_survive() {
 
 #[test]
 fn a_device_lost_for_good_fails_the_rest_with_the_reason() {
-    let loses = MockCell { loses_device_at: Some(0), bytes: 600, ..MockCell::default() };
-    let cells = vec![loses, MockCell::default(), MockCell::default()];
+    let loses = MockCell { loses_device_at: Some(0), bytes: 600, ..STEADY };
+    let cells = vec![loses, STEADY, STEADY];
     let mock = Mock { recovered: true, ..Mock::of(cells) }.run(&SETTINGS);
     let reason = "device lost before (gone) and not recovered: once is enough";
     assert_eq!(mock.reason(0), "device lost: gone");
@@ -487,7 +469,7 @@ fn a_device_lost_for_good_fails_the_rest_with_the_reason() {
 
 #[test]
 fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
-    let alone = |time| MockCell { time, bytes: 900, ..MockCell::default() };
+    let alone = |time| MockCell { time, bytes: 900, ..STEADY };
     let cells = vec![alone(|_, _| 1e7), alone(|_, _| 1e9), alone(|_, _| 1e7)];
     // The slow cell warms up for two seconds, and a pair takes two more.
     let mock = Mock { interrupt_at_s: Some(3.0), ..Mock::of(cells) }.run(&SETTINGS);
@@ -507,7 +489,7 @@ fn an_interrupted_cell_with_enough_pairs_says_so() {
 
 #[test]
 fn an_error_of_the_caller_ends_the_run() {
-    let mut mock = Mock { disk_full: true, ..Mock::of(vec![MockCell::default()]) };
+    let mut mock = Mock { disk_full: true, ..Mock::of(vec![STEADY]) };
     assert_eq!(mock.try_run(&SETTINGS), Err("disk full".to_owned()));
 }
 

@@ -104,10 +104,10 @@ fn limits(run: &PageRun<'_>) -> Markup {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::written;
     use super::*;
     use crate::ReportView;
     use crate::ceilings::tests::run as limited;
+    use crate::testing::written;
     use fathom_experiments::fixtures;
 
     #[test]

@@ -140,7 +140,7 @@ mod tests {
     use std::io::Read as _;
 
     use super::*;
-    use fathom_experiments::fixtures;
+    use crate::testing;
 
     #[test]
     fn samples_keep_four_digits() {
@@ -153,9 +153,8 @@ mod tests {
 
     #[test]
     fn every_measured_cell_is_packed_with_its_samples() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
-        let bytes = BASE64.decode(packed(&super::super::testing::page(&[&view]))).unwrap();
+        let view = testing::view();
+        let bytes = BASE64.decode(packed(&crate::testing::page(&[&view]))).unwrap();
         let mut json = String::new();
         flate2::read::GzDecoder::new(bytes.as_slice()).read_to_string(&mut json).unwrap();
         let data: serde_json::Value = serde_json::from_str(&json).unwrap();

@@ -14,8 +14,6 @@ mod plots;
 mod published;
 mod quality;
 mod scaling;
-#[cfg(test)]
-mod testing;
 mod time;
 mod trust;
 

@@ -49,7 +49,7 @@ fn device(run: &Run) -> Markup {
                 p.faint { "Ratios, slopes and shares stand. Absolute times and frame rates count only on hardware." }
             }
             @if let Some(shard) = &run.shard {
-                p { span.chip.open { "shard " (shard.part()) } " A part of a run: fathom merge joins the parts." }
+                p { span.chip.open { "shard " (shard.part) } " A part of a run: fathom merge joins the parts." }
             }
             p.faint {
                 (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile)

@@ -161,8 +161,8 @@ fn stand_ins<'n>(section: &'n Section<'_>) -> IndexSet<&'n str> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{overlaid, written};
     use super::*;
+    use crate::testing::{overlaid, written};
     use fathom_experiments::fixtures;
     use fathom_record::{Cell, Note};
 
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn an_overlay_names_the_run_of_each_plot_and_links_no_file() {
-        let text = overlaid(write, &fixtures::run());
+        let text = overlaid(write);
         assert_eq!(text.matches("id=\"plot-uw-photons\"").count(), 1);
         for label in ["one", "two"] {
             assert!(text.contains(&format!("data-run=\"{label}\" data-plot=\"uw-photons\"")));

@@ -277,9 +277,9 @@ fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing;
     use super::*;
     use crate::ReportView;
+    use crate::testing;
     use fathom_experiments::fixtures;
     use fathom_record::{Profile, Record};
 

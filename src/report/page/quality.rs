@@ -427,9 +427,9 @@ fn kind(values: &[f64]) -> ScaleKind {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::page;
     use super::*;
     use crate::ReportView;
+    use crate::testing::page;
     use fathom_experiments::fixtures;
     use fathom_record::Record;
 

@@ -402,9 +402,8 @@ fn label(page: &Page<'_>, series: &Series<'_>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{overlaid, page, written};
     use super::*;
-    use crate::ReportView;
+    use crate::testing::{self, overlaid, page, written};
     use fathom_experiments::fixtures;
 
     fn figures<'h>(html: &'h str, title: &str) -> Vec<&'h str> {
@@ -436,8 +435,7 @@ mod tests {
 
     #[test]
     fn categories_are_not_joined() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let page = page(&[&view]);
         for (id, experiment) in experiments(&page) {
             for spec in specs(experiment) {
@@ -453,7 +451,7 @@ mod tests {
 
     #[test]
     fn runs_differ_by_the_shape_of_their_marks() {
-        let html = overlaid(write, &fixtures::run());
+        let html = overlaid(write);
         assert!(html.contains("● one") && html.contains("■ two"));
         let figure = figures(&html, "Caustic photons")[0];
         let square = Shape::Square.path([0.0, 0.0]);

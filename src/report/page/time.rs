@@ -242,9 +242,8 @@ fn of_clock(clock: Clock, stages: &[&StageRecord]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{overlaid, page, written};
     use super::*;
-    use crate::ReportView;
+    use crate::testing::{self, overlaid, page, written};
     use fathom_experiments::fixtures;
     use fathom_record::Cell;
 
@@ -267,8 +266,7 @@ mod tests {
 
     #[test]
     fn the_same_frame_of_two_runs_stands_together() {
-        let records = fixtures::run();
-        let html = overlaid(write, &records);
+        let html = overlaid(write);
         let first = html.split("<h3").nth(1).unwrap();
         assert_eq!(first.matches("class=\"stack").count(), 2);
         assert!(first.contains(">one<") && first.contains(">two<"));
@@ -297,8 +295,7 @@ mod tests {
 
     #[test]
     fn steps_of_a_waterfall_follow_each_other_to_the_end() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
+        let view = testing::view();
         let page = page(&[&view]);
         let frame = facts::default_frame(&view).unwrap();
         let steps = steps(&page, &frame, 3);

@@ -92,7 +92,7 @@ fn audit_row(row: &AuditRow) -> Markup {
     html! {
         tr {
             td { (row.clock.name()) }
-            td { (row.pass.name()) }
+            td { (row.pass) }
             td { (row.context) }
             td.number { (three(row.clock_ns / NS_PER_MS)) }
             td.number { (three(row.host_ns / NS_PER_MS)) }
@@ -297,7 +297,7 @@ fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
 }
 
 fn submission(kind: PassKind, ns: f64) -> String {
-    format!("{} {} ms", kind.name(), three(ns / NS_PER_MS))
+    format!("{kind} {} ms", three(ns / NS_PER_MS))
 }
 
 fn accounting(view: &ReportView<'_>) -> String {
@@ -357,8 +357,8 @@ fn set_up(view: &ReportView<'_>) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::written;
     use super::*;
+    use crate::testing::written;
     use fathom_experiments::fixtures;
     use fathom_record::{FaultKind, Profile, RejectedFrames};
 

@@ -58,9 +58,7 @@ fn device(run: &Run, table: &mut Table) {
         "run".to_owned(),
         format!(
             "{}fathom {}, profile {}, shaders {}, started {}",
-            run.shard
-                .as_ref()
-                .map_or_else(String::new, |shard| format!("shard {}, ", shard.part())),
+            run.shard.as_ref().map_or_else(String::new, |shard| format!("shard {}, ", shard.part)),
             run.fathom_version,
             run.profile,
             run.shader_checks,

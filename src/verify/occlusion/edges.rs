@@ -21,26 +21,26 @@ const ORIENTATIONS: u32 = 10;
 const ROUNDING: f64 = 0.03;
 
 pub fn cases() -> Vec<Case> {
-    TOO_SMALL
-        .map(|(angle_deg, bounds)| {
-            let what = format!("orientations, near the edge of half planes at {angle_deg}°");
-            Case::new(INFO.name, what.clone(), move |rig| {
-                let worst = worst(rig, angle_deg)?;
-                let beyond = |nearer: usize| {
-                    let bounds = bounds.iter().skip(nearer);
-                    largest(worst.iter().zip(bounds).map(|(error, bound)| -error - bound))
-                };
-                let what = format!("{what}: A less than documented");
-                let check = Check::of(rig, what)
-                    .within((ROUNDING, "1"), beyond(0))
-                    .control("held against the figures of the next distance", beyond(1));
-                let with = |check: Check, (error, voxels): (&f64, f64)| {
-                    check.with(format!("largest_error_at_{voxels}_voxels"), *error)
-                };
-                Ok(worst.iter().zip(VOXELS).fold(check, with))
-            })
-        })
-        .into()
+    Case::each(INFO.name, TOO_SMALL, |(angle_deg, _)| title(angle_deg), check).collect()
+}
+
+fn title(angle_deg: f64) -> String {
+    format!("orientations, near the edge of half planes at {angle_deg}°")
+}
+
+fn check(rig: &Rig<'_>, (angle_deg, bounds): (f64, [f64; 5])) -> Result<Check> {
+    let worst = worst(rig, angle_deg)?;
+    let beyond = |nearer: usize| {
+        let bounds = bounds.iter().skip(nearer);
+        largest(worst.iter().zip(bounds).map(|(error, bound)| -error - bound))
+    };
+    let check = Check::of(rig, title(angle_deg) + ": A less than documented")
+        .within((ROUNDING, "1"), beyond(0))
+        .control("held against the figures of the next distance", beyond(1));
+    let with = |check: Check, (error, voxels): (&f64, f64)| {
+        check.with(format!("largest_error_at_{voxels}_voxels"), *error)
+    };
+    Ok(worst.iter().zip(VOXELS).fold(check, with))
 }
 
 /// The error of A, the mean of points, in the orientation in which A is least, at each distance.

@@ -38,18 +38,17 @@ fn paper(m: &mut Marching) {
 }
 
 pub fn cases() -> Vec<Case> {
-    let twins = VARIANTS.map(|(name, change)| {
-        Case::new(INFO.name, format!("against the f64 twin, {name}"), move |rig| {
-            against_twin(rig, name, change)
-        })
-    });
-    let mut cases: Vec<Case> = twins.into();
-    cases.push(Case::new(INFO.name, "opacities against the f64 twin", opacities));
-    cases.push(Case::new(INFO.name, "opacities at other steps than a voxel", opacity_steps));
-    cases.push(Case::new(INFO.name, "rays of several passes", many_rays));
-    cases.push(Case::new(INFO.name, "bits and texture", storages));
-    cases.push(Case::new(INFO.name, "skipping and not skipping", skipping));
-    cases
+    let what = |(name, _)| format!("against the f64 twin, {name}");
+    let twins = Case::each(INFO.name, VARIANTS, what, against_twin);
+    twins
+        .chain([
+            Case::new(INFO.name, "opacities against the f64 twin", opacities),
+            Case::new(INFO.name, "opacities at other steps than a voxel", opacity_steps),
+            Case::new(INFO.name, "rays of several passes", many_rays),
+            Case::new(INFO.name, "bits and texture", storages),
+            Case::new(INFO.name, "skipping and not skipping", skipping),
+        ])
+        .collect()
 }
 
 /// Points of the furnished volume: A as the stage finds it, and what its twin needs.
@@ -94,7 +93,7 @@ impl Marched {
     }
 }
 
-fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
+fn against_twin(rig: &Rig<'_>, (name, change): (&str, Change)) -> Result<Check> {
     let marched = Marched::new(rig, OPAQUE, usize::MAX, &marching(change))?;
     Ok(Check::of(rig, format!("largest |GPU − f64 twin| of A, {name}"))
         .within((TOLERANCE, "1"), marched.beyond(1.0, 0.0))

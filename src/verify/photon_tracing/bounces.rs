@@ -17,15 +17,12 @@ const TILTS_DEG: [[f64; 3]; 5] = [
 ];
 
 pub fn cases() -> Vec<Case> {
-    let of = |what: &str, stage: &'static str, method, view| {
-        let name = format!("{what}, by {stage}");
-        Case::new(bounce::INFO.name, name, move |rig| bounced(rig, view, stage, method))
+    let of = |what: &str, how: How, view| {
+        let name = format!("{what}, by {}", how.0.info().name);
+        Case::new(bounce::INFO.name, name, move |rig| bounced(rig, view, how))
     };
-    let mut cases: Vec<Case> = METHODS
-        .map(|(stage, method)| of("behind mirror and glass", stage, method, View::Level))
-        .into();
-    let turned = "behind mirror and glass, camera turned";
-    cases.push(of(turned, march::INFO.name, Method::March, View::Turned));
+    let mut cases = Vec::from(METHODS.map(|how| of("behind mirror and glass", how, View::Level)));
+    cases.push(of("behind mirror and glass, camera turned", MARCH, View::Turned));
     cases.push(Case::new(bounce::INFO.name, "tilted mirrors", tilted_mirrors));
     cases
 }
@@ -115,10 +112,11 @@ impl Exact {
 }
 
 /// Ends of photons that meet a mirror or glass first, against exact ray casting.
-fn bounced(rig: &Rig<'_>, view: View, stage: &str, method: Method) -> Checks {
+fn bounced(rig: &Rig<'_>, view: View, how: How) -> Checks {
+    let stage = how.0.info().name;
     let setup = Setup::of(rig, mirror_and_glass(view)?, LAYERS)?;
-    let unbounced = setup.trace(rig, method, HitTest::Crossing)?;
-    let found = setup.trace_ways(rig, method, HitTest::Crossing, BOUNCES + 1)?;
+    let unbounced = setup.trace(rig, how, HitTest::Crossing)?;
+    let found = setup.trace_ways(rig, how, HitTest::Crossing, BOUNCES + 1)?;
     let mut checks = Vec::new();
     // Rasterizers move corners by up to 1/32 of a pixel; on the ball normals are interpolated between pixels.
     for (optics, tolerance_m) in [(Optics::Mirror, 2e-3), (Optics::Glass, 0.02)] {
@@ -161,7 +159,7 @@ fn tilted_mirrors(rig: &Rig<'_>) -> Checks {
     let [mut turned, mut turned_half, mut off_m] = [const { Vec::new() }; 3];
     for tilt in TILTS_DEG {
         let setup = Setup::of(rig, tilted_mirror(tilt)?, LAYERS)?;
-        let found = setup.trace_ways(rig, Method::March, HitTest::Crossing, 2)?;
+        let found = setup.trace_ways(rig, MARCH, HitTest::Crossing, 2)?;
         let behind: Vec<Transfer> = rig.read(&setup.transfers.buffer)?;
         for photon in Exact::all(&setup, Optics::Mirror) {
             let before = setup.stored[photon.number].direction.as_dvec3().normalize();

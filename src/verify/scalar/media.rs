@@ -96,8 +96,6 @@ fn many_rays(rig: &Rig<'_>, mode: Mode) -> Checks {
         seen_block(Scalar { rays, ..marched(mode, Law::Beer, r_max_m, 8) }, 8).run(rig)
     };
     let (many, few, longer) = (run(MANY_RAYS, 0.6)?, run(16, 0.6)?, run(16, 0.8)?);
-    let apart =
-        |a: &Image, b: &Image| largest(a.data().iter().zip(b.data()).map(|(a, b)| (a - b).abs()));
     let off = |other: &ScalarPicture| (many.visibility.mean() - other.visibility.mean()).abs();
     let black = Image::constant(8, 8, 0.0);
     let check = |what: &str| Check::of(rig, format!("{MANY_RAYS} rays: {what}"));

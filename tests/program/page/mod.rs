@@ -5,8 +5,9 @@ mod browser;
 
 use std::path::{Path, PathBuf};
 
-use crate::common::{Ends, Place, hostile, reference};
+use crate::common::{Ends, Place, hostile, lines, reference, reference_of};
 use browser::{Browser, Display, NARROW, WIDE, axe};
+use fathom::record::Record;
 use serde_json::{Value, json};
 
 /// Cells of the large page.
@@ -23,21 +24,17 @@ fn page_of(records: &str) -> (Place, PathBuf) {
 
 /// The reference run's cells over and over under new names, up to [`MANY`].
 fn many() -> String {
-    let records = reference();
-    let lines: Vec<Value> =
-        records.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    let (cells, others): (Vec<Value>, Vec<Value>) =
-        lines.into_iter().partition(|line| line["record"] == "cell");
+    let is_cell = |record: &Record| matches!(record, Record::Cell(_));
+    let (cells, mut others): (Vec<_>, Vec<_>) = reference_of("").into_iter().partition(is_cell);
+    let end = others.pop();
     let copies = (0..MANY).map(|number| {
-        let mut cell = cells[number % cells.len()].clone();
-        let name = cell["cell"].as_str().unwrap().to_owned();
-        cell["cell"] = format!("{name},copy={}", number / cells.len()).into();
-        cell["axes"]["copy"] = (number / cells.len()).into();
-        cell
+        let mut record = cells[number % cells.len()].clone();
+        let (cell, copy) = (record.try_as_cell_mut().unwrap(), number / cells.len());
+        cell.cell += &format!(",copy={copy}");
+        cell.axes.insert("copy".to_owned(), copy.into());
+        record
     });
-    let (end, head): (Vec<Value>, Vec<Value>) =
-        others.into_iter().partition(|line| line["record"] == "end");
-    head.into_iter().chain(copies).chain(end).map(|line| format!("{line}\n")).collect()
+    lines(others.into_iter().chain(copies).chain(end))
 }
 
 /// Runs a test in a browser, if there is one.

@@ -1,8 +1,8 @@
 use std::path::Path;
 
-use super::super::testing::page;
 use super::*;
 use crate::ReportView;
+use crate::testing::page;
 use fathom_experiments::fixtures;
 use fathom_picture::{Effort, RgbImage};
 use fathom_record::Record;

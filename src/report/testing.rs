@@ -1,10 +1,19 @@
-//! Pages of records, for tests of their sections.
+//! The fixture's run, and pages of records, for tests.
+
+use std::sync::LazyLock;
 
 use maud::Markup;
 
-use super::{Page, PageRun};
 use crate::ReportView;
+use crate::page::{Page, PageRun};
+use fathom_experiments::fixtures;
 use fathom_record::Record;
+
+/// The fixture's run.
+pub fn view() -> ReportView<'static> {
+    static RECORDS: LazyLock<Vec<Record>> = LazyLock::new(fixtures::run);
+    ReportView::new(&RECORDS, None)
+}
 
 /// A page of these runs, called `one`, `two`.
 pub fn page<'a>(views: &[&'a ReportView<'a>]) -> Page<'a> {
@@ -17,8 +26,8 @@ pub fn written(write: fn(&Page<'_>) -> Option<Markup>, records: &[Record]) -> St
     write(&page(&[&ReportView::new(records, None)])).map_or_else(String::new, Markup::into_string)
 }
 
-/// A section of the page on which a run stands twice.
-pub fn overlaid(write: fn(&Page<'_>) -> Option<Markup>, records: &[Record]) -> String {
-    let view = ReportView::new(records, None);
+/// A section of the page on which the fixture's run stands twice.
+pub fn overlaid(write: fn(&Page<'_>) -> Option<Markup>) -> String {
+    let view = view();
     write(&page(&[&view, &view])).map_or_else(String::new, Markup::into_string)
 }
