@@ -8,6 +8,8 @@ bench: setup
 
 # A build from nothing is faster without what a second one would reuse.
 test: export CARGO_INCREMENTAL = 0
+# Some tests wait, for a batch system or for a limit of time: others run beside them.
+test: export RUST_TEST_THREADS ?= 4
 test: setup-test
 	cargo fmt --all --check
 	scripts/licences.sh
