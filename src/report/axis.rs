@@ -171,7 +171,7 @@ impl Axis {
         Some(Axis { scale: Scale::fit(kind, values)?, ends_px })
     }
 
-    /// See [`Scale::tight`].
+    /// A linear axis about the values, wide enough that the eye does not take noise for steps; none where no value is finite.
     pub fn tight(values: impl IntoIterator<Item = f64>, ends_px: [f64; 2]) -> Option<Axis> {
         Some(Axis { scale: Scale::tight(values)?, ends_px })
     }
