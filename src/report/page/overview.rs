@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use super::claims::chip;
 use super::{Page, PageRun, PageSection};
 use crate::format::{NS_PER_MS, percent, three};
+use crate::noise::RunVerdict;
 use crate::{facts, trust};
 use fathom_record::Run;
 
@@ -28,6 +29,7 @@ fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
     html! {
         @if page.is_overlay() { h3 { (run.label) } }
         div.cards {
+            @if let Some(verdict) = RunVerdict::of(run.view) { (noise(&verdict)) }
             @if let Some(header) = run.view.run() { (device(header)) }
             (verdicts(run))
             (slowest(page, run))
@@ -35,6 +37,20 @@ fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
         }
         @if !findings.is_empty() {
             ul.findings { @for finding in &findings { li { (finding) } } }
+        }
+    }
+}
+
+/// Whether the machine was quiet enough, by what that is judged, and what to do.
+fn noise(verdict: &RunVerdict) -> Markup {
+    let (tone, advice) = (verdict.tone(), verdict.advice());
+    html! {
+        article.card.verdict.(tone.class()) {
+            h3 { (tone.chip(&verdict.noise.to_string())) " " (verdict.headline()) }
+            dl.figures {
+                @for (about, words) in verdict.figures() { dt { (about) } dd { (words) } }
+            }
+            @if !advice.is_empty() { p { b { "What to do: " } (advice.join("; ")) "." } }
         }
     }
 }
@@ -53,8 +69,9 @@ fn device(run: &Run) -> Markup {
             }
             p.faint {
                 (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile)
-                "; started " (run.started_at) "; fathom " (run.fathom_version)
+                "; started " (run.started_at) "; " (facts::program(run))
             }
+            @if let Some(machine) = &run.conditions.machine { p.faint { (facts::machine(machine)) } }
         }
     }
 }
