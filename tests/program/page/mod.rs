@@ -121,7 +121,6 @@ fn what_a_reader_filters_stays_in_the_address(browser: &Browser, page: &Path) {
                  return [document.querySelector('#cells > details').open, rows.length > 0,
                          rows.every((row) => row.dataset.experiment === 'uw-photons' && row.textContent.includes('32'))]";
     assert_eq!(browser.eval(shown), json!([true, true, true]));
-    // By the keyboard, as a reader chooses: the event is the browser's own.
     browser.show(page, WIDE);
     browser.eval("document.querySelector('#cells > details').open = true; document.getElementById('cell-words').focus()");
     browser.devtools("Input.insertText", json!({ "text": "dragon" }));

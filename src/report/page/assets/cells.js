@@ -97,9 +97,9 @@
 
   /* All parts of the page are ready: the last script. */
   fathom.controls().forEach((control) => {
-    control.dataset.first = control.value;
+    if (!control.disabled) control.dataset.first = control.value;
     const keep = () => fathom.keep(control.closest("section").id);
-    control.addEventListener(control.matches("select") ? "change" : "input", (event) => event.isTrusted && keep());
+    control.addEventListener(control.matches("select") ? "change" : "input", keep);
   });
   fathom.restore();
 }

@@ -130,11 +130,13 @@ fathom.address = () => {
 };
 fathom.controls = () => fathom.all(".controls :is(select, input)[id]");
 
-/* Keeps what the reader chose in the address, which can be shared. */
+/* Keeps what the reader chose in the address, which can be shared; of controls that are not ready, what the address says. */
 fathom.keep = (place) => {
+  const [, before] = fathom.address();
   const chosen = new URLSearchParams(fathom.controls()
-    .filter((control) => control.value !== control.dataset.first)
-    .map((control) => [control.id, control.value]));
+    .map((control) => [control.id, control.disabled ? before.get(control.id) : control.value, control.dataset.first])
+    .filter(([, value, first]) => value !== null && value !== first)
+    .map(([id, value]) => [id, value]));
   const query = chosen.toString();
   history.replaceState(null, "", `#${encodeURIComponent(place)}${query && `?${query}`}`);
 };
@@ -156,12 +158,12 @@ fathom.restore = () => {
   const [place, chosen] = fathom.address();
   for (const [id, value] of chosen) {
     const control = fathom.controls().find((known) => known.id === id);
-    if (!control || control.value === value) continue;
+    if (!control || control.disabled || control.value === value) continue;
     control.value = value;
     control.dispatchEvent(new Event(control.matches("select") ? "change" : "input", { bubbles: true }));
   }
+  if (place) fathom.keep(place);
   fathom.open();
-  if (place && chosen.size === 0) fathom.keep(place);
 };
 addEventListener("hashchange", fathom.restore);
 
