@@ -4,7 +4,6 @@
 mod head;
 mod tables;
 
-
 use super::{Exporter, OfRun, ReportView, RunExporter, Written, page};
 use fathom_base::text;
 

@@ -78,7 +78,8 @@ fn the_reference_page_opens_without_errors_at_every_width_and_mode(browser: &Bro
 
 /// Opens everything that is folded.
 fn unfold(browser: &Browser) {
-    browser.eval("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })");
+    browser
+        .eval("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })");
 }
 
 /// A laptop's window, without the browser's own bars.
