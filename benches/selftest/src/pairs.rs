@@ -214,7 +214,7 @@ impl Bench {
                 times[order][frame.cell][usize::from(frame.timed)].push(ns);
             }
         }
-        for [a, b] in self.chains.iter().flat_map(|chain| chain.array_windows()) {
+        for (a, b) in self.chains.iter().flat_map(|chain| chain.iter().tuple_windows()) {
             let overrides = |cell: &usize| &self.cells[*cell].0.overrides;
             let cells = if overrides(a) == overrides(b) { Cells::Equal } else { Cells::Different };
             for timed in 0..2 {
