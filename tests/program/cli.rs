@@ -197,7 +197,7 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
     let place = Place::new();
     let out = &place.path("out");
     let told = run(&place, "").answer();
-    holds(&told, &["1 cells measured", "slowest stages: ", "summary.md"]);
+    holds(&told, &["1 cells measured", "slowest stage of each pipeline: ", "summary.md"]);
     let first = cells(out);
     let all = records(out);
     let [Record::Run(_), Record::Experiment(_), .., Record::End(end)] = &all[..] else {
