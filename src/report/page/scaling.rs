@@ -203,7 +203,8 @@ fn charts<'a>(page: &Page<'a>, id: &str, spec: &Spec<'a>, joined: bool) -> Vec<C
         let chart = words(cells, &|axis| !together || !differing.contains(axis));
         for y in &spec.y {
             let is_group = together && !own.is_empty();
-            let name = if is_group { own.clone() } else { page.naming(*run, ": ") + &name(page, y) };
+            let name =
+                if is_group { own.clone() } else { page.naming(*run, ": ") + &name(page, y) };
             let series = series(page, *run, spec, y, name, cells, joined);
             add(charts.entry(chart.clone()).or_default(), series);
         }
