@@ -16,6 +16,7 @@ use crate::{exporters, folder, tell, text};
 
 pub fn export(args: ExportArgs) -> Outcome {
     let ExportArgs { format, folder: from, output, cell, frame, samples, own } = args;
+    exporters::check_format(&format)?;
     let (choice, keep) = (FrameChoice { cell, frame }, Keep { samples, own });
     let held = OutputFolder { folder: from.clone() };
     let records = sound(&held, "the folder of a run or a comparison holds a file")?;

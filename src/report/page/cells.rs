@@ -4,14 +4,20 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::parts::{numbers, setting_words, words};
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
 use crate::Entry;
 use crate::format::{NS_PER_MS, percent, three};
 use fathom_base::text;
 use fathom_record::command::{OF_CELLS, parted};
 use fathom_record::{Cell, Estimate, Measured, Outcome, Run, StageRecord, Throttling};
 
-pub const SECTION: PageSection = PageSection { id: "cells", title: "Cells", write };
+pub const SECTION: PageSection = PageSection {
+    id: "cells",
+    title: "Cells",
+    question: "What was measured in each cell, and with which command?",
+    fold: Fold::Listed,
+    write,
+};
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     let rows = rows(page);
