@@ -163,7 +163,8 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
         return in_json(&answer);
     }
     let cores = quiet::allowed_cores();
-    let pinned = if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
+    let pinned =
+        if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
     tell::answer(format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
     tell::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
     if let Some(without) = without {

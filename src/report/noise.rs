@@ -110,8 +110,8 @@ impl RunVerdict {
         let machine = run.conditions.machine.as_ref();
         let cores = machine.and_then(|machine| machine.cores).unwrap_or(run.adapter.host_threads);
         let load = load(&frames, cores);
-        let is_noisy = scatter > SCATTER
-            || load.is_some_and(|load| load.is_busy() || load.is_stolen_from());
+        let is_noisy =
+            scatter > SCATTER || load.is_some_and(|load| load.is_busy() || load.is_stolen_from());
         let noise = match drift {
             _ if is_noisy => Noise::Noisy,
             Some(drift) if drift.exceeds(asked) => Noise::Drifting,
@@ -147,7 +147,10 @@ impl RunVerdict {
     pub fn headline(&self) -> String {
         let Self { noise, cells, asked, .. } = self;
         let share = (100.0 * self.precise as f64 / *cells as f64).round();
-        format!("{noise} run: {share} % of {cells} cells reached ±{} %", trim_zeros(&three(100.0 * asked)))
+        format!(
+            "{noise} run: {share} % of {cells} cells reached ±{} %",
+            trim_zeros(&three(100.0 * asked))
+        )
     }
 
     /// What it was measured by, each with what it is about.
@@ -192,7 +195,8 @@ impl RunVerdict {
 
     /// For the terminal and the summary: the headline, the figures, the advice.
     pub fn lines(&self) -> Vec<String> {
-        let mut figures = self.figures().into_iter().map(|(about, words)| format!("{about} {words}"));
+        let mut figures =
+            self.figures().into_iter().map(|(about, words)| format!("{about} {words}"));
         let advice = self.advice().join("; ");
         let advice = (!advice.is_empty()).then(|| format!("to do: {advice}"));
         [self.headline(), figures.join(", ")].into_iter().chain(advice).collect()
