@@ -117,7 +117,7 @@ pub enum Command {
     Run(RunArgs),
     /// List what there is
     List(ListArgs),
-    /// Hold the adapter's timestamps against the host clock
+    /// Check the clocks that `run` uses on this adapter against the host clock
     Audit {
         /// Answer in JSON
         #[arg(long)]
