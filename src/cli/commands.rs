@@ -65,8 +65,8 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     let reading = record::read(&output.records())?;
     let in_short = report::in_short(&ReportView::new(&reading.records, Some(&output.folder)));
     let files = exporters::write(&output.folder, reading)?;
-    print_summary(&summary);
     in_short.iter().for_each(tell::done);
+    print_summary(&summary);
     print_pages(&files);
     let Counts { measured, failed, .. } = summary.counts;
     let nothing = measured + failed + summary.kept == 0;

@@ -4,6 +4,7 @@
 mod head;
 mod tables;
 
+use super::noise::RunVerdict;
 use super::{Exporter, OfRun, ReportView, RunExporter, Written, page};
 use fathom_base::text;
 
@@ -28,14 +29,15 @@ fn export(view: &ReportView<'_>) -> String {
     text
 }
 
-/// What a run says in a few lines, for the terminal: the tally of verdicts and the slowest stages.
+/// What a run says in a few lines, for the terminal: the verdict on itself, the tally of verdicts and the slowest stages.
 pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
     let has_claims = view.sections.iter().any(|section| !section.rulings().is_empty());
     let claims = has_claims.then(|| format!("claims: {}", head::tally(view)));
     let slowest = head::slowest(view);
     let slowest =
         (!slowest.is_empty()).then(|| format!("slowest stage of each pipeline: {slowest}"));
-    claims.into_iter().chain(slowest).collect()
+    let of_run = RunVerdict::of(view).map_or_else(Vec::new, |verdict| verdict.lines());
+    of_run.into_iter().chain(claims).chain(slowest).collect()
 }
 
 /// The rows that fit, and words on how many are left out.

@@ -16,6 +16,7 @@ pub fn state(card: &Path) -> MachineState {
         temperature_c: sensor(card, &["temp1_input"], 1e3),
         power_w: sensor(card, &["power1_average", "power1_input"], 1e6),
         throttle: throttler(&metrics).map(reasons).unwrap_or_default(),
+        ..MachineState::default()
     }
 }
 
