@@ -211,7 +211,11 @@ pub fn log_log_slope(points: &[(f64, f64)]) -> Option<Slope> {
 
 /// The slopes over all pairs of points with distinct `x`, sorted.
 fn slopes(points: &[(f64, f64)]) -> Vec<f64> {
-    let slopes = points.iter().array_combinations().map(|[a, b]| (b.1 - a.1) / (b.0 - a.0)).filter(|slope| slope.is_finite());
+    let slopes = points
+        .iter()
+        .array_combinations()
+        .map(|[a, b]| (b.1 - a.1) / (b.0 - a.0))
+        .filter(|slope| slope.is_finite());
     slopes.sorted_unstable_by(f64::total_cmp).collect()
 }
 
@@ -441,8 +445,10 @@ mod tests {
 
     fn all_pairs(points: &[(f64, f64)]) -> Vec<PairSlope> {
         let pairs = points.iter().enumerate().array_combinations();
-        let pair = |[(earlier, a), (later, b)]: [(usize, &(f64, f64)); 2]| {
-            PairSlope { earlier, later, slope: (b.1 - a.1) / (b.0 - a.0) }
+        let pair = |[(earlier, a), (later, b)]: [(usize, &(f64, f64)); 2]| PairSlope {
+            earlier,
+            later,
+            slope: (b.1 - a.1) / (b.0 - a.0),
         };
         pairs.map(pair).collect()
     }

@@ -11,6 +11,7 @@ use crate::compare::driver::{self, GivenEnvironment};
 use crate::compare::flow::{self, CompareOptions, Program};
 use crate::compare::launch::{Waiting, WorkerStart};
 use crate::compare::{files, tables};
+use crate::gates::schedule::MORE_PAIRS;
 use crate::gates::store::{self, StoredComparison};
 use crate::gates::verdict::Verdicts;
 use crate::harness::catalog::Catalog;
@@ -82,7 +83,7 @@ fn dry_run(catalog: &Catalog, args: &CompareArgs) -> Outcome {
         let GateSettings { launches, pairs, .. } = settings;
         tell::answer(format!(
             "{launches} launches of {pairs} pairs of each cell; as many launches of up to {} pairs for cells that these leave open",
-            4 * pairs
+            MORE_PAIRS * pairs
         ));
     }
     let all = Gates::load(args.cells_file.as_deref(), catalog.gates)?.cells().len();

@@ -3,7 +3,6 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Instant;
 
 use anyhow::Context;
 use serde::Serialize;
@@ -127,7 +126,7 @@ fn measured(catalog: &Catalog, args: &AdapterArgs) -> anyhow::Result<Vec<Record>
         no_ceilings: true,
         ..Options::default()
     };
-    let summary = run::run(&options, Instant::now(), &mut |_, _| (), &INTERRUPT)?;
+    let summary = run::run(&options, &INTERRUPT)?;
     Ok(record::read(&OutputFolder { folder: summary.out }.records())?.records)
 }
 
@@ -249,19 +248,23 @@ fn of_asset(status: Result<AssetStatus, String>) -> Finding {
 
 /// Compiled shaders shorten set-up; no measured time depends on them.
 fn shader_cache() -> Finding {
-    let is_off =
-        |name: &str| std::env::var(name).is_ok_and(|value| value == "true" || value == "1");
     let given =
         |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
     let cache = given("XDG_CACHE_HOME").or_else(|| Some(std::env::home_dir()?.join(".cache")));
-    let mesa =
-        given("MESA_SHADER_CACHE_DIR").or(cache).map(|cache| cache.join("mesa_shader_cache"));
-    let found = match mesa.filter(|folder| folder.is_dir()) {
-        _ if is_off("MESA_SHADER_CACHE_DISABLE") => "Mesa's is turned off".to_owned(),
-        Some(folder) => format!("Mesa's is {}", folder.display()),
-        None => "none of Mesa's is there yet".to_owned(),
-    };
-    Finding::new("shader cache", Level::Ok, format!("{found}; only set-up is shorter with one"))
+    let folders = [
+        given("MESA_SHADER_CACHE_DIR")
+            .or(cache.clone())
+            .map(|folder| folder.join("mesa_shader_cache")),
+        given("__GL_SHADER_DISK_CACHE_PATH").or_else(|| Some(cache?.join("nvidia"))),
+    ];
+    let there: Vec<String> = folders
+        .into_iter()
+        .flatten()
+        .filter(|folder| folder.is_dir())
+        .map(|folder| folder.display().to_string())
+        .collect();
+    let found = if there.is_empty() { "none found".to_owned() } else { there.join(", ") };
+    Finding::new("shader cache", Level::Ok, format!("{found}; it shortens set-up alone"))
 }
 
 /// What `compare` needs.

@@ -201,7 +201,8 @@ pub fn program(run: &Run) -> String {
 /// `AMD EPYC 7R13, 2 cores, 3.81 GiB, Linux 6.18.44, governor performance`
 pub fn machine(machine: &Machine) -> String {
     let Machine { cpu, cores, memory_bytes, kernel, governor } = machine;
-    let gibibytes = |bytes: u64| format!("{} GiB", format::three(bytes as f64 / f64::from(1 << 30)));
+    let gibibytes =
+        |bytes: u64| format!("{} GiB", format::three(bytes as f64 / f64::from(1 << 30)));
     let parts = [
         cpu.clone(),
         cores.map(|cores| format!("{cores} cores")),

@@ -228,7 +228,8 @@ pub fn samples_by_time(view: &ReportView<'_>) -> Vec<TimedSample> {
         let relative = samples.map(|(at_s, ns)| TimedSample { at_s: *at_s, relative: ns / median });
         relative.filter(|sample| sample.relative.is_finite()).collect_vec()
     };
-    let mut samples = view.timed().flat_map(|(_, measured)| of_frame(&measured.frame)).collect_vec();
+    let mut samples =
+        view.timed().flat_map(|(_, measured)| of_frame(&measured.frame)).collect_vec();
     samples.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
     let start_s = samples.first().map_or(0.0, |first| first.at_s);
     samples.iter().map(|sample| TimedSample { at_s: sample.at_s - start_s, ..*sample }).collect()
@@ -237,8 +238,8 @@ pub fn samples_by_time(view: &ReportView<'_>) -> Vec<TimedSample> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_experiments::fixtures;
     use fathom_base::statistics;
+    use fathom_experiments::fixtures;
     use fathom_record::{MachineState, ThrottleReason};
 
     #[test]

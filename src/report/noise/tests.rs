@@ -133,8 +133,7 @@ fn a_short_run_is_quiet_and_asks_for_samples() {
 fn a_drift_is_told_where_it_matters() {
     let at = |per_minute: f64| {
         let slower = move |at_s: f64| (per_minute * at_s / 60.0).exp();
-        let verdict =
-            QUIET.verdict(|at_s| State { slower: slower(at_s), ..AT_REST });
+        let verdict = QUIET.verdict(|at_s| State { slower: slower(at_s), ..AT_REST });
         let drift = verdict.drift.unwrap().per_minute;
         let [low, high] = drift.ends();
         // Three standard errors rather than two: four truths are tried.
@@ -166,14 +165,13 @@ fn noise_with_a_memory_is_seldom_taken_for_a_drift() {
 
 #[test]
 fn what_changed_in_a_pause_is_no_drift() {
-    let records = QUIET.records(|at_s| State {
-        slower: if at_s < 120.0 { 1.0 } else { 1.1 },
-        ..AT_REST
-    });
+    let records =
+        QUIET.records(|at_s| State { slower: if at_s < 120.0 { 1.0 } else { 1.1 }, ..AT_REST });
     let drift = |pause_s: f64| {
         let mut records = records.clone();
         for measured in fixtures::cells(&mut records).filter_map(Cell::measured_mut) {
-            let later = measured.frame.sampled_at_s.iter_mut().filter(|at_s| **at_s >= 1.7e9 + 120.0);
+            let later =
+                measured.frame.sampled_at_s.iter_mut().filter(|at_s| **at_s >= 1.7e9 + 120.0);
             later.for_each(|at_s| *at_s += pause_s);
         }
         RunVerdict::of(&ReportView::new(&records, None)).unwrap().drift.unwrap()
