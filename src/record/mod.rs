@@ -17,6 +17,7 @@ use fathom_base::{statistics, text};
 
 pub mod calendar;
 pub mod ceilings;
+pub mod command;
 pub mod comparison;
 mod error_figure;
 mod file;
@@ -28,6 +29,7 @@ mod names;
 pub mod nan;
 pub mod output;
 mod params;
+pub mod public;
 mod samples;
 pub mod schema;
 mod shard;

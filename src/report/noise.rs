@@ -48,7 +48,7 @@ pub struct RunVerdict {
     pub precise: usize,
     /// Of the median cell; infinite where it has too few samples for an interval.
     pub half_width: f64,
-    /// Standard deviation of the logarithm of one frame's time, by its quartiles, in the median cell.
+    /// Standard deviation of the logarithm of one frame's time without the drift, by its quartiles, in the median cell.
     pub scatter: f64,
     pub load: Option<MeanLoad>,
     pub drift: Option<Drift>,
@@ -103,14 +103,15 @@ impl RunVerdict {
         let asked = run.asked_precision();
         let widths = frames.iter().map(|frame| frame.untimed.relative_half_width()).collect_vec();
         let precise = widths.iter().filter(|width| **width <= asked).count();
-        let scatters = frames.iter().filter_map(|frame| scatter(&frame.untimed_samples_ns));
+        let drift = drift(&frames);
+        let per_minute = drift.map_or(0.0, |drift| drift.per_minute.median);
+        let scatters = frames.iter().filter_map(|frame| scatter(frame, per_minute));
         let scatter = statistics::median(&scatters.collect_vec());
         let machine = run.conditions.machine.as_ref();
         let cores = machine.and_then(|machine| machine.cores).unwrap_or(run.adapter.host_threads);
         let load = load(&frames, cores);
-        let drift = drift(&frames);
-        let is_noisy = scatter > SCATTER
-            || load.is_some_and(|load| load.is_busy() || load.is_stolen_from());
+        let is_noisy =
+            scatter > SCATTER || load.is_some_and(|load| load.is_busy() || load.is_stolen_from());
         let noise = match drift {
             _ if is_noisy => Noise::Noisy,
             Some(drift) if drift.exceeds(asked) => Noise::Drifting,
@@ -146,7 +147,10 @@ impl RunVerdict {
     pub fn headline(&self) -> String {
         let Self { noise, cells, asked, .. } = self;
         let share = (100.0 * self.precise as f64 / *cells as f64).round();
-        format!("{noise} run: {share} % of {cells} cells reached ±{} %", trim_zeros(&three(100.0 * asked)))
+        format!(
+            "{noise} run: {share} % of {cells} cells reached ±{} %",
+            trim_zeros(&three(100.0 * asked))
+        )
     }
 
     /// What it was measured by, each with what it is about.
@@ -191,7 +195,8 @@ impl RunVerdict {
 
     /// For the terminal and the summary: the headline, the figures, the advice.
     pub fn lines(&self) -> Vec<String> {
-        let figures = self.figures().into_iter().map(|(about, words)| format!("{about} {words}"));
+        let mut figures =
+            self.figures().into_iter().map(|(about, words)| format!("{about} {words}"));
         let advice = self.advice().join("; ");
         let advice = (!advice.is_empty()).then(|| format!("to do: {advice}"));
         [self.headline(), figures.join(", ")].into_iter().chain(advice).collect()
@@ -210,10 +215,13 @@ impl Drift {
 }
 
 /// By the quartiles, which half of all samples have to leave before it misses them. None below four samples.
-fn scatter(samples_ns: &[f64]) -> Option<f64> {
+fn scatter(frame: &FrameRecord, drift_per_minute: f64) -> Option<f64> {
     /// Between the quartiles of a normal distribution, in standard deviations.
     const QUARTILES: f64 = 1.349;
-    let logs = samples_ns.iter().map(|ns| ns.ln()).collect_vec();
+    let start_s = frame.sampled_at_s.first()?;
+    let samples = frame.untimed_samples_ns.iter().zip(&frame.sampled_at_s);
+    let log = |(ns, at_s): (&f64, &f64)| ns.ln() - drift_per_minute * (at_s - start_s) / 60.0;
+    let logs = samples.map(log).collect_vec();
     let quartile = |share| statistics::quantile(&logs, share);
     (logs.len() >= 4).then(|| (quartile(0.75) - quartile(0.25)) / QUARTILES)
 }
@@ -244,7 +252,7 @@ struct Span {
     cells: BTreeMap<usize, f64>,
 }
 
-/// The median slope between spans of time. Between two spans it is that of the median of the cells that both have: only samples of
+/// The median slope between spans of time; none where they are too few for its interval. Between two spans it is that of the median of the cells that both have: only samples of
 /// one cell are compared, so cells need not be measured at the same time.
 fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
     let sittings = sittings(frames);
@@ -256,6 +264,7 @@ fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
         first += spans.len();
     }
     let per_minute = statistics::slope_of_pairs(&pairs)?;
+    per_minute.interval?;
     Some(Drift { per_minute, minutes: longest_s / 60.0 })
 }
 

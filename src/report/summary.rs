@@ -111,9 +111,12 @@ mod tests {
     fn a_run_ends_with_its_verdicts_and_slowest_stages() {
         let records = fixtures::run();
         let lines = in_short(&ReportView::new(&records, None));
-        assert_eq!(lines.len(), 2, "{lines:?}");
-        assert!(lines[0].starts_with("claims: ") && lines[0].contains(" supported, "));
-        assert!(lines[1].starts_with("slowest stage of each pipeline: underwater: "));
+        assert_eq!(lines.len(), 5, "{lines:?}");
+        assert!(lines[0].starts_with("quiet run: ") && lines[0].ends_with(" cells reached ±2 %"));
+        assert!(lines[1].contains("load and steal time not recorded"));
+        assert!(lines[2].starts_with("to do: add samples"));
+        assert!(lines[3].starts_with("claims: ") && lines[3].contains(" supported, "));
+        assert!(lines[4].starts_with("slowest stage of each pipeline: underwater: "));
         assert!(in_short(&ReportView::new(&[], None)).is_empty());
     }
 

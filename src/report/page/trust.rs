@@ -385,7 +385,6 @@ mod tests {
             "Cost of timing (% of the untimed frame)",
             "Stages + gaps against the frame (%)",
             "Time since the first sample (min)",
-            "% a minute",
             "Frames rejected: none",
             "set-up 21.0 s: pipelines 20.0 s, audit 1.00 s",
         ] {
