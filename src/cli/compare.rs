@@ -69,6 +69,7 @@ fn settings(args: &CompareArgs) -> GateSettings {
 /// What would be compared, by nothing but reading.
 fn dry_run(catalog: &Catalog, args: &CompareArgs) -> Outcome {
     let gates = gates(catalog, args)?;
+    let place = args.base.as_ref().map(|revision| base_place(catalog, revision)).transpose()?;
     let settings = settings(args);
     let rows = gates
         .configurations
@@ -91,9 +92,8 @@ fn dry_run(catalog: &Catalog, args: &CompareArgs) -> Outcome {
     let usual = f64::from(comparison::LAUNCHES * comparison::PAIRS) * all as f64;
     let minutes = (MOST_MINUTES * work / usual).ceil();
     tell::answer(format!("measuring takes up to about {minutes} minutes on two cores"));
-    if let Some(revision) = &args.base {
-        let is_built = base_place(catalog, revision)?.program.is_file();
-        let build = if is_built {
+    if let (Some(revision), Some(place)) = (&args.base, place) {
+        let build = if place.program.is_file() {
             "kept from an earlier comparison"
         } else {
             "to be built, which takes 2 to 5 minutes on two cores"
