@@ -215,7 +215,7 @@ fn slopes<'a>(groups: impl IntoIterator<Item = &'a [(f64, f64)]>) -> Vec<f64> {
 }
 
 /// Quantile of the standard normal distribution for an interval of 95 %.
-const Z_95: f64 = 1.959_964;
+pub const Z_95: f64 = 1.959_964;
 
 /// The median slope over all pairs of points of one group, with its 95 % interval; `n` counts points. Groups may have levels of
 /// their own: points of different groups are not compared. Hirsch, Slack & Smith, *Water Resour. Res.* 18 (1982), for the slope;
