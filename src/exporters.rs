@@ -21,7 +21,7 @@ use crate::report::{
     Artifact, Exported, Exporter, FrameChoice, LeftOut, OF_RUNS, OfRun, ReportError, ReportView,
     RunExporter, Written,
 };
-use crate::text;
+use crate::{public, text};
 
 pub use crate::gates::tables::OF_COMPARISONS;
 
@@ -47,6 +47,14 @@ pub enum ExportError {
 pub fn of_comparison(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
     let written = OF_COMPARISONS.iter().filter(|e| e.written == Written::WithEveryReport);
     written.flat_map(|exporter| exporter.one((exporter.export)(verdicts)).files()).collect()
+}
+
+/// Whether there is a format of this name: told before a folder is read.
+pub fn check_format(name: &str) -> Result<(), ExportError> {
+    if known().any(|known| known == name) {
+        return Ok(());
+    }
+    Err(ExportError::Unknown { name: name.to_owned(), nearest: text::nearest(name, known()) })
 }
 
 /// One format, of the records that were read in a folder.
@@ -83,20 +91,18 @@ fn find<'a, F>(
             let formats = exporters.iter().map(|exporter| exporter.name).join(", ");
             ExportError::OtherKind { folder: folder.to_owned(), held, name, formats }
         }
-        None => {
-            ExportError::Unknown { name: name.to_owned(), nearest: text::nearest(name, known()) }
-        }
+        None => ExportError::Unknown { name: name.to_owned(), nearest: None },
     })
 }
 
 /// Names of all exporters.
 fn known() -> impl Iterator<Item = &'static str> {
     let of_runs = OF_RUNS.iter().map(|exporter| exporter.name);
-    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name))
+    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name)).chain([public::NAME])
 }
 
 /// A choice that changes nothing is an error.
-fn refuse_choice(name: &'static str, choice: &FrameChoice) -> Result<(), ExportError> {
+pub fn refuse_choice(name: &'static str, choice: &FrameChoice) -> Result<(), ExportError> {
     if choice.cell.is_none() && choice.frame.is_none() {
         return Ok(());
     }
@@ -112,7 +118,9 @@ pub fn listing() -> Vec<[String; 5]> {
         [name, of, file, written.to_string().as_str(), about].map(str::to_owned)
     }
     let of_runs = OF_RUNS.iter().map(|exporter| row("run", exporter));
-    of_runs.chain(OF_COMPARISONS.iter().map(|e| row("comparison", e))).collect()
+    let public = [public::NAME, "either", "a folder", "on request", public::ABOUT];
+    let of_comparisons = OF_COMPARISONS.iter().map(|e| row("comparison", e));
+    of_runs.chain(of_comparisons).chain([public.map(str::to_owned)]).collect()
 }
 
 /// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.

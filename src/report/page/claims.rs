@@ -4,14 +4,20 @@ use indexmap::IndexMap;
 use maud::{Markup, html};
 
 use super::parts::{Tone, numbers, table, words};
-use super::{Page, PageSection};
+use super::{Fold, Page, PageSection};
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{three, trim_zeros};
 use fathom_experiments::schema::Claim;
 use fathom_experiments::{RuledFigure, Ruling, Verdict};
 use fathom_record::Interval;
 
-pub const SECTION: PageSection = PageSection { id: "claims", title: "Claims", write };
+pub const SECTION: PageSection = PageSection {
+    id: "claims",
+    title: "Claims",
+    question: "Which claims of the papers hold, and by how much do others fail?",
+    fold: Fold::Folded,
+    write,
+};
 
 const WIDTH_PX: f64 = 180.0;
 const HEIGHT_PX: f64 = 30.0;
@@ -131,13 +137,7 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
 
 /// A verdict, told by a word, a mark and a colour.
 pub fn chip(verdict: Verdict) -> Markup {
-    let tone = match verdict {
-        Verdict::Contradicted => Tone::Bad,
-        Verdict::Inconclusive => Tone::Open,
-        Verdict::NotRun => Tone::Neutral,
-        Verdict::Supported => Tone::Good,
-    };
-    tone.chip(&verdict.to_string())
+    Tone::of(verdict).chip(&verdict.to_string())
 }
 
 /// `1.38 (1.30 – 1.46)`

@@ -7,14 +7,20 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::parts::{numbers, table, words};
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
 use crate::axis::tenth;
 use crate::facts::{self, Representative, StageShare};
 use crate::format::{self, NS_PER_MS, three};
 use fathom_base::statistics;
 use fathom_record::{Clock, StageRecord};
 
-pub const SECTION: PageSection = PageSection { id: "time", title: "Where the time goes", write };
+pub const SECTION: PageSection = PageSection {
+    id: "time",
+    title: "Where the time goes",
+    question: "Which stage dominates a frame?",
+    fold: Fold::Folded,
+    write,
+};
 
 /// A frame as each run that timed it has it.
 type SameFrame<'a> = Vec<(&'a PageRun<'a>, Representative<'a>)>;
@@ -98,7 +104,10 @@ fn bar(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
                 @let tip = format!("{}: {} ms, {}", stage.stage, format::stage_ms(stage), facts::share(share));
                 span.part.mark data-tip=(tip) title=(tip)
                     style={ "width:" (tenth(100.0 * stage.time.median / sum_ns)) "%;background:" (color.hex()) ";color:" (color.ink().hex()) } {
-                    span.part-name { (stage.stage) " " (three(stage.time.median / NS_PER_MS)) " ms" }
+                    span.part-name {
+                        span { (stage.stage) }
+                        span { (three(stage.time.median / NS_PER_MS)) " ms" }
+                    }
                 }
             }
         }

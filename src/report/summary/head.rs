@@ -6,14 +6,15 @@ use indexmap::IndexSet;
 use itertools::Itertools;
 
 use super::super::facts::{self, SlowStage};
-use super::super::format::{self, Table};
+use super::super::format::Table;
+use super::super::noise::RunVerdict;
 use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
 use fathom_base::text;
 use fathom_record::{Outcome, Run};
 
-/// Stages that the first screen names.
-pub const SLOWEST: usize = 5;
+/// Pipelines whose slowest stage the first screen names.
+const MOST_PIPELINES: usize = 10;
 /// Notes that are shown.
 const MOST_NOTES: usize = 5;
 
@@ -27,6 +28,10 @@ pub fn write(view: &ReportView<'_>, text: &mut String) {
         *text += "> **Software driver.** Absolute times and frame rates say little about a GPU; ratios, \
                   exponents and shares are what to read.\n\n";
     }
+    for line in RunVerdict::of(view).iter().flat_map(RunVerdict::lines) {
+        let _ = writeln!(text, "- {}", text::markdown(&line));
+    }
+    text.push('\n');
     let mut table = Table::new(["", ""]);
     device(run, &mut table);
     results(view, &mut table);
@@ -57,14 +62,17 @@ fn device(run: &Run, table: &mut Table) {
     table.row([
         "run".to_owned(),
         format!(
-            "{}fathom {}, profile {}, shaders {}, started {}",
+            "{}{}, profile {}, shaders {}, started {}",
             run.shard.as_ref().map_or_else(String::new, |shard| format!("shard {}, ", shard.part)),
-            run.fathom_version,
+            facts::program(run),
             run.profile,
             run.shader_checks,
             run.started_at
         ),
     ]);
+    if let Some(machine) = &run.conditions.machine {
+        table.row(["machine", &facts::machine(machine)]);
+    }
     let command = text::code(&run.command.join(" "));
     table.row_of_markdown(["command".to_owned(), command.replace('|', "\\|")]);
 }
@@ -72,9 +80,9 @@ fn device(run: &Run, table: &mut Table) {
 fn results(view: &ReportView<'_>, table: &mut Table) {
     table.row(["cells".to_owned(), cells(view)]);
     table.row(["claims".to_owned(), tally(view)]);
-    let slowest = facts::slowest_stages(view, SLOWEST);
+    let slowest = slowest(view);
     if !slowest.is_empty() {
-        table.row(["slowest stages".to_owned(), slowest.iter().map(slow).join("; ")]);
+        table.row(["slowest stage of each pipeline".to_owned(), slowest]);
     }
 }
 
@@ -98,16 +106,13 @@ pub fn tally(view: &ReportView<'_>) -> String {
     format!("{each}, of {}", counts.iter().map(|(_, count)| count).sum::<usize>())
 }
 
-/// `caustics/splat 76.2 ms, 41 % (39 – 43) of underwater`
-pub fn slow(slow: &SlowStage<'_>) -> String {
-    let time = slow.stage.stage.time.scaled(1.0 / format::NS_PER_MS);
-    format!(
-        "{} {} ms, {} of {}",
-        slow.stage.stage.stage,
-        format::three(time.median),
-        facts::share(&slow.stage.share),
-        slow.frame.cell.pipeline
-    )
+/// The slowest stage of the first pipelines: `underwater: caustics/splat 41 % (39 – 43); hsao: …`
+pub fn slowest(view: &ReportView<'_>) -> String {
+    facts::slowest_stages(view).take(MOST_PIPELINES).map(slow).join("; ")
+}
+
+fn slow(SlowStage { frame, stage }: SlowStage<'_>) -> String {
+    format!("{}: {} {}", frame.cell.pipeline, stage.stage.stage, facts::share(&stage.share))
 }
 
 /// Notes on the run, and the stand-ins that cells ran on, once each.
