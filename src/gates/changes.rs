@@ -18,9 +18,10 @@ use crate::verdict::Verdicts;
 use cells::{Cells, Told};
 use claims::ClaimChange;
 use fathom_base::text;
-use fathom_record::comparison::{CellId, Gate, GateSettings};
+use fathom_record::comparison::{CellId, Gate, GateSettings, Side};
 use fathom_record::{Adapter, Cell, Record, Run};
 use fathom_report::format::{NS_PER_MS, interval, three};
+use fathom_report::noise::{Noise, RunVerdict};
 use fathom_report::page::parts::{table, words};
 use fathom_report::{ReportView, facts, run_conditions};
 use times::{Common, StageChange, TimeChange, Times};
@@ -204,6 +205,10 @@ fn doubts([base, head]: [&ReportView<'_>; 2]) -> Vec<String> {
             doubts.push(format!("{profiles}: most cells differ in size and are not compared"));
         }
     }
+    for (view, side) in [base, head].into_iter().zip(Side::BOTH) {
+        let verdict = RunVerdict::of(view).filter(|verdict| verdict.noise != Noise::Quiet);
+        doubts.extend(verdict.map(|verdict| format!("{side}: {}", verdict.headline())));
+    }
     doubts
 }
 
@@ -329,12 +334,14 @@ fn machine_block(verdicts: &Verdicts<'_>, views: [&ReportView<'_>; 2]) -> Block 
 /// What two runs must have in common to differ by the program's change alone.
 fn identity(run: &Run) -> Vec<(&'static str, String)> {
     let Adapter { name, backend, driver, driver_info, host_threads, .. } = &run.adapter;
+    let not_recorded = || "not recorded".to_owned();
     vec![
         ("adapter", format!("{name}, {backend}")),
         ("driver", format!("{driver} {driver_info}")),
         ("threads of the host", host_threads.to_string()),
-        ("host", run.conditions.host.clone().unwrap_or_else(|| "not recorded".to_owned())),
-        ("fathom", run.fathom_version.clone()),
+        ("host", run.conditions.host.clone().unwrap_or_else(not_recorded)),
+        ("machine", run.conditions.machine.as_ref().map_or_else(not_recorded, facts::machine)),
+        ("program", facts::program(run)),
         ("profile", run.profile.to_string()),
         ("shaders", run.shader_checks.to_string()),
         ("clocks and conditions", run_conditions(run)),

@@ -127,8 +127,13 @@ const HISTORY: PageSection = PageSection {
     write: |page| page.history.clone(),
 };
 
-const CHANGES: PageSection =
-    PageSection { id: "changes", title: "What changed", write: |page| page.changes.clone() };
+const CHANGES: PageSection = PageSection {
+    id: "changes",
+    title: "What changed",
+    question: "What is different in the second run?",
+    fold: Fold::Open,
+    write: |page| page.changes.clone(),
+};
 
 const COMPARED: PageSection = PageSection {
     id: "compared",
