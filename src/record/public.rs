@@ -38,6 +38,7 @@ const TEXTS: &[(Text, &[&str])] = &[
         &[
             "run/fathom_version",
             "run/started_at",
+            "run/build/commit",
             "run/audit/reason",
             "run/shard/plan",
             "experiment/id",
@@ -89,6 +90,9 @@ const TEXTS: &[(Text, &[&str])] = &[
             "run/adapter/driver",
             "run/adapter/driver_info",
             "run/conditions/rasterizer_threads",
+            "run/conditions/machine/cpu",
+            "run/conditions/machine/kernel",
+            "run/conditions/machine/governor",
             "comparison/adapter/name",
             "comparison/adapter/backend",
             "comparison/adapter/device_type",
