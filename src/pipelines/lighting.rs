@@ -5,7 +5,7 @@ use super::settings::{Compose, Filter, Shadow, VIEWPORT};
 use fathom_gpu::{GpuError, StageInfo};
 use fathom_scene::Scene;
 use fathom_stages::bilateral;
-use fathom_stages::frame::{Shared, View};
+use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};

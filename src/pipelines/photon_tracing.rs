@@ -10,7 +10,7 @@ use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use fathom_gpu::GpuError;
 use fathom_scene::{Bounds, Scene};
-use fathom_stages::frame::{Shared, View};
+use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};

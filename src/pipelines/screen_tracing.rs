@@ -8,7 +8,7 @@ use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError};
-use fathom_stages::frame::Shared;
+use fathom_stages::uniforms::Shared;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Resources, linear_workgroups};
 use fathom_stages::photon::Photons;

@@ -20,7 +20,7 @@ use fathom_scene::Scene;
 use fathom_stages::caustics::mesh::{self, MeshUniforms};
 use fathom_stages::caustics::splat::{self, PointSize, SplatUniforms};
 use fathom_stages::compose::{self, ComposeUniforms, Composed};
-use fathom_stages::frame::{Shared, View};
+use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::godrays::lines::LinesUniforms;
 use fathom_stages::kit::Resources;

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use super::frame::View;
+use super::uniforms::View;
 use super::kit::{Resource, square_workgroups};
 use crate::prelude::*;
 use fathom_scene::LightKind;

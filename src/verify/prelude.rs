@@ -18,7 +18,7 @@ pub use fathom_scene::{
     Bounds, Camera, Grid, LightFrame, LightKind, Mesh, Object, Optics, Scene, SceneFile, Volume,
     Water, WaterModel,
 };
-pub use fathom_stages::frame::{Shared, View};
+pub use fathom_stages::uniforms::{Shared, View};
 pub use fathom_stages::gbuffer::GbufferTextures;
 pub use fathom_stages::geometry::{Geometry, Part};
 pub use fathom_stages::kit::linear_workgroups;

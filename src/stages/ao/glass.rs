@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::frame::View;
+use crate::uniforms::View;
 use crate::geometry::Geometry;
 use crate::prelude::*;
 use fathom_scene::Scene;

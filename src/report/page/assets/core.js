@@ -172,7 +172,7 @@ addEventListener("beforeprint", () => fathom.all("details[data-print=true]").for
 
 /* In a narrow window a row of a table is a block, and each cell names its column. */
 {
-  const name = (table) => {
+  fathom.nameCells = (table) => {
     const heads = table.tHead ? [...table.tHead.rows[0].cells].map((head) => head.textContent) : [];
     for (const row of table.tBodies[0]?.rows ?? []) {
       let column = 0;
@@ -184,7 +184,7 @@ addEventListener("beforeprint", () => fathom.all("details[data-print=true]").for
   };
   const narrow = matchMedia("(max-width: 600px)");
   fathom.isNarrow = () => narrow.matches;
-  const update = () => { if (narrow.matches) fathom.all("table").forEach(name); };
+  const update = () => { if (narrow.matches) fathom.all("table").forEach(fathom.nameCells); };
   narrow.addEventListener("change", update);
   update();
 }
