@@ -149,13 +149,7 @@ fn comparisons(ruling: &Ruling) -> Markup {
 
 /// A verdict, told by a word, a mark and a colour.
 pub fn chip(verdict: Verdict) -> Markup {
-    let tone = match verdict {
-        Verdict::Contradicted => Tone::Bad,
-        Verdict::Inconclusive => Tone::Open,
-        Verdict::NotRun => Tone::Neutral,
-        Verdict::Supported => Tone::Good,
-    };
-    tone.chip(&verdict.to_string())
+    Tone::of(verdict).chip(&verdict.to_string())
 }
 
 /// `1.38 (1.30 – 1.46)`

@@ -102,9 +102,10 @@ fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
         Some(PlotData { name: section.id.into(), svg: section.figure().svg.as_deref()?.into() })
     };
     let plots = run.view.sections.iter().filter_map(plot);
-    let rooflines = rooflines(run.view).into_iter();
-    let plots = plots.chain(rooflines.map(|(name, svg)| PlotData { name: name.into(), svg: svg.into() }));
-    let plots = plots.collect();
+    let rooflines = rooflines(run.view).into_iter().filter_map(|file| {
+        Some(PlotData { name: file.name.into(), svg: String::from_utf8(file.bytes).ok()?.into() })
+    });
+    let plots = plots.chain(rooflines).collect();
     RunData { label: &run.label, cells, plots }
 }
 
