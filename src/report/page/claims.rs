@@ -141,7 +141,7 @@ fn comparisons(ruling: &Ruling) -> Markup {
     let heads = html! { (words(&["Verdict", "Comparison"])) (numbers(&["Measured (interval)", "Band"])) };
     let rows = html! {
         @for figure in all.clone() {
-            tr { td { (chip(figure.verdict)) } td { (figure.name) } td.number { (text(figure)) } td.number { (asked(figure.band)) } }
+            tr { td.(Tone::of(figure.verdict).class()) { (figure.verdict) } td { (figure.name) } td.number { (text(figure)) } td.number { (asked(figure.band)) } }
         }
     };
     html! { @if all.count() > 1 { (table("Comparisons", "", &heads, &rows)) } }

@@ -126,8 +126,12 @@ fn comparisons<'a>(page: &Page<'a>) -> Vec<Comparison<'a>> {
     let mut tasks = IndexMap::<Task<'a>, Vec<Timed<'a>>>::new();
     for (place, run) in page.runs.iter().enumerate() {
         for section in &run.view.sections {
+            // Texts of earlier versions do not mark the axes of a task.
+            let builtin = Experiment::builtin_ids().contains(&section.id.to_owned());
+            let builtin = builtin.then(|| Experiment::load(section.id).ok()).flatten();
+            let defined = || section.experiment.iter().chain(&builtin);
             for (cell, measured) in section.timed() {
-                let task = task(section.experiment.as_ref(), cell);
+                let task = task(cell, |axis| defined().any(|one| one.is_task(axis)));
                 tasks.entry(task).or_default().push((place, cell, measured));
             }
         }
@@ -143,8 +147,7 @@ fn comparisons<'a>(page: &Page<'a>) -> Vec<Comparison<'a>> {
     compared
 }
 
-fn task<'a>(experiment: Option<&Experiment>, cell: &'a Cell) -> Task<'a> {
-    let is_given = |axis: &str| experiment.is_some_and(|experiment| experiment.is_task(axis));
+fn task(cell: &Cell, is_given: impl Fn(&str) -> bool) -> Task<'_> {
     let axes = cell.axes.iter().map(|(axis, value)| (axis.as_str(), label_text(value)));
     let (given, others): (Vec<_>, Vec<_>) = axes.partition(|(axis, _)| is_given(axis));
     Task {
@@ -403,7 +406,7 @@ fn scatter(page: &Page<'_>, one: &Comparison<'_>, x: &Axis, y: &Axis) -> Markup 
         }
         @for (setting, at) in one.settings.iter().filter_map(|setting| Some((setting, place(setting)?))) {
             @let tip = setting.tip(page);
-            path.mark.setting.best[is_best(setting)] d=(Shape::of(setting.run).path(at)) style={ "fill:" (fill(setting)) } data-tip=(tip)
+            path.mark.setting.best[is_best(setting)] d=(Shape::of(setting.run).path(at)) style={ "fill:" (fill(setting)) }
                 data-setting=(setting.words) data-run=(setting.run) data-ms=(setting.time_ms.median)
                 data-error=(setting.error) data-figures=(setting.figures()) { title { (tip) } }
         }

@@ -178,7 +178,8 @@ fn strip(title: &str, about: &str, marks: Vec<StripMark>) -> Markup {
         (x_axis(&axis, [TOP_PX, BOTTOM_PX], title))
         path.cloud d=(squares(marks.iter().enumerate().skip(MOST_NAMED).map(|(rank, mark)| [px(mark.value), y(rank)]))) {}
         @for (rank, mark) in marks.iter().enumerate().take(MOST_NAMED) {
-            g.mark data-tip=(mark.tip) {
+            g.mark {
+                title { (mark.tip) }
                 @if mark.ends[0] < mark.ends[1] {
                     line.whisker x1=(px(mark.ends[0])) x2=(px(mark.ends[1])) y1=(y(rank)) y2=(y(rank)) {}
                 }
@@ -228,8 +229,9 @@ fn over_time(samples: &[TimedSample]) -> Markup {
         (y_axis(&vertical, [LEFT_PX, RIGHT_PX], "Frame time off its cell's median (%)"))
         path.cloud d=(squares(cloud)) {}
         @for span in spans(samples, last.at_s) {
-            circle.mark.median cx=(horizontal.px_within(span.at_s / 60.0)) cy=(vertical.px_within(span.off)) r="4"
-                data-tip=(span.tip()) { title { (span.tip()) } }
+            circle.mark.median cx=(horizontal.px_within(span.at_s / 60.0)) cy=(vertical.px_within(span.off)) r="4" {
+                title { (span.tip()) }
+            }
         }
     };
     html! {

@@ -45,6 +45,12 @@ fathom.median = (samples) => {
   return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
 };
 
+/* A mark's title is what the pointer and the keyboard show: the browser would show it a second time. */
+fathom.all("svg .mark > title").forEach((title) => {
+  title.parentElement.dataset.tip = title.textContent;
+  title.remove();
+});
+
 {
   const tip = document.getElementById("tip");
   let shown = null;
