@@ -19,7 +19,7 @@ use crate::report::{
     Artifact, Exported, Exporter, FrameChoice, LeftOut, OF_RUNS, OfRun, ReportError, ReportView,
     RunExporter, Written,
 };
-use crate::text;
+use crate::{public, text};
 
 pub use crate::gates::tables::OF_COMPARISONS;
 
@@ -96,11 +96,11 @@ fn find<'a, F>(
 /// Names of all exporters.
 fn known() -> impl Iterator<Item = &'static str> {
     let of_runs = OF_RUNS.iter().map(|exporter| exporter.name);
-    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name))
+    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name)).chain([public::NAME])
 }
 
 /// A choice that changes nothing is an error.
-fn refuse_choice(name: &'static str, choice: &FrameChoice) -> Result<(), ExportError> {
+pub fn refuse_choice(name: &'static str, choice: &FrameChoice) -> Result<(), ExportError> {
     if choice.cell.is_none() && choice.frame.is_none() {
         return Ok(());
     }
@@ -116,7 +116,9 @@ pub fn listing() -> Vec<[String; 5]> {
         [name, of, file, written.to_string().as_str(), about].map(str::to_owned)
     }
     let of_runs = OF_RUNS.iter().map(|exporter| row("run", exporter));
-    of_runs.chain(OF_COMPARISONS.iter().map(|e| row("comparison", e))).collect()
+    let public = [public::NAME, "either", "a folder", "on request", public::ABOUT];
+    let of_comparisons = OF_COMPARISONS.iter().map(|e| row("comparison", e));
+    of_runs.chain(of_comparisons).chain([public.map(str::to_owned)]).collect()
 }
 
 /// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.

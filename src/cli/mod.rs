@@ -117,7 +117,7 @@ pub enum Command {
     Run(RunArgs),
     /// List what there is
     List(ListArgs),
-    /// Hold the adapter's timestamps against the host clock
+    /// Check the clocks that `run` uses on this adapter against the host clock
     Audit {
         /// Answer in JSON
         #[arg(long)]
@@ -395,6 +395,12 @@ pub struct ExportArgs {
     /// Frame of a trace, counted from 0 [default: the one whose time is nearest to the median]
     #[arg(long, value_name = "N")]
     pub frame: Option<usize>,
+    /// Keep raw samples in a public copy: claims about times need them
+    #[arg(long)]
+    pub samples: bool,
+    /// Keep your own experiments and scenes in a public copy, with their texts
+    #[arg(long)]
+    pub own: bool,
 }
 
 #[derive(Args)]

@@ -13,6 +13,7 @@ pub mod facts;
 pub mod format;
 pub mod github_benchmark;
 pub mod junit;
+pub mod noise;
 pub mod page;
 mod plots;
 mod series;
