@@ -2,6 +2,7 @@
 
 mod commands;
 mod compare;
+mod doctor;
 mod export;
 mod fleet;
 mod history;
@@ -46,6 +47,7 @@ pub fn main(catalog: &Catalog) -> ExitCode {
 fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
     match command {
         Command::Run(args) => commands::run(catalog, args),
+        Command::Doctor { json, adapter } => doctor::doctor(catalog, json, &adapter),
         Command::List(args) => list::list(catalog, &args),
         Command::Audit { json, adapter } => commands::audit(catalog, json, &adapter),
         Command::Ceilings { json, adapter } => commands::ceilings(catalog, json, &adapter),
@@ -82,6 +84,7 @@ fn quiet_driver_layers() {
     version,
     about,
     after_help = "Examples:\n  \
+          fathom doctor                           is this machine fit to measure on?\n  \
           fathom run                              measure everything, then open the page that it names\n  \
           fathom run uw-default --set view.width=400\n  \
           fathom compare --base HEAD~1            did a stage become slower?\n  \
@@ -115,6 +118,18 @@ impl Cli {
 pub enum Command {
     /// Measure experiments; write records, tables, plots and pictures
     Run(RunArgs),
+    /// Check whether this machine is fit to measure on: adapter, clock, load, precision to expect, assets, tools
+    #[command(
+        after_help = "Takes about half a minute. Exit status: 0 nothing stands in the way of a run; 1 a warning says what its times \
+            would suffer from; 2 no run is possible."
+    )]
+    Doctor {
+        /// Answer in JSON
+        #[arg(long)]
+        json: bool,
+        #[command(flatten)]
+        adapter: AdapterArgs,
+    },
     /// List what there is
     List(ListArgs),
     /// Check the clocks that `run` uses on this adapter against the host clock
@@ -154,12 +169,12 @@ pub enum Command {
     Dump(DumpArgs),
     /// Answer at given points
     Query(QueryArgs),
-    /// Write the reports of a run or a comparison again, from its records alone; or one page of several
+    /// Write the reports of a run or a comparison again, from its records alone; or say what changed from one run to another; or write one page of several
     Report {
-        /// Folders of runs and comparisons
+        /// Folders of runs and comparisons. Of two runs, what changed is printed
         #[arg(required = true, value_name = "DIR")]
         folders: Vec<PathBuf>,
-        /// Write only the page, into this folder
+        /// Write one page of all folders, into this folder
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
@@ -189,7 +204,7 @@ pub enum Command {
     /// Hold two builds against each other: has a stage become slower, costlier or less accurate?
     #[command(
         after_help = "Exit status: 0 no regression; 1 regression; 2 could not measure; 3 inconclusive; \
-            130 interrupted, with everything measured so far stored."
+            4 times not judged, exact figures no worse; 130 interrupted, with everything measured so far stored."
     )]
     Compare(Box<CompareArgs>),
     /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion. Needs a build with the feature `bench`
@@ -405,7 +420,7 @@ pub struct ExportArgs {
 
 #[derive(Args)]
 pub struct CompareArgs {
-    /// Two files of records in place of two builds: exact figures are judged, times told
+    /// Two files of records in place of two builds: what changed from one run to the other. Exact figures are judged; times are not, as two runs share no pairs
     #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_bin", "replay", "resume"])]
     pub records: Vec<PathBuf>,
     /// Revision to build as the base
@@ -465,8 +480,11 @@ pub struct CompareArgs {
     /// Tell the comparison stored in a folder again
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
+    /// Say what would be built and measured, and how long it takes; do nothing
+    #[arg(long, conflicts_with_all = ["records", "replay"])]
+    pub dry_run: bool,
     /// What to print; files of every other format are written in any case
-    #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
+    #[arg(long, default_value = compare::TEXT, value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
     pub format: String,
     #[command(flatten)]
     pub adapter: AdapterArgs,

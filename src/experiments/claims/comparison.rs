@@ -77,20 +77,22 @@ impl Comparison {
         }
     }
 
-    /// With the interval of this level.
-    fn ruled(&self, alpha: f64) -> RuledFigure {
+    /// As one of so many comparisons: with the interval that gave the verdict.
+    fn ruled(&self, verdict: Verdict, of: usize) -> RuledFigure {
+        let of = if verdict == Verdict::Contradicted { of } else { 1 };
         RuledFigure {
+            verdict,
             name: self.name.clone(),
             value: self.figure.value(),
-            interval: self.figure.interval(alpha),
+            interval: self.figure.interval(ALPHA / of as f64),
             band: self.band,
             n: self.n(),
         }
     }
 
     /// `slope 1.020 (0.990 – 1.050 for the claim), n = 16 against 0.900 – 1.100`
-    fn text(&self, alpha: f64) -> String {
-        let ruled = self.ruled(alpha);
+    fn text(&self, verdict: Verdict, of: usize) -> String {
+        let ruled = self.ruled(verdict, of);
         let n = ruled.n.map_or_else(String::new, |n| format!(", n = {n}"));
         format!("{} {}{n} against {}", self.name, ruled.text(), ruled.asked())
     }
@@ -141,6 +143,8 @@ impl Comparison {
 /// A figure that decided a claim's verdict, and the band that it must lie in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RuledFigure {
+    /// On this comparison alone.
+    pub verdict: Verdict,
     /// What it is of, such as `lists / peel`.
     pub name: String,
     pub value: f64,
@@ -198,21 +202,21 @@ pub(super) struct Judgement {
     pub reason: String,
     /// The figures that decided, the furthest outside or nearest to its bound first.
     pub deciding: Vec<RuledFigure>,
+    /// The other comparisons, in their order.
+    pub others: Vec<RuledFigure>,
 }
 
 /// The verdict on all comparisons of a claim, and the figures that decided; none where there is nothing to compare.
 pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judgement> {
     let verdicts = comparisons.iter().map(|comparison| comparison.verdict(comparisons.len()));
     let verdict = verdicts.clone().min()?;
-    let mut deciding: Vec<&Comparison> =
-        comparisons.iter().zip(verdicts).filter(|(_, v)| *v == verdict).map(|(c, _)| c).collect();
+    let (deciding, others): (Vec<_>, Vec<_>) =
+        comparisons.iter().zip(verdicts).partition(|(_, v)| *v == verdict);
+    let mut deciding: Vec<&Comparison> = deciding.into_iter().map(|(c, _)| c).collect();
     deciding.sort_by(|a, b| a.inside().total_cmp(&b.inside()));
-    let (named, alpha) = match verdict {
-        Verdict::Contradicted => (MOST_NAMED, ALPHA / comparisons.len() as f64),
-        _ => (1, ALPHA),
-    };
+    let named = if verdict == Verdict::Contradicted { MOST_NAMED } else { 1 };
     let told = deciding.iter().take(named).map(|comparison| {
-        let told = comparison.text(alpha);
+        let told = comparison.text(verdict, comparisons.len());
         match verdict {
             Verdict::Inconclusive => {
                 format!("{told}: {}", comparison.settled_by(comparisons.len()))
@@ -227,8 +231,9 @@ pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judgement> {
         (all, some, _) => format!(" ({some} of {all} comparisons)"),
     };
     let reason = told + &count;
-    let deciding = deciding.into_iter().map(|comparison| comparison.ruled(alpha)).collect();
-    Some(Judgement { verdict, reason, deciding })
+    let deciding = deciding.into_iter().map(|c| c.ruled(verdict, comparisons.len())).collect();
+    let others = others.into_iter().map(|(c, verdict)| c.ruled(verdict, comparisons.len()));
+    Some(Judgement { verdict, reason, deciding, others: others.collect() })
 }
 
 /// Three decimals, or three digits of what is small.
