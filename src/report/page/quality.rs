@@ -94,9 +94,9 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         comparisons.iter().enumerate().partition(|(_, one)| one.count() >= LEAST_TOLD);
     Some(html! {
         p.lead {
-            "Settings are compared where they solve the same task: the same experiment and axes, scene, view, size, light and water, and "
+            "Settings are compared if they solve the same task: the same experiment and axes, scene, view, size, light and water, and "
             "the same error against the same reference. Of the errors that differ by a tenth or more, the one of the last stage is "
-            "shown. The best setting has the least error of those whose median frame time is at most the limit; of equal errors "
+            "shown. The best setting has the smallest error among those whose median frame time is within the limit; of equal errors "
             "the fastest."
         }
         div.controls.script-only {
