@@ -486,7 +486,7 @@ fn a_slowdown_while_the_head_was_throttled_is_a_regression_that_says_so() {
     let told = [
         "clocks throttled (thermal slowdown by the driver) in 0 of 10 launches of the base and 4 of the head",
         "of the head: more often on the slower side, so throttling may be the cause",
-        "1 of these are slower with more such launches",
+        "1 of these are slower with more throttled launches",
     ];
     let place = replay(held(slower(), Side::Head), 1, &told);
     for file in ["summary.md", "junit.xml", "index.html"] {
