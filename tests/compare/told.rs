@@ -126,7 +126,7 @@ fn the_exit_status_tells_how_it_ended() {
     let faster = faster.times(TRACE, false, 0.9, 0.004).configuration(BYTES, 0.02);
     let slower = two().counts(COMPOSE, 1.0).times(COMPOSE, false, 1.05, 0.004);
     let vague = |ratio| two().counted(COMPOSE).times(COMPOSE, false, ratio, 0.08);
-    let faster_if_anything = "of 1 inconclusive, 0 may be slower by more than 2.0 %";
+    let faster_if_anything = "0 of 1 inconclusive cells may be slower by more than 2.0 %";
     let failed = two().fault(Gate::Time, Side::Head, Some(COMPOSE), false);
     let new = two().fault(Gate::Exact, Side::Base, Some(COMPOSE), true);
     replay_all([
