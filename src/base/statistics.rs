@@ -220,7 +220,7 @@ fn slopes(points: &[(f64, f64)]) -> Vec<f64> {
 }
 
 /// Quantile of the standard normal distribution for an interval of 95 %.
-const Z_95: f64 = 1.959_964;
+pub const Z_95: f64 = 1.959_964;
 
 /// A slope between two moments, which are told apart by numbers in the order of time.
 #[derive(Clone, Copy, Debug)]

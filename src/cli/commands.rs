@@ -361,14 +361,23 @@ fn answer(
     folder::write(path, &bytes).with_context(|| format!("cannot write {name}"))
 }
 
-/// Of one folder all its files, beside its records. Of several, or into another folder, one page.
+/// Of one folder all its files, beside its records. Of several, or into another folder, one page. Of two runs what changed is
+/// printed, with a page or without.
 pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
-    match (folders.as_slice(), out) {
-        ([folder], None) => written(report_of(folder)?),
-        (_, Some(out)) => written(exporters::put(&out, vec![exporters::page_of(&folders)?])?),
-        (_, None) => {
-            anyhow::bail!("several folders give one page: say with --out where to write it")
-        }
+    if let ([folder], None) = (folders.as_slice(), &out) {
+        return written(report_of(folder)?);
+    }
+    let read = exporters::Folders::read(&folders)?;
+    let changes = read.changes();
+    if let Some(changes) = &changes {
+        tell::answer(changes.text());
+    }
+    match out {
+        Some(out) => written(exporters::put(&out, vec![read.page()])?),
+        None if changes.is_some() => Ok(ExitCode::SUCCESS),
+        None => anyhow::bail!(
+            "not two runs with cells in common: for one page of these folders say with --out where to write it"
+        ),
     }
 }
 
