@@ -77,8 +77,9 @@ impl Comparison {
         }
     }
 
-    fn ruled(&self) -> RuledFigure {
+    fn ruled(&self, verdict: Verdict) -> RuledFigure {
         RuledFigure {
+            verdict,
             name: self.name.clone(),
             value: self.figure.value(),
             interval: self.figure.interval(ALPHA),
@@ -88,8 +89,8 @@ impl Comparison {
     }
 
     /// `slope 1.020 (0.990 – 1.050), n = 16 against 0.900 – 1.100`
-    fn text(&self) -> String {
-        let ruled = self.ruled();
+    fn text(&self, verdict: Verdict) -> String {
+        let ruled = self.ruled(verdict);
         let n = ruled.n.map_or_else(String::new, |n| format!(", n = {n}"));
         format!("{} {}{n} against {}", self.name, ruled.text(), ruled.asked())
     }
@@ -140,6 +141,8 @@ impl Comparison {
 /// A figure that decided a claim's verdict, and the band that it must lie in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RuledFigure {
+    /// On this comparison alone.
+    pub verdict: Verdict,
     /// What it is of, such as `lists / peel`.
     pub name: String,
     pub value: f64,
@@ -193,18 +196,21 @@ pub(super) struct Judgement {
     pub reason: String,
     /// The figures that decided, the furthest outside or nearest to its bound first.
     pub deciding: Vec<RuledFigure>,
+    /// The other comparisons, in their order.
+    pub others: Vec<RuledFigure>,
 }
 
 /// The verdict on all comparisons of a claim, and the figures that decided; none where there is nothing to compare.
 pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judgement> {
     let verdicts = comparisons.iter().map(|comparison| comparison.verdict(comparisons.len()));
     let verdict = verdicts.clone().min()?;
-    let mut deciding: Vec<&Comparison> =
-        comparisons.iter().zip(verdicts).filter(|(_, v)| *v == verdict).map(|(c, _)| c).collect();
+    let (deciding, others): (Vec<_>, Vec<_>) =
+        comparisons.iter().zip(verdicts).partition(|(_, v)| *v == verdict);
+    let mut deciding: Vec<&Comparison> = deciding.into_iter().map(|(c, _)| c).collect();
     deciding.sort_by(|a, b| a.inside().total_cmp(&b.inside()));
     let named = if verdict == Verdict::Contradicted { MOST_NAMED } else { 1 };
     let told = deciding.iter().take(named).map(|comparison| {
-        let told = comparison.text();
+        let told = comparison.text(verdict);
         match verdict {
             Verdict::Inconclusive => {
                 format!("{told}: {}", comparison.settled_by(comparisons.len()))
@@ -219,8 +225,9 @@ pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judgement> {
         (all, some, _) => format!(" ({some} of {all} comparisons)"),
     };
     let reason = told + &count;
-    let deciding = deciding.into_iter().map(Comparison::ruled).collect();
-    Some(Judgement { verdict, reason, deciding })
+    let deciding = deciding.into_iter().map(|c| c.ruled(verdict)).collect();
+    let others = others.into_iter().map(|(c, verdict)| c.ruled(verdict)).collect();
+    Some(Judgement { verdict, reason, deciding, others })
 }
 
 /// Three decimals, or three digits of what is small.

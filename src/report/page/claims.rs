@@ -119,7 +119,7 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
                         a.source href={ "#plot-" (row.experiment) } title=(row.title) { (row.experiment) }
                     }
                     @if page.is_overlay() { " " span.run { (page.runs[*place].label) } }
-                    details { summary { "why" } p { (ruling.reason) } }
+                    details { summary { "why" } p { (ruling.reason) } (comparisons(ruling)) }
                 }
                 @match ruling.deciding.first() {
                     Some(deciding) => {
@@ -133,6 +133,19 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
             }
         }
     }
+}
+
+/// Every comparison of a claim that has several.
+fn comparisons(ruling: &Ruling) -> Markup {
+    let all = ruling.deciding.iter().chain(&ruling.others);
+    let heads =
+        html! { (words(&["Verdict", "Comparison"])) (numbers(&["Measured (interval)", "Band"])) };
+    let rows = html! {
+        @for figure in all.clone() {
+            tr { td.(Tone::of(figure.verdict).class()) { (figure.verdict) } td { (figure.name) } td.number { (text(figure)) } td.number { (asked(figure.band)) } }
+        }
+    };
+    html! { @if all.count() > 1 { (table("Comparisons", "", &heads, &rows)) } }
 }
 
 /// A verdict, told by a word, a mark and a colour.
@@ -193,6 +206,28 @@ fn picture(axis: &Axis, deciding: &RuledFigure, published: Option<f64>) -> Marku
             }
             line.interval x1=(from) x2=(to) y1=(middle) y2=(middle) {}
             circle.value cx=(at) cy=(middle) r="4" {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn why_lists_every_comparison_with_its_own_verdict() {
+        let view = testing::view();
+        let sections = view.sections.iter();
+        let rulings = sections.flat_map(|section| section.rulings());
+        let mixed = rulings.filter(|ruling| !ruling.others.is_empty()).collect::<Vec<_>>();
+        assert!(!mixed.is_empty());
+        for ruling in mixed {
+            let html = comparisons(ruling).into_string();
+            let rows = ruling.deciding.len() + ruling.others.len();
+            assert_eq!(html.matches("<tr>").count(), rows + 1, "{html}");
+            assert!(ruling.deciding.iter().all(|figure| figure.verdict == ruling.verdict));
+            assert!(ruling.others.iter().all(|figure| figure.verdict > ruling.verdict));
         }
     }
 }
