@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn lines_break_between_words() {
         let size = Type(16.0);
-        let room = size.width_px("– three");
+        let room = size.width_px("one two").max(size.width_px("– three"));
         assert_eq!(size.wrapped("one two – three", room), ["one two", "– three"]);
         assert!(size.width_px("WWW") > size.width_px("iii"));
     }
