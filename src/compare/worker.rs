@@ -227,7 +227,7 @@ impl Device {
         let read = |_| reading(&self.gpu, &mut self.timer, stage);
         let ns = (0..frames).map(read).collect::<Result<_, _>>()?;
         let machine = self.machine.as_ref().and_then(MachineReader::read);
-        Ok(Reply::Sample { ns, machine })
+        Ok(Reply::Sample { ns, machine: machine.map(Box::new) })
     }
 
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {
@@ -324,7 +324,7 @@ fn resolved(sample: &StageTime) -> Result<f64, GpuError> {
         return Ok(sample.ns);
     }
     let message = format!(
-        "{}: shorter than the {:.3} ms that the fenced host clock tells from none: choose a larger configuration",
+        "{}: shorter than the fenced host clock's resolution of {:.3} ms: choose a larger configuration",
         sample.stage,
         sample.resolution_ns * 1e-6
     );

@@ -172,7 +172,7 @@ fn clock_plan(
     let plan = chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock));
     header.clocks = PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into();
     if !plan.has_clocks_of(&found) {
-        let text = "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
+        let text = "passes are timed by the clocks that the audit of the resumed run chose";
         header.notes.push(Note::new(NoteKind::OtherClocks, text));
     }
     plan
@@ -200,8 +200,10 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
     Run {
         schema: SCHEMA,
         fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
+        build: Some(options.catalog.build()),
         started_at: calendar::now(),
         profile,
+        precision: Some(options.precision.unwrap_or(profile.precision())),
         command: options.command.clone(),
         adapter: record::Adapter {
             host_threads: quiet::cores_before().len().max(1),
@@ -226,14 +228,14 @@ fn settings(
     seed: u64,
     software: bool,
 ) -> Settings {
-    let (precision, per_cell_s, most_s): (f64, f64, f64) = match profile {
+    let (per_cell_s, most_s): (f64, f64) = match profile {
         // All experiments within eight minutes, set-up included.
-        Profile::Quick => (0.02, 6.0, 500.0),
-        Profile::Paper => (0.01, 20.0, 1_800.0),
+        Profile::Quick => (6.0, 500.0),
+        Profile::Paper => (20.0, 1_800.0),
     };
     let cells: f64 = planned.iter().map(weight).sum();
     Settings {
-        precision: options.precision.unwrap_or(precision),
+        precision: options.precision.unwrap_or(profile.precision()),
         budget_s: options.budget_s.unwrap_or((cells * per_cell_s).min(most_s)),
         first_round: 0,
         group_bytes: if software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
@@ -265,7 +267,7 @@ impl Measurement<'_> {
         held.notices.iter().chain(damage).for_each(tell::note);
         let (pairs, cells) = journal.earlier_pairs(ids);
         if pairs > 0 {
-            tell::note(format!("going on from {pairs} pairs of frames of {cells} cells"));
+            tell::note(format!("continuing from {pairs} pairs of frames of {cells} cells"));
         }
         Ok(())
     }

@@ -98,7 +98,7 @@ fn a_kill_at_any_moment_loses_no_sample_and_one_of_two_processes_goes_on() {
         }
         let before = kept(&place);
         holds(&place.fathom("report out").ends(0).err, &[" have no record yet; "]);
-        holds(&one_of_two(&place, "--resume"), &["going on from "]);
+        holds(&one_of_two(&place, "--resume"), &["continuing from "]);
         goes_on(&before, &cells(out));
         assert!(!out.join("samples.jsonl").exists());
     }
@@ -254,7 +254,7 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
 
 /// Every text of a run's records by its place in them: what the machine or its user says, and what fathom says itself.
 /// The text of an experiment and the values of its axes and parameters are the user's own words.
-const OF_THE_MACHINE: [&str; 9] = [
+const OF_THE_MACHINE: [&str; 10] = [
     "run.command",
     "run.adapter.name",
     "run.adapter.backend",
@@ -263,10 +263,12 @@ const OF_THE_MACHINE: [&str; 9] = [
     "run.adapter.driver_info",
     "run.conditions.rasterizer_threads",
     "run.conditions.host",
+    "run.conditions.machine.",
     "run.started_at",
 ];
-const OF_FATHOM: [&str; 17] = [
+const OF_FATHOM: [&str; 18] = [
     "run.fathom_version",
+    "run.build.commit",
     "run.profile",
     "run.shader_checks",
     "run.clocks",

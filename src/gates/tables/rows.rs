@@ -74,12 +74,12 @@ fn change(time: &CellTime) -> String {
 fn throttled(time: &CellTime) -> Option<String> {
     let ThrottledLaunches { base, head, reasons } = time.throttled.as_ref()?;
     let doubt = if time.may_be_throttling() {
-        ": more often on the slower side, so the change may be the machine's and not the build's"
+        ": more often on the slower side, so throttling may be the cause, not the build"
     } else {
         ""
     };
     Some(format!(
-        "clocks held down ({}) in {base} of {n} launches of the base and {head} of the head{doubt}",
+        "clocks throttled ({}) in {base} of {n} launches of the base and {head} of the head{doubt}",
         machine::words(reasons),
         n = time.launches.len()
     ))
@@ -110,8 +110,16 @@ fn more(counted: &Counted) -> String {
     format!("{}{unjudged}", signed(counted.ratio - 1.0, 2))
 }
 
-/// `fragments 100 → 120 (+20.0 %)`.
+/// The same, of a whole configuration with its name.
 pub fn difference(difference: &Difference) -> String {
+    match &difference.scope {
+        DifferenceScope::Configuration(id) => format!("{id}: {}", changed(difference)),
+        DifferenceScope::Cell(_) | DifferenceScope::Stage(_) => changed(difference),
+    }
+}
+
+/// `fragments 100 → 120 (+20.0 %)`.
+pub fn changed(difference: &Difference) -> String {
     let Difference { figure, base, head, kind, .. } = difference;
     let value = |value: f64| match kind {
         FigureKind::Bytes => mebibytes(value as u64),
@@ -122,11 +130,7 @@ pub fn difference(difference: &Difference) -> String {
     let relative = *base != 0.0 && base.is_finite() && head.is_finite();
     let share = relative.then(|| format!(" ({})", signed((head - base) / base.abs(), 2)));
     let share = share.unwrap_or_default();
-    let changed = format!("{figure} {} → {}{share}", value(*base), value(*head));
-    match &difference.scope {
-        DifferenceScope::Configuration(id) => format!("{id}: {changed}"),
-        DifferenceScope::Cell(_) | DifferenceScope::Stage(_) => changed,
-    }
+    format!("{figure} {} → {}{share}", value(*base), value(*head))
 }
 
 /// Who could not do what, and why.
@@ -223,7 +227,7 @@ fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
     let open = cells.filter(|cell| cell.may_be_slower(threshold)).count();
     (all > 0).then(|| {
         format!(
-            "of {all} inconclusive, {open} may be slower by more than {:.1} %, as their intervals reach above it; only these make the status inconclusive",
+            "{open} of {all} inconclusive cells may be slower by more than {:.1} %: their intervals reach above it; only these make the status inconclusive",
             100.0 * threshold
         )
     })
@@ -232,7 +236,7 @@ fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
 /// What it means that the sides ran on two adapters, if they did.
 fn on_two_adapters(verdicts: &Verdicts<'_>) -> Option<String> {
     let header = &verdicts.comparison.header;
-    header.base_adapter.as_ref()?;
+    header.base_adapter.as_ref().filter(|_| !header.settings.unpaired)?;
     let told = match AdapterRelation::in_header(header) {
         AdapterRelation::Same => "one device and driver under two settings: everything is judged",
         AdapterRelation::OtherVersion => {
@@ -253,7 +257,7 @@ fn held_down(verdicts: &Verdicts<'_>) -> Option<String> {
     let slower = doubtful.filter(|time| time.verdict == TimeVerdict::Slower).count();
     (held > 0).then(|| {
         format!(
-            "heat or power held clocks down while {held} of {} were timed; {slower} of these are slower with more such launches on the head: measure them again",
+            "heat or power throttled clocks while {held} of {} were timed; {slower} of these are slower with more throttled launches on the head: measure them again",
             cells(times.count())
         )
     })
@@ -304,7 +308,7 @@ fn second(comparison: &StoredComparison) -> Option<String> {
     let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
     let open = of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).unique().count();
     let launches = comparison.launches_of(true);
-    Some(format!(", {launches} more of {pairs} pairs for {} that these left open", cells(open)))
+    Some(format!(", {launches} more of {pairs} pairs for {} still undecided", cells(open)))
 }
 
 /// `origin/main (0.1.0)`, `fathom (0.1.0) with LP_NATIVE_VECTOR_WIDTH`.
@@ -344,6 +348,6 @@ pub fn mark(status: Status) -> &'static str {
         Status::NoRegression => "✅",
         Status::Regression => "❌",
         Status::CouldNotMeasure => "⚠️",
-        Status::Inconclusive => "❔",
+        Status::Inconclusive | Status::TimesNotJudged => "❔",
     }
 }

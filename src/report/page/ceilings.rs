@@ -5,8 +5,9 @@ use maud::{Markup, html};
 
 use super::parts::{numbers, table, words};
 use super::{Fold, Page, PageRun, PageSection};
-use crate::ceilings::{Bound, bounds};
+use crate::ceilings::{self, Bound, bounds};
 use crate::format::{percent, si, three};
+use crate::plots;
 use fathom_record::ceilings::{Basis, Ceiling, CeilingShare};
 
 pub const SECTION: PageSection = PageSection {
@@ -28,9 +29,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     }
     Some(html! {
         p.lead {
-            "The least time that the adapter's own limit allows for a stage's work, over the stage's time, in the cell in which that "
-            "is most. A stage at 100 % can only become faster by doing less of that work. A small share says that something "
-            "else binds the stage, such as arithmetic, latency or work that it does not declare."
+            "Each stage's best share of the hardware limit. A stage at 100 % can only become faster by doing less work. A small "
+            "share means that something else limits the stage, such as arithmetic, latency or work that it does not declare."
         }
         @for run in runs {
             @if page.is_overlay() { h3 { (run.label) } }
@@ -49,6 +49,20 @@ fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
             details { summary { (folded.len()) " more stages" } (shares(page, folded)) }
         }
         details { summary { "The limits" } (limits(run)) }
+        @for pipeline in ceilings::rooflines(run.view).keys() { (roofline(run, pipeline)) }
+    }
+}
+
+/// Room for the pipeline's roofline, which the script draws when it is opened.
+fn roofline(run: &PageRun<'_>, pipeline: &str) -> Markup {
+    let about = format!("Roofline of {pipeline}");
+    html! {
+        details.plot.script-only {
+            summary { (about) }
+            div.scroll tabindex="0" role="region" aria-label=(about) {
+                div.drawing role="img" aria-label=(about) data-run=(run.label) data-plot=(plots::roofline_file(pipeline)) {}
+            }
+        }
     }
 }
 

@@ -30,9 +30,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     let (run, default) = frames.first()?.first()?;
     Some(html! {
         p.lead {
-            "A bar for each pipeline: its timed cell that sets the fewest parameters, of those whose stages are all above the "
-            "clock's resolution where there are such. A part is a stage's median time over the sum of all stages. "
-            "A time below the clock's resolution has no part."
+            "One bar per pipeline, at the measurable setting closest to the defaults. A segment is a stage's share of the sum of all "
+            "stages, by median times. A stage below the clock's resolution has no segment."
         }
         div.controls.script-only {
             label { "Length of the bars "
@@ -45,13 +44,16 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         div #time-frames { @for frame in &frames { (same_frame(page, frame)) } }
         h3 { "One frame, stage by stage" }
         p.lead {
-            "Stages stand in the order in which they ran, each where those before it end. The gaps between passes are known as a "
+            "Stages in execution order. The gaps between passes are known as a "
             "sum only, which stands last. "
             span.script-only { "Choose another cell, and a frame of it." }
         }
         div.controls.script-only {
             label { "Cell " select #waterfall-cell disabled {} }
             label { "Frame " input #waterfall-frame type="range" min="0" value="0" disabled; }
+            label { "Zoom " input #waterfall-zoom type="range" min="0" max="6" step="0.25" value="0"; }
+            label { "Place " input #waterfall-from type="range" min="0" max="100" value="0"; }
+            output #waterfall-shown {}
         }
         (waterfall(page, run, default))
     })
@@ -189,7 +191,7 @@ fn step_markup(step: &Step) -> Markup {
             span.step-track {
                 @if step.length > 0.0 {
                     span.step-bar.mark data-tip={ (step.name) ": " (step.text) }
-                        style={ "left:" (step.start) "%;width:" (step.length) "%;background:" (step.color) } {}
+                        style={ "--start:" (step.start) ";--length:" (step.length) ";background:" (step.color) } {}
                 }
             }
             span.step-time { (step.text) }

@@ -8,6 +8,7 @@ use super::{Fold, Page, PageRun, PageSection};
 use crate::ReportView;
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
+use crate::noise::RunVerdict;
 use crate::svg::{chart, x_axis, y_axis};
 use crate::trust::{self, TimedSample};
 use fathom_base::statistics;
@@ -29,8 +30,8 @@ const RIGHT_PX: f64 = 326.0;
 const TOP_PX: f64 = 30.0;
 const BOTTOM_PX: f64 = 196.0;
 
-/// Cells that a strip shows: more cannot be told apart in its height.
-const MOST_CELLS: usize = 160;
+/// Cells of a strip that a mark names, those with the largest figures.
+const MOST_NAMED: usize = 30;
 /// Samples that are drawn over time.
 const MOST_SAMPLES: usize = 2_000;
 /// Spans of time whose median is a mark.
@@ -60,7 +61,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 fn sittings(view: &ReportView<'_>) -> Markup {
     let cells = view.entries().filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
     html! {
-        p.faint { "The run was measured in " (view.runs.len()) " sittings. The audit and the costs below are those of the one whose clocks can be trusted least." }
+        p.faint { "The run was measured in " (view.runs.len()) " sittings. The audit and the costs below are those of the sitting with the least reliable clocks." }
         @let heads = html! {
             (words(&["Started", "Machine"])) (numbers(&["Cells"])) (words(&["Clock", "Can it be trusted?"]))
         };
@@ -82,7 +83,7 @@ fn sittings(view: &ReportView<'_>) -> Markup {
 fn audit(run: &Run) -> Markup {
     html! {
         @if !run.audit.is_empty() {
-            p.faint { "Each clock beside the host clock, for a kernel of N and of 2 N work:" }
+            p.faint { "Each clock compared with the host clock, for a kernel of N and of 2 N work:" }
             @let heads = html! {
                 (words(&["Clock", "Pass", "In its command buffer"]))
                 (numbers(&["Clock (ms)", "Host (ms)", "Clock / host", "2 N / N"]))
@@ -160,14 +161,13 @@ fn share_mark(cell: &Cell, share: f64) -> StripMark {
     StripMark { value, ends: [value; 2], tip: format!("{}: {} %", name(cell), three(value)) }
 }
 
-/// The cells' figures in order of size, one above the other; of many cells those with the largest.
+/// The figures of all cells in order of size, one above the other.
 fn strip(title: &str, about: &str, marks: Vec<StripMark>) -> Markup {
     let all = marks.len();
     let mut marks: Vec<StripMark> =
         marks.into_iter().filter(|mark| mark.value.is_finite()).collect();
     let left_out = all - marks.len();
     marks.sort_by(|a, b| b.value.total_cmp(&a.value));
-    marks.truncate(MOST_CELLS);
     let ends = marks.iter().flat_map(|mark| mark.ends).chain(marks.iter().map(|mark| mark.value));
     let Some(axis) = Axis::fit(ScaleKind::Linear, ends, [LEFT_PX, RIGHT_PX]) else {
         return html! {};
@@ -177,31 +177,32 @@ fn strip(title: &str, about: &str, marks: Vec<StripMark>) -> Markup {
     let px = |value: f64| axis.px_within(value);
     let content = html! {
         (x_axis(&axis, [TOP_PX, BOTTOM_PX], title))
-        @for (rank, mark) in marks.iter().enumerate() {
-            g.mark data-tip=(mark.tip) {
+        path.cloud d=(squares(marks.iter().enumerate().skip(MOST_NAMED).map(|(rank, mark)| [px(mark.value), y(rank)]))) {}
+        @for (rank, mark) in marks.iter().enumerate().take(MOST_NAMED) {
+            g.mark {
+                title { (mark.tip) }
                 @if mark.ends[0] < mark.ends[1] {
                     line.whisker x1=(px(mark.ends[0])) x2=(px(mark.ends[1])) y1=(y(rank)) y2=(y(rank)) {}
                 }
-                circle.ink cx=(px(mark.value)) cy=(y(rank)) r="2.5" { title { (mark.tip) } }
+                circle.ink cx=(px(mark.value)) cy=(y(rank)) r="2.5" {}
             }
         }
     };
     html! {
         figure {
             (chart([WIDTH_PX, HEIGHT_PX], about, &content))
-            figcaption { (counted(marks.len(), all)) (without_interval(left_out)) }
+            figcaption { (counted(marks.len())) (without_interval(left_out)) }
         }
     }
 }
 
-fn counted(shown: usize, all: usize) -> String {
-    if shown == all {
-        format!("A dot per cell, n = {all}, in order of size.")
+fn counted(cells: usize) -> String {
+    let named = if cells > MOST_NAMED {
+        format!(" The {MOST_NAMED} largest name their cell.")
     } else {
-        format!(
-            "A dot per cell in order of size: {shown} of {all} cells, those with the largest values."
-        )
-    }
+        String::new()
+    };
+    format!("A dot per cell, n = {cells}, in order of size.{named}")
 }
 
 fn without_interval(cells: usize) -> String {
@@ -229,8 +230,9 @@ fn over_time(samples: &[TimedSample]) -> Markup {
         (y_axis(&vertical, [LEFT_PX, RIGHT_PX], "Frame time off its cell's median (%)"))
         path.cloud d=(squares(cloud)) {}
         @for span in spans(samples, last.at_s) {
-            circle.mark.median cx=(horizontal.px_within(span.at_s / 60.0)) cy=(vertical.px_within(span.off)) r="4"
-                data-tip=(span.tip()) { title { (span.tip()) } }
+            circle.mark.median cx=(horizontal.px_within(span.at_s / 60.0)) cy=(vertical.px_within(span.off)) r="4" {
+                title { (span.tip()) }
+            }
         }
     };
     html! {
@@ -289,14 +291,19 @@ fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
         ul.facts {
             @for fact in trust::facts(view) { li { (fact.about) ": " (fact.words) "." } }
             @if view.timed().next().is_some() { li { (accounting(view)) } }
-            @if let Some(drift) = trust::drift(view) { li { (drift_words(&drift)) } }
+            @if let Some(drift) = RunVerdict::of(view).and_then(|verdict| verdict.drift) {
+                li {
+                    "Drift of frame times: " (drift.words()) ", n = " (drift.per_minute.n) " spans of time. Median slope over all pairs of "
+                    "spans (Sen 1968) of the median change of the cells that both have; spans of 10 s or more are taken for independent."
+                }
+            }
             li { (rejected(view)) }
             @if !costs.is_empty() { li { "Cost of a submission as the audit measured it: " (costs) "." } }
             @if let Some(set_up) = set_up(view) { li { (set_up) } }
             @if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
                 li { "Peak memory of the process: " (mebibytes(bytes)) "." }
             }
-            @if view.ends.last().is_none_or(|end| end.interrupted) { li { "The run ended early: this is what was measured until then." } }
+            @if view.ends.last().is_none_or(|end| end.interrupted) { li { "The run ended early. What was measured until then is shown." } }
             @for note in &run.notes { li { "Note: " (note.text) "." } }
         }
     }
@@ -318,19 +325,6 @@ fn accounting(view: &ReportView<'_>) -> String {
         "Stages + gaps against the frame: {} off in the median cell, {} at worst.",
         percent(statistics::median(&errors)),
         percent(worst)
-    )
-}
-
-fn drift_words(drift: &Estimate) -> String {
-    let in_percent = |slope: f64| format!("{:+.3}", 100.0 * slope);
-    let interval = drift.interval.map_or_else(String::new, |interval| {
-        format!(" ({} to {})", in_percent(interval.low), in_percent(interval.high))
-    });
-    format!(
-        "Drift of frame times while a cell was measured: {} % per minute{interval}, n = {} samples. Median slope over all pairs of samples \
-         of the same cell (Hirsch, Slack & Smith 1982), 95 % interval for independent samples (Gilbert 1987, section 17.4).",
-        in_percent(drift.median),
-        drift.n
     )
 }
 
@@ -392,9 +386,7 @@ mod tests {
             "Cost of timing (% of the untimed frame)",
             "Stages + gaps against the frame (%)",
             "Time since the first sample (min)",
-            "% per minute (",
             "Frames rejected: none",
-            "half width of the frame times",
             "set-up 21.0 s: pipelines 20.0 s, audit 1.00 s",
         ] {
             assert!(text.contains(expected), "{expected}");
@@ -413,13 +405,14 @@ mod tests {
     }
 
     #[test]
-    fn strips_are_cut_at_the_largest_and_say_so() {
+    fn a_strip_has_every_cell_and_names_the_largest() {
         let mut records = fixtures::run();
         let cell = fixtures::cells(&mut records).next().unwrap();
         let marks = (0..400).map(|i| share_mark(cell, f64::from(i) / 100.0));
         let text = strip("x (%)", "x", marks.collect()).into_string();
-        assert_eq!(text.matches("<circle").count(), MOST_CELLS);
-        assert!(text.contains("160 of 400 cells") && text.contains(": 399 %"), "{text}");
+        assert_eq!(text.matches("<circle").count(), MOST_NAMED);
+        assert_eq!(text.matches("h2v2h-2z").count(), 400 - MOST_NAMED);
+        assert!(text.contains("n = 400") && text.contains(": 399 %"), "{text}");
     }
 
     #[test]
