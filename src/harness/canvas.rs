@@ -59,7 +59,8 @@ impl Canvas {
     fn line(&mut self, line: &str, size: Type, [mut x, top]: [f32; 2]) {
         let font = FONT.as_scaled(size.0);
         for c in line.chars() {
-            let glyph = font.glyph_id(c).with_scale_and_position(size.0, point(x, top + font.ascent()));
+            let glyph =
+                font.glyph_id(c).with_scale_and_position(size.0, point(x, top + font.ascent()));
             x += font.h_advance(glyph.id);
             let Some(outline) = font.outline_glyph(glyph) else { continue };
             let corner = outline.px_bounds().min;
@@ -71,7 +72,8 @@ impl Canvas {
 
     /// A share of a pixel becomes black.
     fn darken(&mut self, x: f32, y: f32, share: f32) {
-        let is_inside = 0.0 <= x && x < self.0.width() as f32 && 0.0 <= y && y < self.0.height() as f32;
+        let is_inside =
+            0.0 <= x && x < self.0.width() as f32 && 0.0 <= y && y < self.0.height() as f32;
         if is_inside {
             let (x, y) = (x as u32, y as u32);
             let kept = 1.0 - share.clamp(0.0, 1.0);
