@@ -8,7 +8,7 @@ use super::{Fold, Page, PageSection};
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{three, trim_zeros};
 use fathom_experiments::schema::Claim;
-use fathom_experiments::{RuledFigure, Ruling, Verdict};
+use fathom_experiments::{LOOKS, RuledFigure, Ruling, Verdict};
 use fathom_record::Interval;
 
 pub const SECTION: PageSection = PageSection {
@@ -62,10 +62,11 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         rows.iter().partition(|row| row.verdict() == Verdict::Supported);
     Some(html! {
         p.lead {
-            "A claim is supported where the interval of its figure lies inside the band, contradicted where it lies outside, and "
-            "inconclusive else. The dot is the measured figure, the line its interval, the shaded part the claim's band"
+            "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, and "
+            "otherwise inconclusive. The dot is the measured figure, the line its interval, the shaded part the claim's band"
             @if published { ", the diamond the published figure" }
-            ". "
+            ". The interval for the claim is wider than the 95 % interval of the same figure in plots and other tables: a run looks at its "
+            "samples up to " (LOOKS) " times, and a claim that compares several figures could fail by chance in each. "
             a href="#experiments" { "Experiments" } " has the plots."
         }
         @if !open.is_empty() { (table_of(page, &open, "Claims that are not supported")) }
@@ -80,7 +81,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 
 fn table_of(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Markup {
     let heads = html! {
-        (words(&["Verdict", "Claim"])) (numbers(&["Measured (interval)"])) (words(&["Against its band"])) (numbers(&["Band", "Published"]))
+        (words(&["Verdict", "Claim"])) (numbers(&["Measured (interval for the claim)"])) (words(&["Against its band"])) (numbers(&["Band", "Published"]))
     };
     table(about, "claims", &heads, &html! { @for row in rows { (row_markup(page, row)) } })
 }
