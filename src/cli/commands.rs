@@ -397,7 +397,7 @@ fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
         let pairs: usize = unfinished.iter().sum();
         let (cells, folder) = (unfinished.len(), output.folder.display());
         tell::note(format!(
-            "{folder}: {cells} cells with {pairs} pairs of frames have no record yet; `fathom run --resume --out {folder}` goes on"
+            "{folder}: {cells} cells with {pairs} pairs of frames have no record yet; `fathom run --resume --out {folder}` continues"
         ));
     }
     Ok(exporters::write(&output.folder, reading)?)

@@ -210,7 +210,8 @@ fn two_runs(args: &CompareArgs, files: [&PathBuf; 2]) -> Outcome {
     let views = [&base, &head].map(|file| ReportView::new(&file.reading.records, None));
     let comparison = StoredComparison::read(&folder)?;
     let verdicts = Verdicts::of(&comparison);
-    let changes = Changes::of(&verdicts, [&views[0], &views[1]]);
+    let paths = [files[0].as_path(), files[1].as_path()];
+    let changes = Changes::of(&verdicts, [&views[0], &views[1]], paths);
     let status = verdicts.status;
     tell::answer(format!("{status} (status {}): {}", status as u8, changes.text()));
     write(&folder, &verdicts, true)

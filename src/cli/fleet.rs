@@ -36,7 +36,7 @@ fn check_run(catalog: &Catalog, command: &[String]) -> anyhow::Result<()> {
         anyhow::anyhow!("after `--`: {}", first.trim_start_matches("error: "))
     })?;
     let Command::Run(args) = parsed.command else {
-        anyhow::bail!("after `--` stands `run` with its arguments");
+        anyhow::bail!("after `--` comes `run` with its arguments");
     };
     let RunArgs { shard, out, resume, .. } = &args;
     let own = [("--shard", shard.is_some()), ("--out", out.is_some()), ("--resume", *resume)];

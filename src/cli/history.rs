@@ -19,7 +19,7 @@ use crate::{exporters, folder, tell};
 
 #[derive(Subcommand)]
 pub enum HistoryCommand {
-    /// Store runs with their commit, branch and machine; what is stored already is left as it is
+    /// Store runs with their commit, branch and machine; runs that are already stored stay unchanged
     Add {
         /// Folders of runs
         #[arg(required = true, value_name = "DIR")]
@@ -36,7 +36,7 @@ pub enum HistoryCommand {
     },
     /// Show figures over commits as text, or as a page with plots
     Show {
-        /// Only figures whose names hold this: `uw-default`, `caustics/trace`
+        /// Only figures whose names contain this: `uw-default`, `caustics/trace`
         filter: Option<String>,
         /// Write a page with plots into this folder
         #[arg(long, value_name = "DIR")]
@@ -44,17 +44,17 @@ pub enum HistoryCommand {
         #[command(flatten)]
         selection: SelectionArgs,
     },
-    /// Tell between which commits figures changed, by how much, and how sure that is
+    /// Find between which commits figures changed, by how much and with what certainty
     Changes {
-        /// Only figures whose names hold this
+        /// Only figures whose names contain this
         filter: Option<String>,
-        /// Answer in JSON
+        /// Print JSON
         #[arg(long)]
         json: bool,
         #[command(flatten)]
         selection: SelectionArgs,
     },
-    /// Get the records of a run back, byte for byte
+    /// Restore the records of a run, byte for byte
     Get {
         /// Beginning of the run's name, as `fathom history list` has it
         run: String,
@@ -69,7 +69,7 @@ pub enum HistoryCommand {
         /// Folder for what Apache Otava reads: a CSV file for each series, and otava.yaml
         #[arg(long, value_name = "DIR", required = true)]
         otava: PathBuf,
-        /// Only figures whose names hold this
+        /// Only figures whose names contain this
         filter: Option<String>,
         #[command(flatten)]
         selection: SelectionArgs,
@@ -81,7 +81,7 @@ pub struct PlaceArgs {
     /// File of SQLite, or URL of a PostgreSQL database [default: FATHOM_HISTORY, or reports/history.sqlite]
     #[arg(long, value_name = "PATH|URL")]
     pub db: Option<String>,
-    /// Reach a PostgreSQL server without TLS: password and records are not encrypted on their way to another host
+    /// Reach a PostgreSQL server without TLS: password and records travel unencrypted
     #[arg(long)]
     pub unencrypted: bool,
 }

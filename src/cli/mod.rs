@@ -94,10 +94,10 @@ fn quiet_driver_layers() {
         changes no status."
 )]
 struct Cli {
-    /// Say nothing on standard error but errors
+    /// Print only errors on standard error
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Say also what is done and why
+    /// Print more about what is done and why
     #[arg(short, long, global = true)]
     verbose: bool,
     #[command(subcommand)]
@@ -120,21 +120,21 @@ pub enum Command {
     Run(RunArgs),
     /// Check whether this machine is fit to measure on: adapter, clock, load, precision to expect, assets, tools
     #[command(
-        after_help = "Takes about half a minute. Exit status: 0 nothing stands in the way of a run; 1 a warning says what its times \
-            would suffer from; 2 no run is possible."
+        after_help = "Takes about half a minute. Exit status: 0 the machine is ready for a run; 1 a warning says what would make its \
+            times less precise; 2 no run is possible."
     )]
     Doctor {
-        /// Answer in JSON
+        /// Print JSON
         #[arg(long)]
         json: bool,
         #[command(flatten)]
         adapter: AdapterArgs,
     },
-    /// List what there is
+    /// List experiments, claims, figures, scenes, pipelines, stages, parameters, adapters or exporters
     List(ListArgs),
     /// Check the clocks that `run` uses on this adapter against the host clock
     Audit {
-        /// Answer in JSON
+        /// Print JSON
         #[arg(long)]
         json: bool,
         #[command(flatten)]
@@ -142,23 +142,23 @@ pub enum Command {
     },
     /// Measure the adapter's own limits: bandwidth, fill, texels, atomics, arithmetic, small primitives, empty passes
     Ceilings {
-        /// Answer in JSON
+        /// Print JSON
         #[arg(long)]
         json: bool,
         #[command(flatten)]
         adapter: AdapterArgs,
     },
-    /// Check stages against their references
+    /// Compare every stage with its reference
     Verify {
-        /// Only the checks of stages whose name holds this
+        /// Only checks of stages whose names contain this
         filter: Option<String>,
-        /// Answer in JSON
+        /// Print JSON
         #[arg(long)]
         json: bool,
         #[command(flatten)]
         adapter: AdapterArgs,
     },
-    /// Get the meshes and volumes that are not part of the project, with the ordinary package clients
+    /// Download meshes and volumes that are not part of the project, with the ordinary package clients
     Fetch {
         /// Names of assets [default: all]
         assets: Vec<String>,
@@ -167,7 +167,7 @@ pub enum Command {
     Render(RenderArgs),
     /// Write a stage's outputs as .npy files with descriptions
     Dump(DumpArgs),
-    /// Answer at given points
+    /// Compute ambient occlusion at given points, or where photons from given starts land
     Query(QueryArgs),
     /// Write the reports of a run or a comparison again, from its records alone; or say what changed from one run to another; or write one page of several
     Report {
@@ -189,11 +189,11 @@ pub enum Command {
     },
     /// Measure the shards of a run as a job array of a batch system, and merge them
     #[command(
-        after_help = "Exit status: that of the run; 2 also where a shard could not be measured; 130 interrupted, with the jobs \
+        after_help = "Exit status: that of the run; 2 also if a shard could not be measured; 130 interrupted, with the jobs \
             cancelled and everything measured so far merged. The folder and the program must be the same on all nodes."
     )]
     Fleet(Box<crate::fleet::Options>),
-    /// Write what a folder's records hold in another format: CSV, JUnit, Bencher, a trace of one frame and others
+    /// Write a folder's records in another format: CSV, JUnit, Bencher, a trace of one frame, a copy to publish and others
     Export(ExportArgs),
     /// Print the JSON Schema (draft 2020-12) of the lines that fathom writes
     Schema {
@@ -201,7 +201,7 @@ pub enum Command {
         #[arg(value_enum, default_value_t)]
         kind: LineKind,
     },
-    /// Hold two builds against each other: has a stage become slower, costlier or less accurate?
+    /// Compare two builds: did a stage become slower, costlier or less accurate?
     #[command(
         after_help = "Exit status: 0 no regression; 1 regression; 2 could not measure; 3 inconclusive; \
             4 times not judged, exact figures no worse; 130 interrupted, with everything measured so far stored."
@@ -209,12 +209,12 @@ pub enum Command {
     Compare(Box<CompareArgs>),
     /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion. Needs a build with the feature `bench`
     Bench {
-        /// Only cells whose names hold this: `pool caustics/trace`, `caustics`
+        /// Only cells whose names contain this: `pool caustics/trace`, `caustics`
         filter: Option<String>,
         #[command(flatten)]
         adapter: AdapterArgs,
     },
-    /// Keep runs over commits in a database, and tell between which commits a stage changed
+    /// Store runs of many commits in a database, and find between which commits a stage changed
     History {
         #[command(subcommand)]
         command: history::HistoryCommand,
@@ -226,7 +226,7 @@ pub enum Command {
         /// Name of a command [default: the program]
         command: Option<String>,
     },
-    /// Answer a comparing process on standard input and output, one JSON object a line
+    /// Serve a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
     Worker(AdapterArgs),
 }
@@ -239,7 +239,7 @@ pub struct AdapterArgs {
     /// Compile shaders without bounds and loop checks
     #[arg(long)]
     pub unchecked: bool,
-    /// On a software adapter, let a pipeline take more than half of the memory, and a frame minutes
+    /// On a software adapter, allow pipelines that take more than half of the memory, and frames that take minutes
     #[arg(long)]
     pub allow_large: bool,
 }
@@ -260,7 +260,7 @@ pub struct RunArgs {
     /// Measure only the cell of this name, as records and reports write it; may be given several times
     #[arg(long, value_name = "NAME")]
     pub cell: Vec<String>,
-    /// Measure only the part I of N parts of the cells; `fathom merge` joins the parts
+    /// Measure only part I of N of the cells; `fathom merge` joins the parts
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Part>,
     /// Time for all cells together, of a shard for its own, seconds
@@ -278,7 +278,7 @@ pub struct RunArgs {
     /// Seed of the order of cells and frames [default: drawn, and recorded]
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Do not measure the adapter's limits, which takes some seconds: stages then have no shares of them
+    /// Skip measuring the adapter's limits, which takes some seconds; stages then have no share of a limit
     #[arg(long)]
     pub no_ceilings: bool,
     #[command(flatten)]
@@ -303,7 +303,7 @@ pub enum Listing {
 pub struct ListArgs {
     /// What to list [default: everything but parameters and claims]
     pub what: Option<Listing>,
-    /// Answer in JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
     /// List the stages that a pipeline runs, or its parameters [default for parameters: underwater]
@@ -369,7 +369,7 @@ pub enum Question {
 
 #[derive(Args)]
 pub struct QueryArgs {
-    /// What is asked
+    /// What to compute
     pub question: Question,
     /// Name of a scene, or path of a scene file
     #[arg(long)]
@@ -378,7 +378,7 @@ pub struct QueryArgs {
     /// for directions other than the light's
     #[arg(long, value_name = "FILE")]
     pub points: PathBuf,
-    /// Add the exact answers: ao by casting RAYS rays from each point [default: 1024], photons by refraction and ray casting
+    /// Add exact results: ao by casting RAYS rays from each point [default: 1024], photons by refraction and ray casting
     #[arg(long, value_name = "RAYS", num_args = 0..=1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub reference: Option<Option<u32>>,
     /// Set a parameter of the pipeline; see `fathom list parameters --pipeline volume_ao`, or underwater for photons
@@ -387,7 +387,7 @@ pub struct QueryArgs {
     /// CSV file to write [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Answer also where a mesh is absent or damaged and a stand-in takes its place
+    /// Use stand-ins for missing or damaged meshes
     #[arg(long)]
     pub allow_stand_ins: bool,
     #[command(flatten)]
@@ -438,7 +438,7 @@ pub struct CompareArgs {
     /// Environment variable for the head's processes alone; may be given several times
     #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["replay", "records"])]
     pub head_env: Vec<String>,
-    /// Write the values of these variables into records and reports too; without it only their names are told
+    /// Write the values of these variables into records and reports too; without it only their names are written
     #[arg(long, conflicts_with_all = ["replay", "records"])]
     pub env_values: bool,
     /// Manifest of the only Vulkan driver that the base's processes find
@@ -450,10 +450,10 @@ pub struct CompareArgs {
     /// Gates to run
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,
-    /// Pairs of worker processes in the time gate; as many again for cells that these leave open
+    /// Pairs of worker processes in the time gate; as many again for cells that are still undecided
     #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
     pub launches: u32,
-    /// Pairs of samples of each cell in each launch; up to four times as many for cells left open
+    /// Pairs of samples of each cell in each launch; up to four times as many for undecided cells
     #[arg(long, default_value_t = comparison::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PAIRS)))]
     pub pairs: u32,
     /// Share by which a time must change to count
@@ -462,7 +462,7 @@ pub struct CompareArgs {
     /// Share by which an instruction count must change to count
     #[arg(long, value_name = "SHARE", default_value_t = comparison::INSTRUCTION_THRESHOLD, value_parser = parse_share)]
     pub instruction_threshold: f64,
-    /// Only cells whose names hold this
+    /// Only cells whose names contain this
     #[arg(long, value_name = "FILTER")]
     pub cells: Option<String>,
     /// Experiment file whose cells list the `stages` to compare [default: benches/gates.toml, built in]
@@ -477,7 +477,7 @@ pub struct CompareArgs {
     /// Measure only what the folder lacks
     #[arg(long, requires = "out")]
     pub resume: bool,
-    /// Tell the comparison stored in a folder again
+    /// Print the comparison stored in a folder, and write its reports again
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
     /// Say what would be built and measured, and how long it takes; do nothing

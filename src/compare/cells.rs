@@ -102,7 +102,7 @@ mod tests {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);
             assert!(
                 compared != apart.contains(&stage.name),
-                "{} has no gate cell: add it to a configuration of benches/gates.toml, or it has one and stands in `apart`",
+                "{} has no gate cell: add it to a configuration of benches/gates.toml, or it has one and is listed in `apart`",
                 stage.name
             );
         }

@@ -251,7 +251,7 @@ impl WorkerProcess {
 
     fn waited_for(&self, patience: Duration, stopped: bool) -> String {
         let (name, process, asked) = (self.name, self.tree.id(), self.asked);
-        let go_on = format!("; it is stopped, `kill -CONT {process}` lets it go on");
+        let go_on = format!("; it is stopped, `kill -CONT {process}` continues it");
         let stopped = if stopped { &go_on } else { "" };
         let most = patience.as_secs();
         format!(

@@ -324,7 +324,7 @@ fn resolved(sample: &StageTime) -> Result<f64, GpuError> {
         return Ok(sample.ns);
     }
     let message = format!(
-        "{}: shorter than the {:.3} ms that the fenced host clock tells from none: choose a larger configuration",
+        "{}: shorter than the fenced host clock's resolution of {:.3} ms: choose a larger configuration",
         sample.stage,
         sample.resolution_ns * 1e-6
     );

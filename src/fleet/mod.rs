@@ -45,11 +45,11 @@ pub enum FleetError {
     Lock(#[from] LockError),
     #[error("cannot write {}: {source}", path.display())]
     Write { path: PathBuf, source: std::io::Error },
-    #[error("{} holds a fleet already: go on with it by --resume, or choose another folder with --out", folder.display())]
+    #[error("{} holds a fleet already: continue it with --resume, or choose another folder with --out", folder.display())]
     Occupied { folder: PathBuf },
-    #[error("{} holds no fleet to go on with: {reason}", folder.display())]
+    #[error("{} holds no fleet to continue: {reason}", folder.display())]
     NothingToResume { folder: PathBuf, reason: String },
-    #[error("{} holds a fleet for {holds}: go on with the same command", folder.display())]
+    #[error("{} holds a fleet for {holds}: continue it with the same command", folder.display())]
     OtherFleet { folder: PathBuf, holds: String },
     #[error(
         "{} cannot be a fleet's folder or program: Slurm and its scripts take no path that is not UTF-8 or holds a backslash or a control character",
@@ -77,13 +77,13 @@ pub struct Options {
     pub shards: Option<u32>,
     #[command(flatten)]
     pub slurm: slurm::Options,
-    /// Submit a shard that failed or was killed so many times again
+    /// How often to resubmit a shard that failed or was killed
     #[arg(long, default_value_t = 2)]
     pub retries: u32,
     /// Folder of the shards and of the merged run, in `merged`; all nodes must see it
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Go on with the fleet that the folder holds
+    /// Continue the fleet of the folder
     #[arg(long)]
     pub resume: bool,
     /// `run` and its arguments

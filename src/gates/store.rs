@@ -20,7 +20,7 @@ pub enum StoreError {
     Records(#[from] RecordError),
     #[error("no comparison in {}", path.display())]
     Absent { path: PathBuf },
-    #[error("{} has no sound header, so its other records mean nothing", path.display())]
+    #[error("{} has no readable header, so its other records cannot be interpreted", path.display())]
     NoHeader { path: PathBuf },
 }
 
@@ -74,7 +74,7 @@ impl StoredComparison {
         let mut damaged: Vec<String> = reading.damaged.told(ToString::to_string);
         damaged.extend(record::kept_aside(path).into_iter().map(|aside| {
             let name = aside.file_name().unwrap_or_default().to_string_lossy();
-            format!("lines that could not be read were left out; they are in {name}")
+            format!("unreadable lines were skipped; they are in {name}")
         }));
         let foreign = !reading.records.is_empty() && !holds_comparison(&reading.records);
         let all = Self::from_records(reading.records);

@@ -240,7 +240,7 @@ impl<'a> CellExecutor<'a> {
         let Session { gpu, timer, .. } = &mut *self.session;
         let others = self.cells[cell].views.as_ref();
         let others =
-            others.context("the pipeline has no seed: what is noise cannot be told from the view");
+            others.context("the pipeline has no seed, so noise cannot be separated from the dependence on the view");
         let views = others.and_then(|others| Views::of(gpu, timer, pipeline, others));
         let (spread, strip) = match views {
             Ok(Views { spread, strip }) => (spread, Some(strip)),

@@ -225,14 +225,22 @@ fn cropped(picture: &RgbImage, [left, top, right, bottom]: [f64; 4]) -> RgbImage
     picture.cropped(x, y, [size.0.max(1), size.1.max(1)])
 }
 
-/// Name of a panel's file: `uw-5-a.png`.
+/// Name of a panel's file: `uw-5-a.png`. Where the panels are there once for each of several words: `vao-8-a1.png`, `vao-8-a2.png`,
+/// `vao-8-b1.png`, a letter for each of these words.
 pub fn panel_file(folder: &Path, figure: &Figure, number: usize) -> PathBuf {
-    let letter = char::from(b'a' + (number % 26) as u8);
-    folder.join(format!("{}-{letter}.png", figure.id))
+    let of_each = figure.panel.len() / figure.each.len().max(1);
+    let letter = |place: usize| char::from(b'a' + (place % 26) as u8);
+    let panel = match figure.each.len() {
+        0 => letter(number).to_string(),
+        _ => format!("{}{}", letter(number / of_each), number % of_each + 1),
+    };
+    folder.join(format!("{}-{panel}.png", figure.id))
 }
 
 #[cfg(test)]
 mod tests {
+    use itertools::Itertools;
+
     use super::*;
     use crate::catalog::Catalog;
     use fathom_base::parameter;
@@ -248,7 +256,8 @@ mod tests {
         }
         for id in ids {
             let figure = Figure::load(&folders, &id).unwrap_or_else(|error| panic!("{error}"));
-            assert!(figure.panel.len() <= 26, "{id}: panels are named by letters");
+            let files = (0..figure.panel.len()).map(|n| panel_file(Path::new(""), &figure, n));
+            assert!(files.clone().all_unique(), "{id}: {:?}", files.collect::<Vec<_>>());
             for panel in &figure.panel {
                 let (pipeline, scene, params) = figure.setting(panel, &[]);
                 let place = format!("{id}, {}", panel.caption);
@@ -262,6 +271,16 @@ mod tests {
                 let read = (kind.checked)(&tree);
                 read.unwrap_or_else(|error| panic!("{place}: {error}"));
             }
+        }
+    }
+
+    #[test]
+    fn files_of_panels_have_the_letters_of_their_captions() {
+        let figure = Figure::load(&Folders::of(FIGURES), "vao-8").unwrap();
+        for (number, panel) in figure.panel.iter().enumerate() {
+            let file = panel_file(Path::new(""), &figure, number);
+            let letter = panel.caption.chars().nth(1).unwrap();
+            assert!(file.to_str().unwrap().starts_with(&format!("vao-8-{letter}")), "{file:?}");
         }
     }
 

@@ -172,7 +172,7 @@ fn clock_plan(
     let plan = chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock));
     header.clocks = PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into();
     if !plan.has_clocks_of(&found) {
-        let text = "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
+        let text = "passes are timed by the clocks that the audit of the resumed run chose";
         header.notes.push(Note::new(NoteKind::OtherClocks, text));
     }
     plan
@@ -267,7 +267,7 @@ impl Measurement<'_> {
         held.notices.iter().chain(damage).for_each(tell::note);
         let (pairs, cells) = journal.earlier_pairs(ids);
         if pairs > 0 {
-            tell::note(format!("going on from {pairs} pairs of frames of {cells} cells"));
+            tell::note(format!("continuing from {pairs} pairs of frames of {cells} cells"));
         }
         Ok(())
     }

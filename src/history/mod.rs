@@ -65,7 +65,7 @@ pub enum HistoryError {
         "of which branch is this run? There is no --branch, no GITHUB_REF_NAME or CI_COMMIT_REF_NAME, and git's HEAD is on no branch"
     )]
     NoBranch,
-    #[error("the system tells neither an id nor a name of this machine: say --machine NAME")]
+    #[error("this machine has neither an id nor a host name: name it with --machine NAME")]
     NoMachine,
     #[error("no repository here has commit {}, and the run does not say when it started, so its place in the series is unknown", text::line(.commit))]
     NoTime { commit: String },

@@ -162,7 +162,7 @@ fn of_series(stored: &StoredRuns, series: &Series, changes: &[&Change]) -> Vec<S
         .collect();
     let mut lines = text::columns(&rows);
     if first > 0 {
-        lines.insert(0, format!("  {first} earlier runs are left out"));
+        lines.insert(0, format!("  {first} earlier runs are not shown"));
     }
     if series.points.len() < LEAST_RUNS {
         lines.push(format!("  too short to be searched: {LEAST_RUNS} runs are needed"));

@@ -73,7 +73,7 @@ pub enum RecordError {
     #[error("{} holds no sound {name}: {damage}", path.display())]
     NothingSound { path: PathBuf, name: &'static str, damage: String },
     #[error(
-        "{} was removed or replaced while it was written to; what it held is in {}: move that back and go on with --resume",
+        "{} was removed or replaced while it was written to; what it held is in {}: move that back and continue with --resume",
         path.display(), rescued.display()
     )]
     Removed { path: PathBuf, rescued: PathBuf },
@@ -303,14 +303,14 @@ impl Damaged {
     /// `say` of each of the first, and how many more there are.
     pub fn told(&self, say: impl FnMut(&Damage) -> String) -> Vec<String> {
         let more = self.count - self.first.len();
-        let more = (more > 0).then(|| format!("{more} more lines cannot be read"));
+        let more = (more > 0).then(|| format!("{more} more lines are unreadable"));
         self.first.iter().map(say).chain(more).collect()
     }
 
     /// What there is to say of a file that was read, a line each.
     pub fn notices(&self, path: &Path) -> Vec<String> {
         let path = path.display();
-        let told = self.told(|damage| format!("{damage}: left out"));
+        let told = self.told(|damage| format!("{damage}: skipped"));
         told.into_iter().map(|told| format!("{path}, {told}")).collect()
     }
 }

@@ -110,7 +110,7 @@ impl ThrottleReason {
             Self::CurrentLimit => "current limit",
             Self::ThermalLimit => "thermal limit",
             Self::Prochot => "heat elsewhere in the machine",
-            Self::Unspecified => "no reason told",
+            Self::Unspecified => "no reason given",
             Self::Other(word) => word,
         }
     }

@@ -43,7 +43,7 @@ pub enum OutputError {
     NothingToResume { kind: FolderKind, path: PathBuf },
     #[error("{} holds no {kind} but other records: choose another folder with --out", path.display())]
     OtherKind { kind: FolderKind, path: PathBuf },
-    #[error("{} has no sound header, so its other records mean nothing", path.display())]
+    #[error("{} has no readable header, so its other records cannot be interpreted", path.display())]
     NoHeader { path: PathBuf },
     #[error(
         "{} is compressed and only read: unpack it with gunzip, or choose another folder with --out",

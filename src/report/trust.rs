@@ -97,7 +97,7 @@ pub fn conditions(run: &Run) -> String {
     if conditions.is_empty() { clocks } else { format!("{clocks}; {}", conditions.join(", ")) }
 }
 
-/// Something that tells how far a run can be trusted.
+/// A fact about how far a run can be trusted.
 pub struct Fact {
     pub about: &'static str,
     pub words: String,
@@ -108,7 +108,7 @@ pub fn facts(view: &ReportView<'_>) -> Vec<Fact> {
     let all = [
         ("cells with few samples", few_samples(view)),
         ("cost of timing", timing_cost(view)),
-        ("clocks held down by heat or power", throttled(view)),
+        ("throttled by heat or power", throttled(view)),
         ("verdicts by chance", by_chance(view)),
     ];
     let facts = all.into_iter();
@@ -121,9 +121,12 @@ fn few_samples(view: &ReportView<'_>) -> Option<String> {
     let counts: Vec<usize> = view.timed().map(|(_, cell)| cell.frame.untimed.n).collect();
     let fewest = counts.iter().min()?;
     let few = counts.iter().filter(|n| **n < needed).count();
+    if few == 0 {
+        return Some(format!("every cell has at least {fewest} samples; a verdict needs {needed}"));
+    }
+    let all = counts.len();
     Some(format!(
-        "{few} of {} timed cells have fewer than {needed}, which a verdict needs; the fewest are {fewest}",
-        counts.len()
+        "{few} of {all} cells have fewer than the {needed} samples that a verdict needs; the least is {fewest}"
     ))
 }
 

@@ -75,7 +75,7 @@ pub fn read(path: &Path, raw: Option<&Raw>) -> Result<Samples, String> {
         read::open(path).map_err(|e| format!("cannot read the volume {}: {e}", path.display()))?;
     let samples = match (is_nifti(path), raw) {
         (true, None) => nifti::parse(&mut source),
-        (true, Some(_)) => Err("its header tells `cells` and `format`: leave them out".into()),
+        (true, Some(_)) => Err("its header has `cells` and `format`: leave them out".into()),
         (false, Some(raw)) => raw_cells(&mut source, raw),
         (false, None) => Err("a raw file needs `cells` and `format`".into()),
     };

@@ -108,7 +108,7 @@ fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
     let of_whom = format!("waiting for the head worker (process {number}) {ending}");
     assert!(waiting.contains(&of_whom), "{waiting}");
     if cfg!(target_os = "linux") {
-        let hint = format!("{stopped}`kill -CONT {number}` lets it go on");
+        let hint = format!("{stopped}`kill -CONT {number}` continues it");
         assert!(waiting.ends_with(&hint), "{waiting}");
     }
     signal("-INT", child.id());

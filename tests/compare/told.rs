@@ -126,7 +126,7 @@ fn the_exit_status_tells_how_it_ended() {
     let faster = faster.times(TRACE, false, 0.9, 0.004).configuration(BYTES, 0.02);
     let slower = two().counts(COMPOSE, 1.0).times(COMPOSE, false, 1.05, 0.004);
     let vague = |ratio| two().counted(COMPOSE).times(COMPOSE, false, ratio, 0.08);
-    let faster_if_anything = "of 1 inconclusive, 0 may be slower by more than 2.0 %";
+    let faster_if_anything = "0 of 1 inconclusive cells may be slower by more than 2.0 %";
     let failed = two().fault(Gate::Time, Side::Head, Some(COMPOSE), false);
     let new = two().fault(Gate::Exact, Side::Base, Some(COMPOSE), true);
     replay_all([
@@ -154,7 +154,7 @@ fn the_second_measurement_decides_what_the_first_leaves_open() {
         let second = open().second(COMPOSE, 1.001, 0.004, launches);
         second.time_fault(None, LAUNCHES + launches)
     };
-    let rule = "10 launches of 2 pairs, 10 more of 2 pairs for 1 cell that these left open;";
+    let rule = "10 launches of 2 pairs, 10 more of 2 pairs for 1 cell still undecided;";
     replay_all([
         ("first alone", open(), 3, "10 launches of 2 pairs; a change"),
         ("same", again(1.001), 0, rule),
@@ -262,7 +262,7 @@ fn damaged_and_foreign_files_are_named() {
     let schema = format!("\"schema\":{}", fathom::record::SCHEMA);
     let other_format = whole.replacen(&schema, "\"schema\":9", 1);
     let (_, headless) = whole.split_once('\n').unwrap();
-    for (text, reason) in [(other_format.as_str(), "format 9"), (headless, "no sound header")] {
+    for (text, reason) in [(other_format.as_str(), "format 9"), (headless, "no readable header")] {
         place.write("stored/records.jsonl", text);
         place.fathom("compare --replay stored").refused(reason);
     }
@@ -484,9 +484,9 @@ fn a_slowdown_while_the_head_was_throttled_is_a_regression_that_says_so() {
         ("no change", held(quiet(), Side::Head), 0, "while 1 of 2 cells were timed; 0 of these"),
     ]);
     let told = [
-        "clocks held down (thermal slowdown by the driver) in 0 of 10 launches of the base and 4 of the head",
-        "of the head: more often on the slower side, so the change may be the machine's",
-        "1 of these are slower with more such launches",
+        "clocks throttled (thermal slowdown by the driver) in 0 of 10 launches of the base and 4 of the head",
+        "of the head: more often on the slower side, so throttling may be the cause",
+        "1 of these are slower with more throttled launches",
     ];
     let place = replay(held(slower(), Side::Head), 1, &told);
     for file in ["summary.md", "junit.xml", "index.html"] {

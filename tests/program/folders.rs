@@ -98,7 +98,7 @@ fn a_kill_at_any_moment_loses_no_sample_and_one_of_two_processes_goes_on() {
         }
         let before = kept(&place);
         holds(&place.fathom("report out").ends(0).err, &[" have no record yet; "]);
-        holds(&one_of_two(&place, "--resume"), &["going on from "]);
+        holds(&one_of_two(&place, "--resume"), &["continuing from "]);
         goes_on(&before, &cells(out));
         assert!(!out.join("samples.jsonl").exists());
     }

@@ -211,7 +211,7 @@ fn shares_of_a_comparison_lie_between_0_and_1() {
             let start = format!("\"{key}\":0");
             let other = format!("\"{key}\":{share},\"x\":0");
             let fault = changed(|text| text.replacen(&start, &other, 1)).unwrap_err();
-            holds(&fault, &["no sound header"]);
+            holds(&fault, &["no readable header"]);
         }
     }
     assert!(changed(|text| text).is_ok());

@@ -74,12 +74,12 @@ fn change(time: &CellTime) -> String {
 fn throttled(time: &CellTime) -> Option<String> {
     let ThrottledLaunches { base, head, reasons } = time.throttled.as_ref()?;
     let doubt = if time.may_be_throttling() {
-        ": more often on the slower side, so the change may be the machine's and not the build's"
+        ": more often on the slower side, so throttling may be the cause, not the build"
     } else {
         ""
     };
     Some(format!(
-        "clocks held down ({}) in {base} of {n} launches of the base and {head} of the head{doubt}",
+        "clocks throttled ({}) in {base} of {n} launches of the base and {head} of the head{doubt}",
         machine::words(reasons),
         n = time.launches.len()
     ))
@@ -227,7 +227,7 @@ fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
     let open = cells.filter(|cell| cell.may_be_slower(threshold)).count();
     (all > 0).then(|| {
         format!(
-            "of {all} inconclusive, {open} may be slower by more than {:.1} %, as their intervals reach above it; only these make the status inconclusive",
+            "{open} of {all} inconclusive cells may be slower by more than {:.1} %: their intervals reach above it; only these make the status inconclusive",
             100.0 * threshold
         )
     })
@@ -257,7 +257,7 @@ fn held_down(verdicts: &Verdicts<'_>) -> Option<String> {
     let slower = doubtful.filter(|time| time.verdict == TimeVerdict::Slower).count();
     (held > 0).then(|| {
         format!(
-            "heat or power held clocks down while {held} of {} were timed; {slower} of these are slower with more such launches on the head: measure them again",
+            "heat or power throttled clocks while {held} of {} were timed; {slower} of these are slower with more throttled launches on the head: measure them again",
             cells(times.count())
         )
     })
@@ -308,7 +308,7 @@ fn second(comparison: &StoredComparison) -> Option<String> {
     let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
     let open = of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).unique().count();
     let launches = comparison.launches_of(true);
-    Some(format!(", {launches} more of {pairs} pairs for {} that these left open", cells(open)))
+    Some(format!(", {launches} more of {pairs} pairs for {} still undecided", cells(open)))
 }
 
 /// `origin/main (0.1.0)`, `fathom (0.1.0) with LP_NATIVE_VECTOR_WIDTH`.

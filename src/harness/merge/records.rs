@@ -96,13 +96,13 @@ impl OfAdapter {
             if unfinished > 0 {
                 let folder = source.folder.display();
                 notes.push(format!(
-                    "{folder}: {unfinished} cells have samples and no record yet; go on with `fathom run --resume`"
+                    "{folder}: {unfinished} cells have samples but no record yet; continue with `fathom run --resume`"
                 ));
             }
         }
         if duplicates > 0 {
             notes.push(format!(
-                "{duplicates} records of cells that were measured again are left out"
+                "{duplicates} records of cells that were measured again are skipped"
             ));
         }
         notes

@@ -29,9 +29,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     }
     Some(html! {
         p.lead {
-            "The least time that the adapter's own limit allows for a stage's work, over the stage's time, in the cell in which that "
-            "is most. A stage at 100 % can only become faster by doing less of that work. A small share says that something "
-            "else binds the stage, such as arithmetic, latency or work that it does not declare."
+            "Each stage's best share of the hardware limit. A stage at 100 % can only become faster by doing less work. A small "
+            "share means that something else limits the stage, such as arithmetic, latency or work that it does not declare."
         }
         @for run in runs {
             @if page.is_overlay() { h3 { (run.label) } }

@@ -62,8 +62,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         rows.iter().partition(|row| row.verdict() == Verdict::Supported);
     Some(html! {
         p.lead {
-            "A claim is supported where the interval of its figure lies inside the band, contradicted where it lies outside, and "
-            "inconclusive else. The dot is the measured figure, the line its interval, the shaded part the claim's band"
+            "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, and "
+            "otherwise inconclusive. The dot is the measured figure, the line its interval, the shaded part the claim's band"
             @if published { ", the diamond the published figure" }
             ". The interval for the claim is wider than the 95 % interval of the same figure in plots and other tables: a run looks at its "
             "samples up to " (LOOKS) " times, and a claim that compares several figures could fail by chance in each. "

@@ -57,7 +57,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         groups.into_iter().partition(|group| group.shown.len() > 1);
     Some(html! {
         p.lead {
-            "Pictures of the cells' last frames, compressed with loss where that is smaller. Of errors, white means none. A picture "
+            "The cells' last frames, compressed with loss if that is smaller. In a picture of errors white means no error. A picture "
             "that is larger than its viewport has a scale below it or shows several views. "
             span.script-only { "The slider shows two pictures of an experiment at the same place." }
         }

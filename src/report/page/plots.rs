@@ -148,7 +148,7 @@ fn meaning(kind: NoteKind) -> &'static str {
         NoteKind::Unsteady => "the frame time still fell when warm-up ended",
         NoteKind::Imprecise => "sampling stopped before the precision asked for was reached",
         NoteKind::Outliers => "some frames were far slower or faster than the median",
-        NoteKind::Throttled => "heat or power held the clocks down in some samples",
+        NoteKind::Throttled => "heat or power throttled the clocks in some samples",
         NoteKind::NotFinite => "a figure was not finite and is left out",
         NoteKind::NotComputed => "a figure could not be computed",
         NoteKind::NoPicture => "a picture could not be written",

@@ -45,7 +45,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     Some(html! {
         p.lead {
             @if ratios.is_empty() && rates.is_empty() {
-                "Nothing that was published can be compared with this run: no claim states a published ratio, and no two published "
+                "No published figure can be compared with this run: no claim states a published ratio, and no two published "
                 "frame rates of an experiment are of sizes that were measured."
             } @else {
                 "The last column is 1 where a figure agrees with the publication. Intervals stand in brackets."
@@ -220,7 +220,7 @@ fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
         details {
             summary { (listed.len()) " published frame rates, each with its hardware" }
             @if software {
-                p.faint { "They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none stands here." }
+                p.faint { "They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none are shown." }
             }
             (table("Published frame rates", "", &heads, &rows))
         }

@@ -89,10 +89,10 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         comparisons.iter().enumerate().partition(|(_, one)| one.count() >= LEAST_TOLD);
     Some(html! {
         p.lead {
-            "Settings are compared where they solve the same task: the same experiment, scene and size, and the same error against the "
+            "Settings are compared if they solve the same task: the same experiment, scene and size, and the same error against the "
             "same reference. Of the errors that differ by a tenth or more, the one of the last stage is shown. The best setting has the "
-            "least error of those within the limit, which is a multiple of the fastest setting's median frame time; of equal errors the "
-            "fastest."
+            "smallest error among those within the limit, which is a multiple of the fastest setting's median frame time; of equal "
+            "errors the fastest."
         }
         div.controls.script-only {
             label { "At most " input #quality-limit type="number" min="1" step="0.1" value=(LIMIT) size="4"; " × the time of the fastest setting" }

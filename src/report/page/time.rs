@@ -30,9 +30,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     let (run, default) = frames.first()?.first()?;
     Some(html! {
         p.lead {
-            "A bar for each pipeline: its timed cell that sets the fewest parameters, of those whose stages are all above the "
-            "clock's resolution where there are such. A part is a stage's median time over the sum of all stages. "
-            "A time below the clock's resolution has no part."
+            "One bar per pipeline, at the measurable setting closest to the defaults. A segment is a stage's share of the sum of all "
+            "stages, by median times. A stage below the clock's resolution has no segment."
         }
         div.controls.script-only {
             label { "Length of the bars "
@@ -45,7 +44,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         div #time-frames { @for frame in &frames { (same_frame(page, frame)) } }
         h3 { "One frame, stage by stage" }
         p.lead {
-            "Stages stand in the order in which they ran, each where those before it end. The gaps between passes are known as a "
+            "Stages in execution order. The gaps between passes are known as a "
             "sum only, which stands last. "
             span.script-only { "Choose another cell, and a frame of it." }
         }

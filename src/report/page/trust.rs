@@ -61,7 +61,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 fn sittings(view: &ReportView<'_>) -> Markup {
     let cells = view.entries().filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
     html! {
-        p.faint { "The run was measured in " (view.runs.len()) " sittings. The audit and the costs below are those of the one whose clocks can be trusted least." }
+        p.faint { "The run was measured in " (view.runs.len()) " sittings. The audit and the costs below are those of the sitting with the least reliable clocks." }
         @let heads = html! {
             (words(&["Started", "Machine"])) (numbers(&["Cells"])) (words(&["Clock", "Can it be trusted?"]))
         };
@@ -83,7 +83,7 @@ fn sittings(view: &ReportView<'_>) -> Markup {
 fn audit(run: &Run) -> Markup {
     html! {
         @if !run.audit.is_empty() {
-            p.faint { "Each clock beside the host clock, for a kernel of N and of 2 N work:" }
+            p.faint { "Each clock compared with the host clock, for a kernel of N and of 2 N work:" }
             @let heads = html! {
                 (words(&["Clock", "Pass", "In its command buffer"]))
                 (numbers(&["Clock (ms)", "Host (ms)", "Clock / host", "2 N / N"]))
@@ -303,7 +303,7 @@ fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
             @if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
                 li { "Peak memory of the process: " (mebibytes(bytes)) "." }
             }
-            @if view.ends.last().is_none_or(|end| end.interrupted) { li { "The run ended early: this is what was measured until then." } }
+            @if view.ends.last().is_none_or(|end| end.interrupted) { li { "The run ended early. What was measured until then is shown." } }
             @for note in &run.notes { li { "Note: " (note.text) "." } }
         }
     }

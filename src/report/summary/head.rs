@@ -132,7 +132,7 @@ fn notes(view: &ReportView<'_>, text: &mut String) {
         );
     }
     if view.ends.last().is_none_or(|end| end.interrupted) {
-        all.insert("The run ended early: this is what was measured until then.".to_owned());
+        all.insert("The run ended early. What was measured until then is shown.".to_owned());
     }
     let (shown, more) = cut(all.into_iter().collect(), MOST_NOTES);
     for note in &shown {

@@ -210,7 +210,7 @@ fn refuses_bad_input(cluster: &Cluster) {
         ("--shards 2", "report x", "stands `run`"),
         ("--shards 2", "run --shard 1/2", "--shard is not for the run"),
         ("--shards 2", "run uw-photon", "did you mean `uw-photons`"),
-        ("--shards 2 --resume", &run, "holds no fleet to go on with"),
+        ("--shards 2 --resume", &run, "holds no fleet to continue"),
     ] {
         fleet(cluster, &out, options, run).refused(reason);
     }
