@@ -139,8 +139,7 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
 /// Every comparison of a claim that has several.
 fn comparisons(ruling: &Ruling) -> Markup {
     let all = ruling.deciding.iter().chain(&ruling.others);
-    let heads =
-        html! { (words(&["Verdict", "Comparison"])) (numbers(&["Measured (interval for the claim)", "Band"])) };
+    let heads = html! { (words(&["Verdict", "Comparison"])) (numbers(&["Measured (interval for the claim)", "Band"])) };
     let rows = html! {
         @for figure in all.clone() {
             tr { td.(Tone::of(figure.verdict).class()) { (figure.verdict) } td { (figure.name) } td.number { (text(figure)) } td.number { (asked(figure.band)) } }
