@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 
 use super::claims::by_other_axes;
 use super::measure::fits_with;
-use super::schema::{Experiment, PlotKind};
+use super::schema::{Claim, Experiment, PlotKind};
 use super::{CellPlan, schema::Plot};
 
 impl Experiment {
@@ -27,6 +27,12 @@ impl Experiment {
             }
         }
         sets.groups()
+    }
+
+    /// How many claims speak of cells of this group of [`units`](Self::units).
+    pub fn claims_on(&self, plans: &[CellPlan], unit: &[usize]) -> usize {
+        let speaks = |claim: &&Claim| fitting(plans, &claim.filter).iter().any(|i| unit.contains(i));
+        self.claim.iter().filter(speaks).count()
     }
 }
 

@@ -10,7 +10,7 @@ use super::super::format::{self, Table};
 use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
 use fathom_base::text;
-use fathom_record::{Outcome, Run};
+use fathom_record::{OVER_BUDGET, Outcome, Run};
 
 /// Stages that the first screen names.
 pub const SLOWEST: usize = 5;
@@ -79,16 +79,17 @@ fn results(view: &ReportView<'_>, table: &mut Table) {
 }
 
 fn cells(view: &ReportView<'_>) -> String {
-    let mut counts = [0; 3];
+    let mut counts = [0; 4];
     for entry in view.entries() {
         counts[match entry.cell.outcome {
             Outcome::Measured(_) => 0,
             Outcome::Skipped { .. } => 1,
             Outcome::Failed { .. } => 2,
+            Outcome::OverBudget => 3,
         }] += 1;
     }
-    let [measured, skipped, failed] = counts;
-    format!("{measured} measured, {skipped} skipped, {failed} failed")
+    let [measured, skipped, failed, over_budget] = counts;
+    format!("{measured} measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}")
 }
 
 /// `65 supported, 19 contradicted, 2 inconclusive, 10 not run, of 96`
