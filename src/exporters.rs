@@ -47,6 +47,14 @@ pub fn of_comparison(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
     written.flat_map(|exporter| exporter.one((exporter.export)(verdicts)).files()).collect()
 }
 
+/// Whether there is a format of this name: told before a folder is read.
+pub fn check_format(name: &str) -> Result<(), ExportError> {
+    if known().any(|known| known == name) {
+        return Ok(());
+    }
+    Err(ExportError::Unknown { name: name.to_owned(), nearest: text::nearest(name, known()) })
+}
+
 /// One format, of the records that were read in a folder.
 pub fn export(
     name: &str,
@@ -81,9 +89,7 @@ fn find<'a, F>(
             let formats = exporters.iter().map(|exporter| exporter.name).join(", ");
             ExportError::OtherKind { folder: folder.to_owned(), held, name, formats }
         }
-        None => {
-            ExportError::Unknown { name: name.to_owned(), nearest: text::nearest(name, known()) }
-        }
+        None => ExportError::Unknown { name: name.to_owned(), nearest: None },
     })
 }
 

@@ -18,7 +18,7 @@ use itertools::Itertools;
 use thiserror::Error;
 
 use crate::input::{LineEnd, Lines};
-use crate::text;
+use crate::{tell, text};
 
 /// Longest time of a tool that may check out a repository or download 200 MB, more than any asset's package, at 3 Mbit/s.
 pub const TOOL_TIME: Duration = Duration::from_secs(600);
@@ -50,6 +50,7 @@ pub struct ProcessTree {
 impl ProcessTree {
     /// Starts a command, once. It lies outside the terminal's foreground group: Ctrl-C reaches this process alone.
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
+        tell::detail(format!("starting `{}`", words(command)));
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
         #[cfg(target_os = "linux")]
@@ -189,6 +190,12 @@ pub fn run(
 /// What a tool prints, without white space around it.
 pub fn printed(command: &mut Command) -> Result<String, ProcessError> {
     run(command, Limits::TOOL, &mut |_| ()).map(|text| text.trim().to_owned())
+}
+
+/// The program and the arguments of a command, for people.
+pub fn words(command: &Command) -> String {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    words.map(|word| text::shell(&word.to_string_lossy())).join(" ")
 }
 
 /// Reads both outputs in threads. They end with the process, as nothing is left that could hold its pipes open.

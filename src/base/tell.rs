@@ -1,4 +1,4 @@
-//! Everything that is printed: answers and messages on standard output, notes on standard error.
+//! Everything that is printed: answers and messages on standard output, notes and errors on standard error.
 //!
 //! Printing neither panics nor ends a command. A note that cannot be written is lost. An answer is what a command was
 //! asked for and writes to no file; [`unanswered`] says why one could not be written, and the exit status follows from it.
@@ -10,6 +10,28 @@ use std::io::{self, ErrorKind, Write, stderr, stdout};
 use std::sync::OnceLock;
 
 use crate::text;
+
+/// How much is said on standard error. Answers and errors are printed in any case.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Verbosity {
+    /// Neither notes nor progress.
+    Quiet,
+    #[default]
+    Normal,
+    /// Also what is done and why.
+    Verbose,
+}
+
+static VERBOSITY: OnceLock<Verbosity> = OnceLock::new();
+
+/// Sets how much this process says, once.
+pub fn set_verbosity(verbosity: Verbosity) {
+    let _ = VERBOSITY.set(verbosity);
+}
+
+pub fn verbosity() -> Verbosity {
+    VERBOSITY.get().copied().unwrap_or_default()
+}
 
 /// The first failure to write an answer. Nothing is written to standard output after it.
 static FAILURE: OnceLock<io::Error> = OnceLock::new();
@@ -33,7 +55,23 @@ pub fn done(message: impl Display) {
 
 /// Prints one line on standard error.
 pub fn note(message: impl Display) {
-    let _ = put(&mut stderr(), &message);
+    if verbosity() != Verbosity::Quiet {
+        let _ = put(&mut stderr(), &message);
+    }
+}
+
+/// Prints one line on standard error about what is done and why, for those who asked for such lines.
+pub fn detail(message: impl Display) {
+    if verbosity() == Verbosity::Verbose {
+        let _ = put(&mut stderr(), &message);
+    }
+}
+
+/// Prints an error on one line of standard error.
+pub fn error(message: impl Display) {
+    let message = message.to_string();
+    let lines: Vec<&str> = message.lines().map(str::trim).collect();
+    let _ = put(&mut stderr(), &format!("error: {}", lines.join(" ")));
 }
 
 fn put(stream: &mut impl Write, message: &impl Display) -> io::Result<()> {

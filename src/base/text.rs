@@ -160,25 +160,33 @@ pub fn check_id(id: &str) -> Result<(), String> {
 }
 
 /// Rows whose cells stand below one another, but for the last, which may be long.
-pub fn columns<const N: usize>(rows: &[[String; N]]) -> Vec<String> {
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
-    let widths: Vec<usize> = (0..N).map(|column| width(column).unwrap_or(0)).collect();
-    let row = |row: &[String; N]| {
+pub fn columns<R: AsRef<[String]>>(rows: &[R]) -> Vec<String> {
+    let rows = || rows.iter().map(AsRef::as_ref);
+    let width = |column: usize| rows().map(|row| row[column].chars().count()).max();
+    let count = rows().map(<[String]>::len).min().unwrap_or(0);
+    let widths: Vec<usize> = (0..count).map(|column| width(column).unwrap_or(0)).collect();
+    let row = |row: &[String]| {
         let padded = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:width$}"));
         padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
     };
-    rows.iter().map(row).collect()
+    rows().map(row).collect()
 }
 
 /// Likeness of two names from which on one may be meant by the other, 0 … 1 (Jaro–Winkler).
 const ALIKE: f64 = 0.7;
+/// That of two names that differ by one slip of typing. Jaro–Winkler finds nothing alike in short ones, such as `rnu` and `run`.
+const SLIP: f64 = 0.9;
+/// Below this length every name is a slip away from many others.
+const SHORTEST_SLIP: usize = 3;
 
 /// The candidate most like `name`, where one is like it at all. A dotted path may be meant by its last part.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<String> {
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
     let likeness = |candidate: &str| {
         let tail = strsim::jaro_winkler(&last(name), &last(candidate));
-        strsim::jaro_winkler(name, candidate).max(0.95 * tail)
+        let is_slip = strsim::osa_distance(name, candidate) <= 1;
+        let slip = if is_slip && name.chars().count() >= SHORTEST_SLIP { SLIP } else { 0.0 };
+        strsim::jaro_winkler(name, candidate).max(0.95 * tail).max(slip)
     };
     let rated = candidates.into_iter().map(|candidate| (likeness(candidate), candidate));
     let alike = rated.filter(|(likeness, _)| *likeness > ALIKE);
@@ -191,9 +199,41 @@ pub fn did_you_mean(nearest: &Option<String>) -> String {
     nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{}`?", line(name)))
 }
 
+/// The families of some stages, each once: what their names begin with, up to the stroke.
+pub fn families<'a>(stages: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut families = Vec::new();
+    for stage in stages {
+        let family = stage.split('/').next().unwrap_or(stage);
+        if !families.contains(&family) {
+            families.push(family);
+        }
+    }
+    families
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn slips_of_typing_are_found_in_short_names_too() {
+        for (name, candidates, expected) in [
+            ("rnu", ["render", "run"], Some("run")),
+            ("cvs", ["junit", "csv"], Some("csv")),
+            ("xyz", ["render", "run"], None),
+            ("caustics.gird", ["caustics.grid", "grid.size"], Some("caustics.grid")),
+        ] {
+            assert_eq!(nearest(name, candidates).as_deref(), expected, "{name}");
+        }
+    }
+
+    #[test]
+    fn families_stand_once_and_in_their_order() {
+        assert_eq!(
+            families(["ao/march", "hsao/march", "ao/compose", "compose"]),
+            ["ao", "hsao", "compose"]
+        );
+    }
 
     #[test]
     fn hidden_characters_show_and_line_breaks_do_not_break() {

@@ -1,12 +1,12 @@
 //! What each subcommand does with the library, and what it prints.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use crate::compare::worker;
-use crate::experiments::Experiment;
 use crate::folder::{self, Folder};
 use crate::gpu::{self, Gpu};
 use crate::harness::catalog::Catalog;
@@ -19,18 +19,17 @@ use crate::harness::{
     ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
-use crate::parameter::{self, Allowed, Field};
 use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Adapter, OVER_BUDGET, Reading, Record, Standing};
+use crate::record::{OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
-use crate::scene::SceneFile;
 use crate::scene::assets::{self, AssetStatus};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
-use clap::ValueEnum;
+use serde::Serialize;
+use serde_json::json;
 
-use super::{AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs};
+use super::{AdapterArgs, DumpArgs, QueryArgs, Question, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where, and the sheet of all of them there.
 const FIGURES_FOLDER: &str = "figures";
@@ -155,127 +154,28 @@ fn print_summary(summary: &Summary) {
     }
 }
 
-pub fn list(catalog: &Catalog, args: ListArgs) -> Outcome {
-    use Listing::*;
-    check_options(&args)?;
-    if let Some(what) = args.what {
-        print_listing(catalog, what, &args)?;
-        return Ok(ExitCode::SUCCESS);
+pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(catalog, args))?;
+    let audit = gpu::audit(&gpu)?;
+    let turns = gpu::loop_turns(&gpu)?;
+    if json {
+        return in_json(&json!({
+            "adapter": gpu.adapter,
+            "clocks": record::Clocks::from(PassKind::TIMED.map(|kind| (kind, audit.plan.clock(kind)))),
+            "audit": audit.rows,
+            "submit_cost_ns": PassKind::TIMED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into_iter().collect::<BTreeMap<_, _>>(),
+            "loop_turns": turns,
+        }));
     }
-    for what in [Experiments, Figures, Scenes, Pipelines, Stages, Adapters, Exporters] {
-        tell::answer(format!("{what:?}"));
-        print_listing(catalog, what, &args)?;
-        tell::answer("");
-    }
+    let adapter = text::line(&format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
+    let table = gpu::audit_table(&audit);
+    tell::answer(format!("{adapter}\n{table}{}\n", gpu::turns_line(turns)));
     Ok(ExitCode::SUCCESS)
 }
 
-/// An option that changes nothing in a listing is an error.
-fn check_options(args: &ListArgs) -> anyhow::Result<()> {
-    let whole = matches!(args.what, Some(Listing::Parameters));
-    let of_pipeline = whole || matches!(args.what, Some(Listing::Stages));
-    let options = [
-        ("--pipeline", args.pipeline.is_some(), of_pipeline),
-        ("--scene", args.scene.is_some(), whole),
-        ("--set", !args.set.is_empty(), whole),
-    ];
-    for (option, given, applies) in options {
-        if given && !applies {
-            let what = args.what.and_then(|what| what.to_possible_value());
-            let what = what.map_or(String::new(), |what| format!(" {}", what.get_name()));
-            let kinds = match option {
-                "--pipeline" => "stages` and `list parameters`",
-                _ => "parameters`",
-            };
-            anyhow::bail!("{option} does not apply to `list{what}`, only to `list {kinds}");
-        }
-    }
-    Ok(())
-}
-
-fn print_listing(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<()> {
-    let sourced = |about: &str, source: &str| format!("{about} ({source})");
-    let mut rows = Vec::new();
-    match what {
-        Listing::Experiments => {
-            for id in Experiment::ids(&catalog.experiments) {
-                let experiment = Experiment::load_from(&catalog.experiments, &id)?;
-                rows.push([id, sourced(&experiment.title, &experiment.source)]);
-            }
-        }
-        Listing::Figures => {
-            let figures = Figure::named(&catalog.figures, figures::ALL)?.into_iter();
-            rows.extend(figures.map(|f| [f.id, sourced(&f.title, &f.source)]));
-        }
-        Listing::Scenes => {
-            for name in catalog.scenes.stems(".toml") {
-                let scene = SceneFile::load_from(&catalog.scenes, &name)?;
-                rows.push([name, scene.description]);
-            }
-        }
-        Listing::Stages => {
-            let stages = match &args.pipeline {
-                Some(name) => catalog.stages_of(name)?,
-                None => catalog.stages(),
-            };
-            let stages = stages.into_iter();
-            rows.extend(stages.map(|s| [s.name.to_owned(), sourced(s.about, s.source)]));
-        }
-        Listing::Parameters => print_rows(&parameter_rows(catalog, args)?),
-        Listing::Adapters => rows.extend(Gpu::list().into_iter().enumerate().map(adapter_row)),
-        Listing::Exporters => print_rows(&exporters::listing()),
-        Listing::Pipelines => {
-            let kinds = catalog.kinds.iter();
-            rows.extend(kinds.map(|kind| [kind.name, kind.about].map(str::to_owned)));
-        }
-    }
-    print_rows(&rows);
-    Ok(())
-}
-
-fn print_rows<const N: usize>(rows: &[[String; N]]) {
-    for row in text::columns(rows) {
-        tell::answer(text::line(&format!("  {row}")));
-    }
-}
-
-/// Each parameter with the value that the scene gives it, its unit, what it may be, and its description.
-fn parameter_rows(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Vec<[String; 5]>> {
-    let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
-    let scene = args.scene.as_deref().unwrap_or(super::SCENE);
-    let subject = Subjects::of(catalog).subject(pipeline, scene, &args.set)?;
-    let value = |path: &str| {
-        let value = parameter::get(&subject.params, path);
-        value.map_or_else(String::new, ToString::to_string)
-    };
-    let row = |field: Field| {
-        let (value, allowed) = (value(&field.path), allowed(&field.allowed));
-        [field.path, value, field.unit.to_owned(), allowed, field.about]
-    };
-    Ok((subject.kind.fields)().into_iter().map(row).collect())
-}
-
-fn allowed(allowed: &Allowed) -> String {
-    match allowed {
-        Allowed::Numbers(range) => format!("{} … {}", range.low, range.high),
-        Allowed::Names(names) => names.join(", "),
-        Allowed::Flag => "true, false".to_owned(),
-        Allowed::Free => String::new(),
-    }
-}
-
-fn adapter_row((index, adapter): (usize, Adapter)) -> [String; 2] {
-    let kind = if adapter.software { "software" } else { "hardware" };
-    let about = format!("{} ({}, {kind}) {}", adapter.name, adapter.backend, adapter.driver_info);
-    [index.to_string(), about]
-}
-
-pub fn audit(catalog: &Catalog, args: AdapterArgs) -> Outcome {
-    let gpu = Gpu::open(&gpu_options(catalog, &args))?;
-    let table = gpu::audit_table(&gpu::audit(&gpu)?);
-    let adapter = text::line(&format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
-    let turns = gpu::loop_turns(&gpu)?;
-    tell::answer(format!("{adapter}\n{table}{}\n", gpu::turns_line(turns)));
+/// Answers with one JSON value.
+pub fn in_json(answer: &impl Serialize) -> Outcome {
+    tell::answer(serde_json::to_string_pretty(answer)?);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -287,19 +187,28 @@ pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
     let gpu = Gpu::open(&options)?;
     let answer = ceilings::answer(&gpu, gpu::audit_all(&gpu)?.plan)?;
     if json {
-        tell::answer(serde_json::to_string_pretty(&answer)?);
+        in_json(&answer)?;
     } else {
         tell::answer(format!("{}\n{answer}", text::line(&answer.adapter)));
     }
     ended(answer.unsound.is_empty())
 }
 
-pub fn verify(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {
+pub fn verify(
+    catalog: &Catalog,
+    filter: Option<&str>,
+    json: bool,
+    adapter: &AdapterArgs,
+) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
-    let checks =
-        verifying::verify(&gpu, &catalog.cases(), filter.as_deref(), |ended| tell::note(ended))?;
-    tell::answer(verifying::Table(&checks));
-    ended(checks.iter().all(verifying::Check::is_sound))
+    let checks = verifying::verify(&gpu, &catalog.cases(), filter, |ended| tell::note(ended))?;
+    let all_sound = checks.iter().all(verifying::Check::is_sound);
+    if json {
+        in_json(&json!({ "adapter": gpu.adapter, "all_sound": all_sound, "checks": checks }))?;
+    } else {
+        tell::answer(verifying::Table(&checks));
+    }
+    ended(all_sound)
 }
 
 pub fn fetch(names: &[String]) -> Outcome {
@@ -351,7 +260,7 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
         let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
         match figure.render(&gpu, &mut subjects, &args.set, args.samples) {
             Ok(panels) => parts.push(write_figure(&folder, figure, &panels)?),
-            Err(error) if name == figures::ALL => tell::note(format!("error: {error}")),
+            Err(error) if name == figures::ALL => tell::error(error),
             Err(error) => return Err(error),
         }
     }

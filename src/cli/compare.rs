@@ -67,6 +67,10 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     if let Some(filter) = &args.cells {
         gates.filtered(filter)?;
     }
+    if let Some(revision) = &args.base {
+        let folder = std::env::current_dir().context("there is no current folder")?;
+        build::commit(&build::repository(&folder)?, revision)?;
+    }
     if let Some(folder) = &args.out {
         flow::taken(folder, args.resume)?;
     }

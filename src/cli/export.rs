@@ -15,6 +15,7 @@ use crate::{exporters, folder, tell};
 
 pub fn export(args: ExportArgs) -> Outcome {
     let ExportArgs { format, folder: from, output, cell, frame } = args;
+    exporters::check_format(&format)?;
     let choice = FrameChoice { cell, frame };
     let held = OutputFolder { folder: from.clone() };
     let records = sound(&held, "the folder of a run or a comparison holds a file")?;

@@ -5,7 +5,9 @@ mod compare;
 mod export;
 mod fleet;
 mod history;
+mod list;
 mod merge;
+mod shells;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,7 +19,7 @@ use crate::harness::catalog::Catalog;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use crate::record::schema::LineKind;
 use crate::record::{Part, Profile};
-use crate::tell;
+use crate::tell::{self, Verbosity};
 use clap::error::ErrorKind;
 use jiff::SignedDuration;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -35,18 +37,23 @@ const COULD_NOT_RUN: u8 = 2;
 pub fn main(catalog: &Catalog) -> ExitCode {
     quiet_driver_layers();
     match Cli::try_parse() {
-        Ok(cli) => exit_status(obey(catalog, cli.command)),
-        Err(error) => not_parsed(&error),
+        Ok(cli) => {
+            tell::set_verbosity(cli.verbosity());
+            exit_status(obey(catalog, cli.command))
+        }
+        Err(error) => not_parsed(error),
     }
 }
 
 fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
     match command {
         Command::Run(args) => commands::run(catalog, args),
-        Command::List(args) => commands::list(catalog, args),
-        Command::Audit(args) => commands::audit(catalog, args),
+        Command::List(args) => list::list(catalog, &args),
+        Command::Audit { json, adapter } => commands::audit(catalog, json, &adapter),
         Command::Ceilings { json, adapter } => commands::ceilings(catalog, json, &adapter),
-        Command::Verify { filter, adapter } => commands::verify(catalog, filter, &adapter),
+        Command::Verify { filter, json, adapter } => {
+            commands::verify(catalog, filter.as_deref(), json, &adapter)
+        }
         Command::Fetch { assets } => commands::fetch(&assets),
         Command::Render(args) => commands::render(catalog, args),
         Command::Dump(args) => commands::dump(catalog, args),
@@ -59,6 +66,8 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
         Command::Compare(args) => compare::compare(catalog, *args),
         Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
         Command::History { command } => history::history(command),
+        Command::Completions { shell } => shells::completions(catalog, shell),
+        Command::Man { command } => shells::man(catalog, command.as_deref()),
         Command::Worker(args) => commands::worker(catalog, args),
     }
 }
@@ -74,12 +83,34 @@ fn quiet_driver_layers() {
 #[command(
     version,
     about,
-    after_help = "Exit status: 0 all well; 1 a cell or a check failed; 2 bad input, or it could not run; \
-        130 interrupted, with everything measured so far written. A closed pipe on standard output changes no status."
+    after_help = "Examples:\n  \
+          fathom run                              measure everything, then open the page that it names\n  \
+          fathom run uw-default --set view.width=400\n  \
+          fathom compare --base HEAD~1            did a stage become slower?\n  \
+          fathom list parameters --pipeline hsao\n\n\
+        Exit status: 0 all well; 1 a cell or a check failed, or `compare` found a regression; 2 bad input, or it could not run; \
+        3 `compare` was inconclusive; 130 interrupted, with everything measured so far written. A closed pipe on standard output \
+        changes no status."
 )]
 struct Cli {
+    /// Say nothing on standard error but errors
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Say also what is done and why
+    #[arg(short, long, global = true)]
+    verbose: bool,
     #[command(subcommand)]
     command: Command,
+}
+
+impl Cli {
+    fn verbosity(&self) -> Verbosity {
+        match self {
+            Self { quiet: true, .. } => Verbosity::Quiet,
+            Self { verbose: true, .. } => Verbosity::Verbose,
+            _ => Verbosity::Normal,
+        }
+    }
 }
 
 #[derive(Subcommand)]
@@ -89,7 +120,13 @@ pub enum Command {
     /// List what there is
     List(ListArgs),
     /// Hold the adapter's timestamps against the host clock
-    Audit(AdapterArgs),
+    Audit {
+        /// Answer in JSON
+        #[arg(long)]
+        json: bool,
+        #[command(flatten)]
+        adapter: AdapterArgs,
+    },
     /// Measure the adapter's own limits: bandwidth, fill, texels, atomics, arithmetic, small primitives, empty passes
     Ceilings {
         /// Answer in JSON
@@ -102,6 +139,9 @@ pub enum Command {
     Verify {
         /// Only the checks of stages whose name holds this
         filter: Option<String>,
+        /// Answer in JSON
+        #[arg(long)]
+        json: bool,
         #[command(flatten)]
         adapter: AdapterArgs,
     },
@@ -165,6 +205,13 @@ pub enum Command {
     History {
         #[command(subcommand)]
         command: history::HistoryCommand,
+    },
+    /// Print completions for a shell: `fathom completions bash > ~/.local/share/bash-completion/completions/fathom`
+    Completions { shell: clap_complete::Shell },
+    /// Print the manual page of the program or of one command: `fathom man run | man -l -`
+    Man {
+        /// Name of a command [default: the program]
+        command: Option<String>,
     },
     /// Answer a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
@@ -237,12 +284,16 @@ pub enum Listing {
     Adapters,
     Pipelines,
     Exporters,
+    Claims,
 }
 
 #[derive(Args)]
 pub struct ListArgs {
-    /// What to list [default: everything but parameters]
+    /// What to list [default: everything but parameters and claims]
     pub what: Option<Listing>,
+    /// Answer in JSON
+    #[arg(long)]
+    pub json: bool,
     /// List the stages that a pipeline runs, or its parameters [default for parameters: underwater]
     #[arg(long)]
     pub pipeline: Option<String>,
@@ -448,7 +499,8 @@ fn parse_share(text: &str) -> Result<f64, String> {
 }
 
 /// Help was asked for, or the line is wrong.
-fn not_parsed(error: &clap::Error) -> ExitCode {
+fn not_parsed(error: clap::Error) -> ExitCode {
+    let error = shells::suggesting(error);
     if let ErrorKind::DisplayHelp
     | ErrorKind::DisplayVersion
     | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand = error.kind()
@@ -495,8 +547,7 @@ pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
 
 /// Prints an error on one line.
 pub fn fail(message: &str) -> ExitCode {
-    let lines: Vec<&str> = message.lines().map(str::trim).collect();
-    tell::note(format!("error: {}", lines.join(" ")));
+    tell::error(message);
     ExitCode::from(COULD_NOT_RUN)
 }
 

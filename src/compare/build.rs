@@ -95,10 +95,8 @@ fn git<const N: usize>(folder: &Path, arguments: [&str; N]) -> Command {
 
 /// What a command prints.
 fn printed(command: &mut Command) -> Result<String> {
-    process::printed(command).map_err(|reason| {
-        let words = std::iter::once(command.get_program()).chain(command.get_args());
-        anyhow!("`{}` failed: {reason}", words.map(OsStr::to_string_lossy).join(" "))
-    })
+    process::printed(command)
+        .map_err(|reason| anyhow!("`{}` failed: {reason}", process::words(command)))
 }
 
 /// A checkout that is removed when it is dropped.

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 
 use super::protocol::GateConfiguration;
-use fathom_base::text::{did_you_mean, nearest};
+use fathom_base::text::{did_you_mean, families, nearest};
 use fathom_experiments::{Experiment, ExperimentError};
 use fathom_record::Profile;
 use fathom_record::comparison::CellId;
@@ -63,7 +63,9 @@ impl Gates {
         let left = self.cells();
         let Some(first) = left.first() else {
             let nearest = nearest(filter, all.iter().map(CellId::as_str));
-            bail!("no gate cell matches `{filter}`{}", did_you_mean(&nearest));
+            let families = families(all.iter().map(CellId::stage)).join(", ");
+            let meant = did_you_mean(&nearest);
+            bail!("no gate cell matches `{filter}`{meant}; there are cells of {families}");
         };
         if !left.contains(&self.control) {
             self.control = first.clone();

@@ -1,7 +1,7 @@
 //! Claims against records: *supported*, *contradicted*, *inconclusive* or *not run*.
 //!
 //! There is one rule of evidence. A test breaks a claim down into comparisons: figures, each with the band that it must lie in.
-//! Figures of two cells are compared round by round. An exact figure (a count, an error over all pixels) lies in its band or
+//! Figures of two cells are compared visit by visit. An exact figure (a count, an error over all pixels) lies in its band or
 //! does not. A sampled figure has an interval.
 //!
 //! - *Supported*: the interval of every comparison lies inside its band.
@@ -136,6 +136,20 @@ pub fn concerned<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
     };
     let concerned = |cell: &&&Cell| measure::fits(cell, &claim.filter) && of_test(cell);
     cells.iter().filter(concerned).copied().collect()
+}
+
+/// The sets of cells whose times a claim holds against each other, each in the order of its axis. None where it asks for no time.
+pub(super) fn compared<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<Vec<&'a Cell>> {
+    let concerned = concerned(claim, cells);
+    match (&claim.test, claim.test.over()) {
+        _ if !claim.test.y().reads_times() => Vec::new(),
+        (Test::NoWorse { of, than, .. }, _) => {
+            let side = |filter| concerned.iter().find(|cell| measure::fits(cell, filter));
+            vec![[of, than].into_iter().filter_map(side).copied().collect()]
+        }
+        (_, Some(over)) => groups(&concerned, over).into_iter().map(|(_, group)| group).collect(),
+        (_, None) => Vec::new(),
+    }
 }
 
 fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {

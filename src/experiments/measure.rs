@@ -90,7 +90,7 @@ pub enum Reading {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Samples of two cells with the same number were taken next to each other.
+    /// The visit that it belongs to: cells that a claim compares are visited together, and their samples have one number.
     pub round: u32,
     pub value: f64,
 }
@@ -128,7 +128,7 @@ impl Reading {
         }
     }
 
-    /// Of the same round in both, where both are sampled.
+    /// Of the same visit in both, where both are sampled.
     pub fn with(&self, other: &Reading, join: impl Fn(f64, f64) -> f64) -> Reading {
         match (self, other) {
             (Reading::Exact(a), Reading::Exact(b)) => Reading::Exact(join(*a, *b)),
@@ -156,7 +156,7 @@ impl Reading {
         }
     }
 
-    /// Paired by round.
+    /// Paired by visit: the two samples of a visit are one sample of the ratio.
     pub fn over(&self, other: &Reading) -> Reading {
         self.with(other, |a, b| a / b)
     }
@@ -306,6 +306,11 @@ impl Measure {
         let [times, per] =
             [&self.terms, &self.per].map(|terms| terms.iter().filter(is_time).count());
         times == 1 && per == 0
+    }
+
+    /// It has times in it.
+    pub fn reads_times(&self) -> bool {
+        self.all().any(|term| matches!(term, Term::Stages(_) | Term::Frame | Term::Fps))
     }
 
     /// It counts only on hardware: software drivers say nothing of absolute times. A ratio of times is not absolute.

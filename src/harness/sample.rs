@@ -16,6 +16,8 @@
 //!
 //! The scheduler reads no clock and touches no device: both are behind [`Executor`].
 
+pub mod visit;
+
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -1,5 +1,6 @@
 //! A run as a history takes it: the bytes of its records, and the figures of each cell.
 
+use std::collections::BTreeSet;
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 

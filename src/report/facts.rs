@@ -162,15 +162,11 @@ pub struct SlowStage<'a> {
     pub stage: StageShare<'a>,
 }
 
-/// The stages of all representative frames with the longest times, longest first, no stage twice.
-pub fn slowest_stages<'a>(view: &ReportView<'a>, count: usize) -> Vec<SlowStage<'a>> {
-    let frames = representatives(view).into_iter();
-    let all = frames
-        .flat_map(|frame| frame.stages().into_iter().map(move |stage| SlowStage { frame, stage }));
-    let resolved = all.filter(|slow| slow.stage.stage.is_resolved());
-    let time = |slow: &SlowStage<'_>| slow.stage.stage.time.median;
-    let sorted = resolved.sorted_by(|a, b| time(b).total_cmp(&time(a)));
-    sorted.unique_by(|slow| slow.stage.stage.stage.as_str()).take(count).collect()
+/// The slowest stage of each representative frame, the frame nearest to the defaults first. Stages of different pipelines are not
+/// ranked: their frames differ in scene and size.
+pub fn slowest_stages<'a>(view: &ReportView<'a>) -> impl Iterator<Item = SlowStage<'a>> {
+    let frames = representatives(view).into_iter().sorted_by_key(rank);
+    frames.filter_map(|frame| Some(SlowStage { frame, stage: frame.slowest()? }))
 }
 
 /// Which cells the records of a merged run lack.
@@ -249,6 +245,14 @@ fn of_plot<'v, 'a>(section: &'v Section<'a>, plot: &'v Plot) -> Vec<Exponent<'v,
     fits.collect()
 }
 
+/// The exponents of times that grow, those that were fitted over the widest ranges first.
+pub fn growth<'v, 'a>(view: &'v ReportView<'a>) -> impl Iterator<Item = Exponent<'v, 'a>> {
+    let grows = |fit: &Scaling| fit.interval().is_some_and(|interval| interval.low > 0.0);
+    let times = exponents(view).into_iter();
+    let times = times.filter(move |exponent| exponent.y.is_time() && grows(&exponent.fit));
+    times.sorted_by(|a, b| b.fit.decades.total_cmp(&a.fit.decades))
+}
+
 /// At most three sentences made from figures with their intervals, and from rulings.
 pub fn findings(view: &ReportView<'_>) -> Vec<String> {
     [slowest_finding(view), claims_finding(view), scaling_finding(view)]
@@ -269,7 +273,7 @@ fn slowest_finding(view: &ReportView<'_>) -> Option<String> {
     ))
 }
 
-fn claims_finding(view: &ReportView<'_>) -> Option<String> {
+pub fn claims_finding(view: &ReportView<'_>) -> Option<String> {
     let [(_, supported), (_, contradicted), ..] = tally(view);
     let claims = claims(view);
     let first = claims.first()?;
@@ -289,10 +293,7 @@ fn claims_finding(view: &ReportView<'_>) -> Option<String> {
 
 /// Of the times that grow the one that was fitted over the widest range.
 fn scaling_finding(view: &ReportView<'_>) -> Option<String> {
-    let exponents = exponents(view).into_iter();
-    let grows = |fit: &Scaling| fit.interval().is_some_and(|interval| interval.low > 0.0);
-    let times = exponents.filter(|exponent| exponent.y.is_time() && grows(&exponent.fit));
-    let widest = times.min_by(|a, b| b.fit.decades.total_cmp(&a.fit.decades))?;
+    let widest = growth(view).next()?;
     Some(format!(
         "Over the widest range that was fitted, {} of {} ({}), the time of {} grows with an exponent of {}.",
         times_over(widest.fit.range),
@@ -304,7 +305,7 @@ fn scaling_finding(view: &ReportView<'_>) -> Option<String> {
 }
 
 /// `a factor of 16`
-fn times_over((low, high): (f64, f64)) -> String {
+pub fn times_over((low, high): (f64, f64)) -> String {
     format!("a factor of {}", format::si(high / low))
 }
 
@@ -364,11 +365,14 @@ mod tests {
     }
 
     #[test]
-    fn slow_stages_are_sorted_and_of_several_frames() {
+    fn each_pipeline_has_its_slowest_stage() {
         let view = testing::view();
-        let slow = slowest_stages(&view, 5);
-        let times: Vec<f64> = slow.iter().map(|slow| slow.stage.stage.time.median).collect();
-        assert!(times.len() == 5 && times.is_sorted_by(|a, b| a >= b), "{times:?}");
+        let slow: Vec<SlowStage<'_>> = slowest_stages(&view).collect();
+        assert_eq!(slow.len(), representatives(&view).len());
+        assert_eq!(slow[0].frame.cell.experiment, "uw-default");
+        for SlowStage { frame, stage } in slow {
+            assert!(frame.stages().iter().all(|other| other.share.median <= stage.share.median));
+        }
     }
 
     #[test]

@@ -4,9 +4,7 @@
 mod head;
 mod tables;
 
-use itertools::Itertools;
-
-use super::{Exporter, OfRun, ReportView, RunExporter, Written, facts, page};
+use super::{Exporter, OfRun, ReportView, RunExporter, Written, page};
 use fathom_base::text;
 
 pub const EXPORTER: RunExporter = Exporter {
@@ -34,9 +32,9 @@ fn export(view: &ReportView<'_>) -> String {
 pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
     let has_claims = view.sections.iter().any(|section| !section.rulings().is_empty());
     let claims = has_claims.then(|| format!("claims: {}", head::tally(view)));
-    let slowest = facts::slowest_stages(view, head::SLOWEST);
-    let slowest = (!slowest.is_empty())
-        .then(|| format!("slowest stages: {}", slowest.iter().map(head::slow).join("; ")));
+    let slowest = head::slowest(view);
+    let slowest =
+        (!slowest.is_empty()).then(|| format!("slowest stage of each pipeline: {slowest}"));
     claims.into_iter().chain(slowest).collect()
 }
 
@@ -113,7 +111,7 @@ mod tests {
         let lines = in_short(&ReportView::new(&records, None));
         assert_eq!(lines.len(), 2, "{lines:?}");
         assert!(lines[0].starts_with("claims: ") && lines[0].contains(" supported, "));
-        assert!(lines[1].starts_with("slowest stages: ") && lines[1].matches(';').count() == 4);
+        assert!(lines[1].starts_with("slowest stage of each pipeline: underwater: "));
         assert!(in_short(&ReportView::new(&[], None)).is_empty());
     }
 

@@ -42,6 +42,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
+use fathom_base::text::{did_you_mean, families, nearest};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::SceneError;
 use rig::Rig;
@@ -53,8 +54,8 @@ pub enum VerifyError {
     Gpu(#[from] GpuError),
     #[error(transparent)]
     Scene(#[from] SceneError),
-    #[error("no check matches `{filter}`; there are checks for: {known}")]
-    NoMatch { filter: String, known: String },
+    #[error("no check matches `{filter}`{}; there are checks of {}", did_you_mean(.nearest), .families.join(", "))]
+    NoMatch { filter: String, nearest: Option<String>, families: Vec<&'static str> },
     #[error("{stage}: {what}")]
     Invalid { stage: &'static str, what: String },
 }
@@ -232,10 +233,11 @@ pub fn verify(
     let chosen: Vec<&Case> =
         all.iter().filter(|case| filter.is_none_or(|f| case.matches(f))).collect();
     if chosen.is_empty() {
-        return Err(VerifyError::NoMatch {
-            filter: filter.unwrap_or_default().to_owned(),
-            known: known_stages(all),
-        });
+        let filter = filter.unwrap_or_default().to_owned();
+        let stages = || all.iter().map(|case| case.stage);
+        let families = families(stages());
+        let nearest = nearest(&filter, families.iter().copied().chain(stages()));
+        return Err(VerifyError::NoMatch { filter, nearest, families });
     }
     run_all(gpu, &chosen, each)
 }
@@ -261,12 +263,6 @@ fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(Ended<'_>)) -> Check
         each(Ended { case, number, of: cases.len(), took: begin.elapsed() });
     }
     Ok(checks)
-}
-
-fn known_stages(cases: &[Case]) -> String {
-    let mut stages: Vec<&str> = cases.iter().map(|case| case.stage).collect();
-    stages.dedup();
-    stages.join(", ")
 }
 
 /// A table of checks for people, one line each, figures below.

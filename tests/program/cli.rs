@@ -25,9 +25,18 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run --profile qick", "'quick'"),
         ("run --budget 0", "--budget must be a positive number"),
         ("rum", "'run'"),
+        ("rnu", "'run'"),
+        ("history shwo", "'show'"),
+        ("list stgaes", "'stages'"),
+        ("export cvs no/such/folder", "unknown format `cvs`; did you mean `csv`?"),
+        ("man rnu", "did you mean `run`?"),
+        ("run -q -v", "'--quiet'"),
         ("render tnk", "did you mean `tank`"),
         ("render no/such/file.toml", "no/such/file.toml"),
-        ("verify cuastics", "caustics/trace"),
+        (
+            "verify cuastics",
+            "no check matches `cuastics`; did you mean `caustics`?; there are checks of ",
+        ),
         ("render tank --pipeline underwatr", "did you mean `underwater`"),
         ("render --figure uw6", "unknown figure `uw6`; did you mean `uw-6`?"),
         ("render plane -o plane.jpg", "their names end in `.png`"),
@@ -45,7 +54,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run uw-default --set caustics.grid=few", "takes a whole number"),
         ("run uw-waves --axis watr=circular", "did you mean `water`"),
         ("run uw-default --adapter none-such", "no adapter matches"),
-        ("bench caustics/trce", "no gate cell matches `caustics/trce`"),
+        ("bench caustics/trce", "no gate cell matches `caustics/trce`; did you mean `"),
         ("dump caustics/trce --set caustics.grid=8", "did you mean `caustics/trace`"),
     ] {
         fathom(words).refused(reason);
@@ -116,8 +125,52 @@ fn listings_name_what_there_is() {
         ("stages", ["caustics/trace", "compose"]),
         ("parameters", ["water.refractive_index", "1.33"]),
         ("pipelines", ["underwater", "hsao"]),
+        ("claims", ["caustics-trace-linear", "uw-photons"]),
+        ("exporters", ["csv", "cells.csv"]),
     ] {
         holds(&fathom(format!("list {what}")).answer(), &named);
+        let rows = fathom(format!("list {what} --json")).ends(0).json();
+        let rows = rows.as_array().unwrap();
+        for name in named {
+            let is_named = |row: &Value| {
+                row.as_object().unwrap().values().any(|value| value.to_string().contains(name))
+            };
+            assert!(rows.iter().any(is_named), "{name}: {rows:?}");
+        }
+    }
+    let all = fathom("list --json").ends(0).json();
+    assert_eq!(all["pipelines"].as_array().unwrap().len(), fathom::pipelines::KINDS.len());
+}
+
+/// Completions know every command, the manual page and the help every pipeline.
+#[test]
+fn shells_and_readers_are_told_what_there_is() {
+    let script = fathom("completions bash").answer();
+    let (page, help) = (fathom("man").answer(), fathom("--help").answer());
+    holds(&script, &["verify", "--budget"]);
+    holds(&fathom("man run").answer(), &[".TH fathom-run 1", "budget"]);
+    let words = help.split_whitespace().collect::<Vec<_>>().join(" ");
+    for kind in fathom::pipelines::KINDS {
+        holds(&words, &[&format!("({})", kind.name)]);
+        holds(&page.replace('\\', ""), &[kind.name]);
+    }
+    holds(&words, &["3 `compare` was inconclusive"]);
+    assert!(!help.contains('\u{1b}'), "no colours where there is no terminal");
+}
+
+#[test]
+fn checks_and_the_audit_answer_in_json_and_notes_can_be_turned_off() {
+    let told = fathom("verify voxel/clear --json").ends(0);
+    let answer = told.json();
+    assert_eq!(answer["all_sound"], true);
+    assert_eq!(answer["checks"][0]["stage"], "voxel/clear");
+    holds(&told.err, &["1 of "]);
+    let quiet = fathom("verify voxel/clear --json --quiet").ends(0);
+    assert_eq!((quiet.json(), quiet.err.contains("1 of ")), (answer, false));
+    fathom("render tnk --quiet").refused("did you mean `tank`");
+    let audit = fathom("audit --json").ends(0).json();
+    for pass in ["render", "compute", "copy"] {
+        assert!(audit["clocks"][pass].is_string(), "{audit}");
     }
 }
 
@@ -144,7 +197,7 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
     let place = Place::new();
     let out = &place.path("out");
     let told = run(&place, "").answer();
-    holds(&told, &["1 cells measured", "slowest stages: ", "summary.md"]);
+    holds(&told, &["1 cells measured", "slowest stage of each pipeline: ", "summary.md"]);
     let first = cells(out);
     let all = records(out);
     let [Record::Run(_), Record::Experiment(_), .., Record::End(end)] = &all[..] else {

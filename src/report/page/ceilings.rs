@@ -4,13 +4,18 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::parts::{numbers, table, words};
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
 use crate::ceilings::{Bound, bounds};
 use crate::format::{percent, si, three};
 use fathom_record::ceilings::{Basis, Ceiling, CeilingShare};
 
-pub const SECTION: PageSection =
-    PageSection { id: "ceilings", title: "How near to the limits", write };
+pub const SECTION: PageSection = PageSection {
+    id: "ceilings",
+    title: "How near to the limits",
+    question: "Which stages come near to the adapter's limits?",
+    fold: Fold::Folded,
+    write,
+};
 
 /// Stages that are shown unfolded.
 const OPEN_STAGES: usize = 12;

@@ -4,13 +4,19 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::parts::{numbers, setting_words, words};
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
 use crate::Entry;
 use crate::format::{NS_PER_MS, percent, three};
 use fathom_base::text;
 use fathom_record::{Cell, Estimate, Measured, OVER_BUDGET, Outcome, Run, StageRecord, Throttling};
 
-pub const SECTION: PageSection = PageSection { id: "cells", title: "Cells", write };
+pub const SECTION: PageSection = PageSection {
+    id: "cells",
+    title: "Cells",
+    question: "What was measured in each cell, and with which command?",
+    fold: Fold::Listed,
+    write,
+};
 
 /// Options of `fathom run` that a cell depends on, and whether each takes a value.
 const KEPT: [(&str, bool); 5] = [

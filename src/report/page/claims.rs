@@ -4,14 +4,20 @@ use indexmap::IndexMap;
 use maud::{Markup, html};
 
 use super::parts::{Tone, numbers, table, words};
-use super::{Page, PageSection};
+use super::{Fold, Page, PageSection};
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{three, trim_zeros};
 use fathom_experiments::schema::Claim;
 use fathom_experiments::{RuledFigure, Ruling, Verdict};
 use fathom_record::Interval;
 
-pub const SECTION: PageSection = PageSection { id: "claims", title: "Claims", write };
+pub const SECTION: PageSection = PageSection {
+    id: "claims",
+    title: "Claims",
+    question: "Which claims of the papers hold, and by how much do others fail?",
+    fold: Fold::Folded,
+    write,
+};
 
 const WIDTH_PX: f64 = 180.0;
 const HEIGHT_PX: f64 = 30.0;

@@ -99,16 +99,37 @@ struct PageSection {
     /// Its anchor.
     id: &'static str,
     title: &'static str,
+    /// What a reader learns from it.
+    question: &'static str,
+    fold: Fold,
     /// None where the records hold nothing for it.
     write: fn(&Page<'_>) -> Option<Markup>,
 }
 
-const HISTORY: PageSection =
-    PageSection { id: "history", title: "History", write: |page| page.history.clone() };
+/// Whether a section shows its content before a reader asks for it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Fold {
+    /// Always.
+    Open,
+    /// When it is opened, and in print.
+    Folded,
+    /// Only when it is opened: it is long.
+    Listed,
+}
+
+const HISTORY: PageSection = PageSection {
+    id: "history",
+    title: "History",
+    question: "Between which commits did a figure change?",
+    fold: Fold::Open,
+    write: |page| page.history.clone(),
+};
 
 const COMPARED: PageSection = PageSection {
     id: "compared",
     title: "Comparison",
+    question: "What did the comparison of two builds, drivers or environments conclude?",
+    fold: Fold::Open,
     write: |page| {
         let all = html! { @for comparison in &page.comparisons { (comparison.markup) } };
         (!page.comparisons.is_empty()).then_some(all)
@@ -131,6 +152,24 @@ const SECTIONS: [PageSection; 13] = [
     plots::SECTION,
     cells::SECTION,
 ];
+
+impl PageSection {
+    fn markup(&self, content: &Markup) -> Markup {
+        let title = html! { h2 #{ (self.id) "-title" } { (self.title) } };
+        html! {
+            section #(self.id) aria-labelledby={ (self.id) "-title" } {
+                @if self.fold == Fold::Open {
+                    (title) (content)
+                } @else {
+                    details.section data-print=(self.fold == Fold::Folded) {
+                        summary { (title) " " span.question { (self.question) } }
+                        (content)
+                    }
+                }
+            }
+        }
+    }
+}
 
 impl<'a> Page<'a> {
     /// A page of these runs, each with its label.
@@ -188,10 +227,7 @@ impl<'a> Page<'a> {
                     }
                     main #main {
                         @for (section, content) in sections {
-                            section #(section.id) aria-labelledby={ (section.id) "-title" } {
-                                h2 #{ (section.id) "-title" } { (section.title) }
-                                (content)
-                            }
+                            (section.markup(&content))
                         }
                     }
                     div #tip role="status" aria-live="polite" hidden {}

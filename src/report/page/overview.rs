@@ -1,17 +1,25 @@
-//! The first screen: what was measured on what, what came out, and how far to trust it.
+//! The first screen: a card for each question of a reader, with the answer and a link to its section.
 
+use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::claims::chip;
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
+use crate::ceilings::{Bound, bounds};
 use crate::format::{NS_PER_MS, percent, three};
 use crate::{facts, trust};
 use fathom_record::Run;
 
-pub const SECTION: PageSection = PageSection { id: "overview", title: "At a glance", write };
+pub const SECTION: PageSection = PageSection {
+    id: "overview",
+    title: "At a glance",
+    question: "What came out, and can it be trusted?",
+    fold: Fold::Open,
+    write,
+};
 
-/// Stages that a run's card names.
-const SLOWEST: usize = 5;
+/// Lines of a card that has one for each stage, axis or pipeline.
+const MOST_LINES: usize = 5;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     if page.runs.is_empty() && page.left_out.is_empty() {
@@ -24,34 +32,39 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 }
 
 fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
-    let findings = facts::findings(run.view);
     html! {
         @if page.is_overlay() { h3 { (run.label) } }
+        @if let Some(header) = run.view.run() { (device(header)) }
+        @for note in facts::incomplete(run.view) {
+            p { span.chip.open { "incomplete" } " " (note.text) }
+        }
         div.cards {
-            @if let Some(header) = run.view.run() { (device(header)) }
+            (how_far(run))
             (verdicts(run))
             (slowest(page, run))
-            (how_far(run))
-        }
-        @if !findings.is_empty() {
-            ul.findings { @for finding in &findings { li { (finding) } } }
+            (growth(run))
+            (limits(page, run))
         }
     }
+}
+
+/// A question that links to the section with the whole answer.
+fn card(section: &str, question: &str, answer: &Markup) -> Markup {
+    html! { article.card { h3 { a href={ "#" (section) } { (question) } } (answer) } }
 }
 
 fn device(run: &Run) -> Markup {
     let adapter = &run.adapter;
     html! {
-        article.card {
-            h3 { (adapter.name) }
+        p.device {
             @if adapter.software {
-                p { span.chip.open { "software driver" } }
-                p.faint { "Ratios, slopes and shares stand. Absolute times and frame rates count only on hardware." }
+                span.chip.open { "software driver" }
+                " Read ratios, exponents and shares: absolute times count only on hardware. "
             }
             @if let Some(shard) = &run.shard {
-                p { span.chip.open { "shard " (shard.part) } " A part of a run: fathom merge joins the parts." }
+                span.chip.open { "shard " (shard.part) } " A part of a run: fathom merge joins the parts. "
             }
-            p.faint {
+            span.faint {
                 (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile)
                 "; started " (run.started_at) "; fathom " (run.fathom_version)
             }
@@ -59,53 +72,78 @@ fn device(run: &Run) -> Markup {
     }
 }
 
-fn verdicts(run: &PageRun<'_>) -> Markup {
-    let counts = facts::tally(run.view);
-    html! {
-        article.card {
-            h3 { "What holds: " (counts.iter().map(|(_, count)| count).sum::<usize>()) " claims" }
-            @for (verdict, count) in counts {
-                p.tally { a href="#claims" { (chip(verdict)) } " " b { (count) } }
-            }
-        }
-    }
+fn how_far(run: &PageRun<'_>) -> Markup {
+    let answer = html! {
+        @if let Some(header) = trust::worst(run.view) { p { (trust::verdict(header)) } }
+        @for fact in trust::facts(run.view) { p.fact { b { (fact.about) } ": " (fact.words) "." } }
+    };
+    card("trust", "Can it be trusted?", &answer)
 }
 
+fn verdicts(run: &PageRun<'_>) -> Markup {
+    let counts = facts::tally(run.view);
+    let answer = html! {
+        @for (verdict, count) in counts { p.tally { (chip(verdict)) " " b { (count) } } }
+        @if let Some(finding) = facts::claims_finding(run.view) { p { (finding) } }
+    };
+    card("claims", "Which claims hold?", &answer)
+}
+
+/// The slowest stage of each pipeline.
 fn slowest(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
-    let slowest = facts::slowest_stages(run.view, SLOWEST);
-    html! {
-        article.card {
-            h3 { "Slowest stages" }
-            @if slowest.is_empty() { p.faint { "No stage was timed." } }
-            ol.stages {
-                @for slow in &slowest {
-                    @let stage = slow.stage.stage;
-                    li {
-                        span.swatch style={ "background:" (page.colors.of(&stage.stage).hex()) } {}
-                        (stage.stage) " " b { (three(stage.time.median / NS_PER_MS)) " ms" }
-                        span.faint { ", " (percent(slow.stage.share.median)) " of the stages of " (slow.frame.cell.pipeline) " (" (slow.frame.conditions()) ")" }
-                    }
+    let mut slowest = facts::slowest_stages(run.view).peekable();
+    let answer = html! {
+        @if slowest.peek().is_none() { p.faint { "No stage was timed." } }
+        @else { p.faint { "The slowest stage of each pipeline:" } }
+        ul.lines {
+            @for slow in slowest {
+                @let stage = slow.stage.stage;
+                li {
+                    (slow.frame.cell.pipeline) ": "
+                    span.swatch style={ "background:" (page.colors.of(&stage.stage).hex()) } {}
+                    (stage.stage) " " b { (percent(slow.stage.share.median)) }
+                    span.faint { ", " (three(stage.time.median / NS_PER_MS)) " ms" }
                 }
             }
         }
-    }
+    };
+    card("time", "Where does the time go?", &answer)
 }
 
-fn how_far(run: &PageRun<'_>) -> Markup {
-    html! {
-        article.card {
-            h3 { "How far to trust it" }
-            @if let Some(header) = trust::worst(run.view) {
-                p { (trust::verdict(header)) " " a href="#trust" { "Trust" } }
-            }
-            @for note in facts::incomplete(run.view) {
-                p { span.chip.open { "incomplete" } " " (note.text) }
-            }
-            @for fact in trust::facts(run.view) {
-                p.fact { b { (fact.about) } ": " (fact.words) "." }
+fn growth(run: &PageRun<'_>) -> Markup {
+    let mut exponents = facts::growth(run.view).peekable();
+    let answer = html! {
+        @if exponents.peek().is_none() { p.faint { "No exponent was fitted." } }
+        @else { p.faint { "Exponents over the widest ranges:" } }
+        ul.lines {
+            @for exponent in exponents.unique_by(|one| one.y_title()).take(MOST_LINES) {
+                li {
+                    (exponent.y_title()) " " b { (exponent.text()) }
+                    span.faint { " with " (exponent.x_title()) ", over " (facts::times_over(exponent.fit.range)) }
+                }
             }
         }
-    }
+    };
+    card("scaling", "How does it scale?", &answer)
+}
+
+fn limits(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
+    let bounds = bounds(run.view);
+    let nearest = bounds.iter().unique_by(|bound| &bound.stage.stage).take(MOST_LINES);
+    let answer = html! {
+        @if bounds.is_empty() { p.faint { "The adapter's limits were not measured." } }
+        @else { p.faint { "Best shares of the adapter's limits:" } }
+        ul.lines {
+            @for Bound { stage, share, .. } in nearest {
+                li {
+                    span.swatch style={ "background:" (page.colors.of(&stage.stage).hex()) } {}
+                    (stage.stage) " " b { (percent(share.share)) } span.faint { " of " (share.limit.name()) }
+                }
+            }
+        }
+    };
+    // Without measured limits the page has no such section.
+    card(if bounds.is_empty() { "trust" } else { "ceilings" }, "How near to the limits?", &answer)
 }
 
 fn left_out(page: &Page<'_>) -> Markup {

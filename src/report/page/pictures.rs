@@ -8,14 +8,20 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use self::embed::{Embedded, Embedder};
-use super::{LeftOut, Page, PageRun, PageSection};
+use super::{Fold, LeftOut, Page, PageRun, PageSection};
 use crate::Section;
 use crate::format::three;
 use fathom_experiments::words;
 use fathom_experiments::{Experiment, label_text};
 use fathom_record::{Cell, ErrorSpan, Picture, PictureKind, PictureScale};
 
-pub const SECTION: PageSection = PageSection { id: "pictures", title: "Pictures", write };
+pub const SECTION: PageSection = PageSection {
+    id: "pictures",
+    title: "Pictures",
+    question: "What does the result look like, and where is it wrong?",
+    fold: Fold::Listed,
+    write,
+};
 
 /// Experiments with more pictures are folded.
 const OPEN_PICTURES: usize = 4;

@@ -4,13 +4,19 @@ use indexmap::{IndexMap, IndexSet};
 use maud::{Markup, html};
 
 use super::claims::chip;
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
 use crate::{Section, plots};
 use fathom_base::text;
 use fathom_experiments::Experiment;
 use fathom_record::NoteKind;
 
-pub const SECTION: PageSection = PageSection { id: "plots", title: "Experiments", write };
+pub const SECTION: PageSection = PageSection {
+    id: "plots",
+    title: "Experiments",
+    question: "What was each experiment, with its plot and its notes?",
+    fold: Fold::Listed,
+    write,
+};
 
 /// An experiment of a run.
 type Part<'p> = (&'p PageRun<'p>, &'p Section<'p>);

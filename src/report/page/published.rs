@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::parts::{numbers, setting_words, table, words};
 use super::scaling::runs;
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
 use crate::Section;
 use crate::axis::{Axis, ScaleKind};
 use crate::format::three;
@@ -17,7 +17,13 @@ use fathom_experiments::schema::{Comparison, Published};
 use fathom_experiments::{RuledFigure, fits, flatten, fps};
 use fathom_record::Estimate;
 
-pub const SECTION: PageSection = PageSection { id: "published", title: "Published figures", write };
+pub const SECTION: PageSection = PageSection {
+    id: "published",
+    title: "Published figures",
+    question: "How do measured ratios compare with those of the papers?",
+    fold: Fold::Folded,
+    write,
+};
 
 /// Of a chart, pixels.
 const SIDE_PX: f64 = 340.0;

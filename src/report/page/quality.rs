@@ -9,7 +9,7 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use super::parts::{numbers, setting_words, table, words};
-use super::{Page, PageSection};
+use super::{Fold, Page, PageSection};
 use crate::axis::{Axis, ScaleKind};
 use crate::format::{NS_PER_MS, three};
 use crate::svg::{self, Paint, Shape};
@@ -17,8 +17,13 @@ use fathom_experiments::words::{Unit, figure as figure_words};
 use fathom_experiments::{flatten, label_text};
 use fathom_record::{Cell, ErrorFigure, Estimate, Measured};
 
-pub const SECTION: PageSection =
-    PageSection { id: "quality", title: "Quality against time", write };
+pub const SECTION: PageSection = PageSection {
+    id: "quality",
+    title: "Quality against time",
+    question: "Which setting has the least error within a time?",
+    fold: Fold::Folded,
+    write,
+};
 
 /// The limit that a reader finds first: 20 frames per second.
 const LIMIT_MS: f64 = 50.0;

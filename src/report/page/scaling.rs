@@ -8,7 +8,7 @@ use maud::{Markup, html};
 use serde_json::{Map, Value};
 
 use super::parts::setting_words;
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::facts;
 use crate::format::{si, three};
@@ -20,7 +20,13 @@ use fathom_experiments::words::Unit;
 use fathom_experiments::{Measure, groups};
 use fathom_record::Cell;
 
-pub const SECTION: PageSection = PageSection { id: "scaling", title: "How it scales", write };
+pub const SECTION: PageSection = PageSection {
+    id: "scaling",
+    title: "How it scales",
+    question: "With which exponent does a stage grow, and how certain is that?",
+    fold: Fold::Listed,
+    write,
+};
 
 const SIZE_PX: [f64; 2] = [324.0, 190.0];
 const LEFT_PX: f64 = 48.0;

@@ -7,14 +7,20 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::parts::{numbers, table, words};
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
 use crate::axis::tenth;
 use crate::facts::{self, Representative, StageShare};
 use crate::format::{self, NS_PER_MS, three};
 use fathom_base::statistics;
 use fathom_record::{Clock, StageRecord};
 
-pub const SECTION: PageSection = PageSection { id: "time", title: "Where the time goes", write };
+pub const SECTION: PageSection = PageSection {
+    id: "time",
+    title: "Where the time goes",
+    question: "Which stage dominates a frame?",
+    fold: Fold::Folded,
+    write,
+};
 
 /// A frame as each run that timed it has it.
 type SameFrame<'a> = Vec<(&'a PageRun<'a>, Representative<'a>)>;

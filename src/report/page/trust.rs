@@ -4,7 +4,7 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::parts::{numbers, table, words};
-use super::{Page, PageRun, PageSection};
+use super::{Fold, Page, PageRun, PageSection};
 use crate::ReportView;
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
@@ -13,7 +13,13 @@ use crate::trust::{self, TimedSample};
 use fathom_base::statistics;
 use fathom_record::{AuditRow, Cell, Clock, Estimate, FrameRecord, PassKind, Rejection, Run};
 
-pub const SECTION: PageSection = PageSection { id: "trust", title: "Trust", write };
+pub const SECTION: PageSection = PageSection {
+    id: "trust",
+    title: "Trust",
+    question: "Which clocks were used, how precise are the times, did the machine drift?",
+    fold: Fold::Folded,
+    write,
+};
 
 /// Of a chart, pixels.
 const WIDTH_PX: f64 = 340.0;

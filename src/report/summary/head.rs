@@ -6,14 +6,14 @@ use indexmap::IndexSet;
 use itertools::Itertools;
 
 use super::super::facts::{self, SlowStage};
-use super::super::format::{self, Table};
+use super::super::format::Table;
 use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
 use fathom_base::text;
 use fathom_record::{OVER_BUDGET, Outcome, Run};
 
-/// Stages that the first screen names.
-pub const SLOWEST: usize = 5;
+/// Pipelines whose slowest stage the first screen names.
+const MOST_PIPELINES: usize = 10;
 /// Notes that are shown.
 const MOST_NOTES: usize = 5;
 
@@ -72,9 +72,9 @@ fn device(run: &Run, table: &mut Table) {
 fn results(view: &ReportView<'_>, table: &mut Table) {
     table.row(["cells".to_owned(), cells(view)]);
     table.row(["claims".to_owned(), tally(view)]);
-    let slowest = facts::slowest_stages(view, SLOWEST);
+    let slowest = slowest(view);
     if !slowest.is_empty() {
-        table.row(["slowest stages".to_owned(), slowest.iter().map(slow).join("; ")]);
+        table.row(["slowest stage of each pipeline".to_owned(), slowest]);
     }
 }
 
@@ -99,16 +99,13 @@ pub fn tally(view: &ReportView<'_>) -> String {
     format!("{each}, of {}", counts.iter().map(|(_, count)| count).sum::<usize>())
 }
 
-/// `caustics/splat 76.2 ms, 41 % (39 – 43) of underwater`
-pub fn slow(slow: &SlowStage<'_>) -> String {
-    let time = slow.stage.stage.time.scaled(1.0 / format::NS_PER_MS);
-    format!(
-        "{} {} ms, {} of {}",
-        slow.stage.stage.stage,
-        format::three(time.median),
-        facts::share(&slow.stage.share),
-        slow.frame.cell.pipeline
-    )
+/// The slowest stage of the first pipelines: `underwater: caustics/splat 41 % (39 – 43); hsao: …`
+pub fn slowest(view: &ReportView<'_>) -> String {
+    facts::slowest_stages(view).take(MOST_PIPELINES).map(slow).join("; ")
+}
+
+fn slow(SlowStage { frame, stage }: SlowStage<'_>) -> String {
+    format!("{}: {} {}", frame.cell.pipeline, stage.stage.stage, facts::share(&stage.share))
 }
 
 /// Notes on the run, and the stand-ins that cells ran on, once each.

@@ -73,8 +73,15 @@ impl Browser {
 
     /// Opens a file and waits until it is loaded.
     pub fn show(&self, page: &Path, display: Display) {
+        self.show_at(page, "", display);
+    }
+
+    /// The same with what follows the file's name in the address.
+    pub fn show_at(&self, page: &Path, place: &str, display: Display) {
         self.set(display);
-        self.command("/url", json!({ "url": format!("file://{}", page.display()) }));
+        // A change of the place alone would load nothing.
+        self.command("/url", json!({ "url": "about:blank" }));
+        self.command("/url", json!({ "url": format!("file://{}{place}", page.display()) }));
     }
 
     pub fn set(&self, Display { width_px, dark, print }: Display) {

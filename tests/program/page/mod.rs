@@ -51,6 +51,8 @@ fn the_page_of_the_reference_run() {
     let (_folder, page) = page_of(&reference());
     in_browser(|browser| {
         the_reference_page_opens_without_errors_at_every_width_and_mode(browser, &page);
+        the_first_screen_answers_each_question_and_links_to_its_section(browser, &page);
+        what_a_reader_filters_stays_in_the_address(browser, &page);
         cells_are_sorted_filtered_and_opened(browser, &page);
         values_are_shown_under_the_pointer_and_by_the_arrow_keys(browser, &page);
         print_shows_everything_but_the_controls(browser, &page);
@@ -69,7 +71,61 @@ fn the_reference_page_opens_without_errors_at_every_width_and_mode(browser: &Bro
         browser.show(page, display);
         assert_eq!(browser.console(), Vec::<String>::new(), "{display:?}");
         fits(browser, display);
+        unfold(browser);
+        fits(browser, display);
     }
+}
+
+/// Opens everything that is folded.
+fn unfold(browser: &Browser) {
+    browser
+        .eval("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })");
+}
+
+/// A laptop's window, without the browser's own bars.
+const SCREEN_PX: u64 = 900;
+
+fn the_first_screen_answers_each_question_and_links_to_its_section(browser: &Browser, page: &Path) {
+    browser.show(page, WIDE);
+    let cards = browser.eval(
+        "return [...document.querySelectorAll('#overview .card')].map((card) => {
+           const link = card.querySelector('h3 a');
+           const section = document.querySelector(link.getAttribute('href'));
+           return [card.getBoundingClientRect().bottom, card.textContent.length - link.textContent.length,
+                   Boolean(section.querySelector(':scope > details:not([open])'))];
+         })",
+    );
+    let cards = cards.as_array().unwrap();
+    assert_eq!(cards.len(), 5);
+    for card in cards {
+        assert!(card[0].as_f64().unwrap() < SCREEN_PX as f64, "below the first screen: {card}");
+        assert!(card[1].as_u64().unwrap() > 20, "no answer: {card}");
+        assert_eq!(card[2], true, "the section is folded until it is asked for");
+    }
+    let opened = browser.eval_later(
+        "const done = arguments[arguments.length - 1];
+         addEventListener('hashchange', () => setTimeout(() => done(document.querySelector('#claims > details').open)));
+         document.querySelector('#overview .card a[href=\"#claims\"]').click();",
+    );
+    assert_eq!(opened, true);
+    let height = "return document.documentElement.scrollHeight";
+    for (display, most_px) in [(WIDE, 2 * SCREEN_PX), (NARROW, 4_000)] {
+        browser.show(page, display);
+        let px = browser.eval(height).as_u64().unwrap();
+        assert!(px <= most_px, "{display:?}: {px} px long");
+    }
+}
+
+fn what_a_reader_filters_stays_in_the_address(browser: &Browser, page: &Path) {
+    browser.show_at(page, "#cells?cell-experiment=uw-photons&cell-words=32", WIDE);
+    let shown = "const rows = [...document.querySelectorAll('#cell-table tbody tr')];
+                 return [document.querySelector('#cells > details').open, rows.length > 0,
+                         rows.every((row) => row.dataset.experiment === 'uw-photons' && row.textContent.includes('32'))]";
+    assert_eq!(browser.eval(shown), json!([true, true, true]));
+    browser.show(page, WIDE);
+    browser.eval("document.querySelector('#cells > details').open = true; document.getElementById('cell-words').focus()");
+    browser.devtools("Input.insertText", json!({ "text": "dragon" }));
+    assert_eq!(browser.eval("return location.hash"), "#cells?cell-words=dragon");
 }
 
 /// Nothing but what scrolls by itself is wider than the window, and no type is smaller than 12 px.
@@ -139,6 +195,7 @@ fn numbers(values: &Value) -> Vec<f64> {
 
 fn values_are_shown_under_the_pointer_and_by_the_arrow_keys(browser: &Browser, page: &Path) {
     browser.show(page, WIDE);
+    unfold(browser);
     let told = browser.eval(
         "const mark = document.querySelector('[data-tip]');
              mark.dispatchEvent(new PointerEvent('pointerover', { bubbles: true }));
@@ -168,12 +225,18 @@ fn print_shows_everything_but_the_controls(browser: &Browser, page: &Path) {
                      [...document.querySelectorAll('main > section')].every(visible)]",
     );
     assert_eq!(shown, json!([false, true]));
+    let printed = browser.eval(
+        "dispatchEvent(new Event('beforeprint'));
+         return ['claims', 'cells'].map((id) => document.querySelector(`#${id} > details`).open)",
+    );
+    assert_eq!(printed, json!([true, false]));
 }
 
 fn axe_finds_no_serious_fault(browser: &Browser, page: &Path) {
     let Some(axe) = axe() else { return };
     for display in [WIDE, NARROW, Display { dark: true, ..WIDE }] {
         browser.show(page, display);
+        unfold(browser);
         let found = serious(browser, &axe);
         assert_eq!(found, json!([]), "{display:?}");
     }

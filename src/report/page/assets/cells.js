@@ -43,7 +43,7 @@
     const texts = new Map(all.map((row) => [row, text(row)]));
     let rows = all;
     /* Of a long table only the first rows are laid out, which is what takes the time. */
-    const few = 200;
+    const few = fathom.isNarrow() ? 40 : 200;
     let most = few;
 
     const show = () => {
@@ -95,5 +95,11 @@
     });
   }
 
-  fathom.open();
+  /* All parts of the page are ready: the last script. */
+  fathom.controls().forEach((control) => {
+    if (!control.disabled) control.dataset.first = control.value;
+    const keep = () => fathom.keep(control.closest("section").id);
+    control.addEventListener(control.matches("select") ? "change" : "input", keep);
+  });
+  fathom.restore();
 }

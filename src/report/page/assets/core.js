@@ -123,13 +123,70 @@ document.addEventListener("click", async (event) => {
   setTimeout(() => { button.textContent = before; }, 1200);
 });
 
-/* A link to something folded opens it. */
-fathom.open = () => {
-  const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
-  if (target instanceof HTMLDetailsElement) target.open = true;
+/* The address: #place?control=value&…, the place that is shown and what the reader chose. */
+fathom.address = () => {
+  const [place, query] = location.hash.slice(1).split("?");
+  return [decodeURIComponent(place), new URLSearchParams(query)];
 };
-addEventListener("hashchange", fathom.open);
-/* What is folded is printed, too. */
-addEventListener("beforeprint", () => fathom.all("details").forEach((folded) => { folded.open = true; }));
+fathom.controls = () => fathom.all(".controls :is(select, input)[id]");
+
+/* Keeps what the reader chose in the address, which can be shared; of controls that are not ready, what the address says. */
+fathom.keep = (place) => {
+  const [, before] = fathom.address();
+  const chosen = new URLSearchParams(fathom.controls()
+    .map((control) => [control.id, control.disabled ? before.get(control.id) : control.value, control.dataset.first])
+    .filter(([, value, first]) => value !== null && value !== first)
+    .map(([id, value]) => [id, value]));
+  const query = chosen.toString();
+  history.replaceState(null, "", `#${encodeURIComponent(place)}${query && `?${query}`}`);
+};
+
+/* A link to something folded opens it and what it lies in. */
+fathom.open = () => {
+  const [place] = fathom.address();
+  const target = place && document.getElementById(place);
+  if (!target) return;
+  for (let outer = target; outer; outer = outer.parentElement) {
+    if (outer instanceof HTMLDetailsElement) outer.open = true;
+  }
+  target.querySelectorAll(":scope > details.section").forEach((folded) => { folded.open = true; });
+  target.scrollIntoView();
+};
+
+/* Sets the controls to what the address says, else keeps in the address what they are set to. */
+fathom.restore = () => {
+  const [place, chosen] = fathom.address();
+  for (const [id, value] of chosen) {
+    const control = fathom.controls().find((known) => known.id === id);
+    if (!control || control.disabled || control.value === value) continue;
+    control.value = value;
+    control.dispatchEvent(new Event(control.matches("select") ? "change" : "input", { bubbles: true }));
+  }
+  if (place) fathom.keep(place);
+  fathom.open();
+};
+addEventListener("hashchange", fathom.restore);
+
+/* The sections that a reader of paper needs; longer ones are printed where they are open. */
+addEventListener("beforeprint", () => fathom.all("details[data-print=true]").forEach((folded) => { folded.open = true; }));
+
+/* In a narrow window a row of a table is a block, and each cell names its column. */
+{
+  const name = (table) => {
+    const heads = table.tHead ? [...table.tHead.rows[0].cells].map((head) => head.textContent) : [];
+    for (const row of table.tBodies[0]?.rows ?? []) {
+      let column = 0;
+      for (const cell of row.cells) {
+        if (cell.colSpan === 1 && heads[column]) cell.dataset.head = heads[column];
+        column += cell.colSpan;
+      }
+    }
+  };
+  const narrow = matchMedia("(max-width: 600px)");
+  fathom.isNarrow = () => narrow.matches;
+  const update = () => { if (narrow.matches) fathom.all("table").forEach(name); };
+  narrow.addEventListener("change", update);
+  update();
+}
 
 document.documentElement.classList.add("scripted");

@@ -85,6 +85,8 @@
       show();
     });
     slider.addEventListener("input", show);
+    [choice, slider].forEach((control) => { control.dataset.first = control.value; });
+    fathom.restore();
   };
   if (waterfall) addEventListener("load", () => setTimeout(start));
 }

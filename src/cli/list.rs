@@ -1,0 +1,209 @@
+//! `fathom list`: what there is, as rows of words or as JSON.
+
+use std::process::ExitCode;
+
+use clap::ValueEnum;
+use serde_json::{Map, Value};
+
+use super::commands::{Outcome, in_json};
+use super::{ListArgs, Listing};
+use crate::experiments::Experiment;
+use crate::gpu::Gpu;
+use crate::harness::catalog::Catalog;
+use crate::harness::figures::{self, Figure};
+use crate::harness::subject::Subjects;
+use crate::parameter::{self, Allowed, Field};
+use crate::record::Adapter;
+use crate::scene::SceneFile;
+use crate::{exporters, tell, text};
+
+/// One thing: short values in columns of their own, its description, and where it was published.
+struct Row {
+    columns: Vec<(&'static str, Value)>,
+    about: String,
+    source: Option<String>,
+}
+
+impl Row {
+    fn new<const N: usize>(columns: [(&'static str, Value); N], about: impl Into<String>) -> Self {
+        Self { columns: columns.into(), about: about.into(), source: None }
+    }
+
+    fn of(name: &'static str, value: impl Into<Value>, about: impl Into<String>) -> Self {
+        Self::new([(name, value.into())], about)
+    }
+
+    fn published_in(self, source: &str) -> Self {
+        Self { source: Some(source.to_owned()), ..self }
+    }
+
+    fn text(&self) -> Vec<String> {
+        let about = match &self.source {
+            Some(source) => format!("{} ({source})", self.about),
+            None => self.about.clone(),
+        };
+        let values = self.columns.iter().map(|(_, value)| match value {
+            Value::String(text) => text.clone(),
+            other => other.to_string(),
+        });
+        values.chain([about]).collect()
+    }
+
+    fn json(self) -> Value {
+        let about = [("about", self.about.into())].into_iter();
+        let source = self.source.map(|source| ("source", source.into()));
+        let all = self.columns.into_iter().chain(about).chain(source);
+        all.map(|(name, value)| (name.to_owned(), value)).collect::<Map<_, _>>().into()
+    }
+}
+
+pub fn list(catalog: &Catalog, args: &ListArgs) -> Outcome {
+    use Listing::*;
+    check_options(args)?;
+    let all = [Experiments, Figures, Scenes, Pipelines, Stages, Adapters, Exporters];
+    match (args.what, args.json) {
+        (Some(what), true) => return in_json(&json(rows(catalog, what, args)?)),
+        (Some(what), false) => print(&rows(catalog, what, args)?),
+        (None, true) => {
+            let listed = all.map(|what| Ok((name(what), json(rows(catalog, what, args)?))));
+            return in_json(&listed.into_iter().collect::<anyhow::Result<Map<_, _>>>()?);
+        }
+        (None, false) => {
+            for what in all {
+                tell::answer(format!("{what:?}"));
+                print(&rows(catalog, what, args)?);
+                tell::answer("");
+            }
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn json(rows: Vec<Row>) -> Value {
+    rows.into_iter().map(Row::json).collect()
+}
+
+fn print(rows: &[Row]) {
+    let rows: Vec<Vec<String>> = rows.iter().map(Row::text).collect();
+    for row in text::columns(&rows) {
+        tell::answer(text::line(&format!("  {row}")));
+    }
+}
+
+/// As the command line calls it.
+fn name(what: Listing) -> String {
+    what.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+/// An option that changes nothing in a listing is an error.
+fn check_options(args: &ListArgs) -> anyhow::Result<()> {
+    let whole = matches!(args.what, Some(Listing::Parameters));
+    let of_pipeline = whole || matches!(args.what, Some(Listing::Stages));
+    let options = [
+        ("--pipeline", args.pipeline.is_some(), of_pipeline),
+        ("--scene", args.scene.is_some(), whole),
+        ("--set", !args.set.is_empty(), whole),
+    ];
+    for (option, given, applies) in options {
+        if given && !applies {
+            let what = args.what.map_or_else(String::new, |what| format!(" {}", name(what)));
+            let kinds = match option {
+                "--pipeline" => "stages` and `list parameters`",
+                _ => "parameters`",
+            };
+            anyhow::bail!("{option} does not apply to `list{what}`, only to `list {kinds}");
+        }
+    }
+    Ok(())
+}
+
+fn rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec<Row>> {
+    Ok(match what {
+        Listing::Experiments => {
+            let row = |e: &Experiment| Row::of("id", &*e.id, &*e.title).published_in(&e.source);
+            experiments(catalog)?.iter().map(row).collect()
+        }
+        Listing::Claims => experiments(catalog)?.iter().flat_map(claims).collect(),
+        Listing::Figures => {
+            let figures = Figure::named(&catalog.figures, figures::ALL)?.into_iter();
+            figures.map(|f| Row::of("id", f.id, f.title).published_in(&f.source)).collect()
+        }
+        Listing::Scenes => {
+            let row = |name: String| -> anyhow::Result<Row> {
+                let scene = SceneFile::load_from(&catalog.scenes, &name)?;
+                Ok(Row::of("name", name, scene.description))
+            };
+            catalog.scenes.stems(".toml").map(row).collect::<Result<_, _>>()?
+        }
+        Listing::Stages => {
+            let stages = match &args.pipeline {
+                Some(name) => catalog.stages_of(name)?,
+                None => catalog.stages(),
+            };
+            let stages = stages.into_iter();
+            stages.map(|s| Row::of("name", s.name, s.about).published_in(s.source)).collect()
+        }
+        Listing::Parameters => parameters(catalog, args)?,
+        Listing::Adapters => Gpu::list().into_iter().enumerate().map(adapter).collect(),
+        Listing::Exporters => exporters::listing().into_iter().map(exporter).collect(),
+        Listing::Pipelines => {
+            let kinds = catalog.kinds.iter();
+            kinds.map(|kind| Row::of("name", kind.name, kind.about)).collect()
+        }
+    })
+}
+
+fn experiments(catalog: &Catalog) -> anyhow::Result<Vec<Experiment>> {
+    let ids = Experiment::ids(&catalog.experiments).into_iter();
+    Ok(ids.map(|id| Experiment::load_from(&catalog.experiments, &id)).collect::<Result<_, _>>()?)
+}
+
+fn claims(experiment: &Experiment) -> impl Iterator<Item = Row> + '_ {
+    experiment.claim.iter().map(|claim| {
+        let names = [("id", claim.id.clone().into()), ("experiment", experiment.id.clone().into())];
+        Row::new(names, &*claim.text).published_in(&experiment.source)
+    })
+}
+
+/// Each parameter with the value that the scene gives it, its unit, what it may be, and its description.
+fn parameters(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Vec<Row>> {
+    let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
+    let scene = args.scene.as_deref().unwrap_or(super::SCENE);
+    let subject = Subjects::of(catalog).subject(pipeline, scene, &args.set)?;
+    let row = |field: Field| {
+        let value = parameter::get(&subject.params, &field.path).cloned();
+        let columns = [
+            ("value", value.unwrap_or_else(|| "".into())),
+            ("unit", field.unit.into()),
+            ("allowed", allowed(&field.allowed).into()),
+        ];
+        let columns = [("path", field.path.into())].into_iter().chain(columns).collect();
+        Row { columns, about: field.about, source: None }
+    };
+    Ok((subject.kind.fields)().into_iter().map(row).collect())
+}
+
+fn allowed(allowed: &Allowed) -> String {
+    match allowed {
+        Allowed::Numbers(range) => format!("{} … {}", range.low, range.high),
+        Allowed::Names(names) => names.join(", "),
+        Allowed::Flag => "true, false".to_owned(),
+        Allowed::Free => String::new(),
+    }
+}
+
+fn adapter((index, adapter): (usize, Adapter)) -> Row {
+    let kind = if adapter.software { "software" } else { "hardware" };
+    let columns = [
+        ("index", index.into()),
+        ("name", adapter.name.into()),
+        ("backend", adapter.backend.into()),
+        ("kind", kind.into()),
+    ];
+    Row::new(columns, adapter.driver_info)
+}
+
+fn exporter([name, of, file, written, about]: [String; 5]) -> Row {
+    let columns = [("name", name), ("of", of), ("file", file), ("written", written)];
+    Row::new(columns.map(|(column, value)| (column, value.into())), about)
+}
