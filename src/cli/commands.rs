@@ -63,7 +63,8 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         command: private::command(),
     };
     let mut report = |folder: &Path, records: &[Record], standing: Standing| {
-        let view = ReportView { standing: Some(standing), ..ReportView::new(records, Some(folder)) };
+        let view =
+            ReportView { standing: Some(standing), ..ReportView::new(records, Some(folder)) };
         if let Err(error) = exporters::write_view(folder, &view) {
             tell::note(format!("error: no report yet: {error}"));
         }
@@ -133,12 +134,15 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
 }
 
 fn print_summary(summary: &Summary) {
-    let Summary { counts: Counts { measured, skipped, failed, over_budget }, kept, end, .. } = summary;
+    let Summary { counts: Counts { measured, skipped, failed, over_budget }, kept, end, .. } =
+        summary;
     tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
     if *over_budget > 0 {
-        tell::done(format!("{over_budget} cells {OVER_BUDGET}; `fathom run --resume` goes on with them"));
+        tell::done(format!(
+            "{over_budget} cells {OVER_BUDGET}; `fathom run --resume` goes on with them"
+        ));
     }
     let ratio = end.measuring_wall_s / end.measured_gpu_s;
     let ratio = (end.measured_gpu_s > 0.0).then(|| format!(" (ratio {ratio:.2})"));

@@ -16,12 +16,12 @@ use std::time::Duration;
 use crate::experiments::{parse_axis, parse_set};
 use crate::exporters::OF_COMPARISONS;
 use crate::harness::catalog::Catalog;
+use crate::record::calendar;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use crate::record::schema::LineKind;
 use crate::record::{Part, Profile};
 use crate::tell::{self, Verbosity};
 use clap::error::ErrorKind;
-use jiff::SignedDuration;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde_json::Value;
 
@@ -252,7 +252,7 @@ pub struct RunArgs {
     pub shard: Option<Part>,
     /// Time of the whole command, of a shard's for its own: `90s`, `5m`, `1h30m`, or a number of seconds. Cells that it leaves are
     /// listed, and `--resume` measures them [default: at most 4 minutes quick, 30 paper]
-    #[arg(long, value_name = "TIME", value_parser = budget)]
+    #[arg(long, value_name = "TIME", value_parser = calendar::duration)]
     pub budget: Option<Duration>,
     /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]
     #[arg(long, value_name = "SHARE")]
@@ -480,17 +480,6 @@ fn parse_gate(name: &str) -> Result<Gate, String> {
     name.parse().map_err(|_| format!("gates are {}", names()))
 }
 
-/// A time such as `90s`, `1h30m` or `300`, which is seconds.
-fn budget(text: &str) -> Result<Duration, String> {
-    let seconds = text.parse::<f64>().map(Duration::try_from_secs_f64);
-    let time = match seconds {
-        Ok(time) => time.ok(),
-        Err(_) => text.parse::<SignedDuration>().ok().and_then(|time| time.try_into().ok()),
-    };
-    time.filter(|time| !time.is_zero())
-        .ok_or_else(|| "a budget is a time above 0, such as 90s, 5m, 1h30m or 300".to_owned())
-}
-
 fn parse_share(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(share) if 0.0 < share && share < 1.0 => Ok(share),
@@ -549,24 +538,4 @@ pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
 pub fn fail(message: &str) -> ExitCode {
     tell::error(message);
     ExitCode::from(COULD_NOT_RUN)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_budget_is_a_time_above_nothing() {
-        let seconds = |text: &str| budget(text).map(|time| time.as_secs_f64());
-        for (text, expected) in
-            [("90s", 90.0), ("5m", 300.0), ("1h30m", 5_400.0), ("300", 300.0), ("0.5", 0.5), ("1.5s", 1.5)]
-        {
-            assert_eq!(seconds(text), Ok(expected), "{text}");
-        }
-        let bad =
-            ["", "0", "0s", "-5", "-5s", "5 parsecs", "m", "1e400", "inf", "NaN", "5m-", "1y", "99999999999999999999h"];
-        for text in bad {
-            assert!(seconds(text).is_err_and(|told| told.contains("such as 90s")), "{text}");
-        }
-    }
 }

@@ -33,7 +33,8 @@ impl Experiment {
 
     /// How many claims speak of cells of this group of [`units`](Self::units).
     pub fn claims_on(&self, plans: &[CellPlan], unit: &[usize]) -> usize {
-        let speaks = |claim: &&Claim| fitting(plans, &claim.filter).iter().any(|i| unit.contains(i));
+        let speaks =
+            |claim: &&Claim| fitting(plans, &claim.filter).iter().any(|i| unit.contains(i));
         self.claim.iter().filter(speaks).count()
     }
 

@@ -117,6 +117,13 @@ pub struct KnownCells {
     pictured: bool,
 }
 
+impl KnownCells {
+    /// With these records of an earlier run.
+    pub fn of(records: BTreeMap<String, Cell>) -> Self {
+        Self { records, ..Self::default() }
+    }
+}
+
 /// Executes a batch of cells of one experiment.
 pub struct CellExecutor<'a, 'r> {
     session: &'a mut Session,

@@ -41,9 +41,8 @@ impl<'r> Reports<'r> {
 
     /// One is due after the first, which comes when the run chooses.
     pub fn is_due(&self) -> bool {
-        self.latest.is_some_and(|(end, took)| {
-            end.elapsed() >= INTERVAL.max(took.div_f64(MOST_SHARE))
-        })
+        self.latest
+            .is_some_and(|(end, took)| end.elapsed() >= INTERVAL.max(took.div_f64(MOST_SHARE)))
     }
 
     /// Time to keep for the last one, seconds.
@@ -57,7 +56,8 @@ impl Output<'_> {
     pub fn report(&mut self, provisional: Vec<Cell>, schedule: &Schedule) {
         let start = Instant::now();
         let lacks_record = |cell: &Cell| {
-            let is_of = |known: &Cell| (&known.experiment, &known.cell) == (&cell.experiment, &cell.cell);
+            let is_of =
+                |known: &Cell| (&known.experiment, &known.cell) == (&cell.experiment, &cell.cell);
             !self.records.iter().filter_map(Record::try_as_cell_ref).any(|known| is_of(known))
         };
         let recorded = schedule.all().filter(|cell| cell.recorded).count();

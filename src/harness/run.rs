@@ -163,8 +163,7 @@ fn known(before: &[Record], planned: &[PlannedExperiment]) -> Vec<KnownCells> {
     let of = |planned: &PlannedExperiment| {
         let cells = before.iter().filter_map(Record::try_as_cell_ref);
         let own = cells.filter(|cell| cell.experiment == planned.experiment.id);
-        let records = own.map(|cell| (cell.cell.clone(), Cell::clone(cell))).collect();
-        KnownCells { records, ..KnownCells::default() }
+        KnownCells::of(own.map(|cell| (cell.cell.clone(), Cell::clone(cell))).collect())
     };
     planned.iter().map(of).collect()
 }
@@ -190,9 +189,10 @@ fn schedule(
             seen: Seen::default(),
         }
     };
-    let states = planned.iter().zip(known).map(|(planned, known)| {
-        planned.cells.iter().map(|cell| state(cell, known)).collect()
-    });
+    let states = planned
+        .iter()
+        .zip(known)
+        .map(|(planned, known)| planned.cells.iter().map(|cell| state(cell, known)).collect());
     let units = planned.iter().enumerate().flat_map(|(experiment, planned)| {
         let plans: Vec<CellPlan> = planned.cells.iter().map(|cell| cell.plan.clone()).collect();
         let units = planned.experiment.units(&plans).into_iter();

@@ -104,7 +104,12 @@ impl Schedule {
         let fits = |(cost_s, _): &(f64, Batch)| *cost_s <= left_s;
         let passes: [&dyn Fn() -> Option<(f64, Batch)>; 5] = [
             &|| cheapest(self.first_visits().filter(fits)),
-            &|| self.first_looks(|unit, cost_s| (unit.claims > 0).then(|| cost_s / unit.claims as f64), left_s),
+            &|| {
+                self.first_looks(
+                    |unit, cost_s| (unit.claims > 0).then(|| cost_s / unit.claims as f64),
+                    left_s,
+                )
+            },
             &|| self.first_looks(|_, cost_s| Some(cost_s), left_s),
             &|| cheapest(self.open_claims().filter(fits)),
             &|| self.widest(left_s),
@@ -232,7 +237,8 @@ impl Schedule {
         let ratios = || {
             self.all().filter_map(|cell| {
                 let seen_s = cell.seen.pair_s? / 2.0;
-                (cell.declared_s > 0.0).then_some((cell.pipeline.as_str(), seen_s / cell.declared_s))
+                (cell.declared_s > 0.0)
+                    .then_some((cell.pipeline.as_str(), seen_s / cell.declared_s))
             })
         };
         let own = mean(ratios().filter(|(of, _)| *of == pipeline).map(|(_, ratio)| ratio));

@@ -132,13 +132,13 @@ pub fn same_frame<'a>(
 }
 
 fn measure_distances(frames: &mut [Representative<'_>]) {
-    let choice = |frame: &Representative<'_>| Choice {
+    let choices = frames.iter().map(|frame| Choice {
         swept: !frame.cell.axes.is_empty(),
         settings: frame.settings,
         scene: &frame.cell.scene,
         params: frame.cell.params.to_map(),
-    };
-    let choices: Vec<Choice<'_>> = frames.iter().map(choice).collect();
+    });
+    let choices: Vec<Choice<'_>> = choices.collect();
     let distances = defaults::distances(&choices);
     for (frame, distance) in frames.iter_mut().zip(distances) {
         frame.distance = distance;
