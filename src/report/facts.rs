@@ -12,7 +12,9 @@ use fathom_experiments as experiments;
 use fathom_experiments::defaults::{self, Choice, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
 use fathom_experiments::{Measure, Ruling, Scaling, Verdict, groups, scaling};
-use fathom_record::{Cell, Estimate, Interval, Measured, Note, NoteKind, StageRecord};
+use fathom_record::{
+    Cell, Estimate, Interval, Measured, Note, NoteKind, Outcome, StageRecord, Standing,
+};
 
 /// How many claims have each verdict.
 pub fn tally(view: &ReportView<'_>) -> [(Verdict, usize); 4] {
@@ -167,6 +169,29 @@ pub struct SlowStage<'a> {
 pub fn slowest_stages<'a>(view: &ReportView<'a>) -> impl Iterator<Item = SlowStage<'a>> {
     let frames = representatives(view).into_iter().sorted_by_key(rank);
     frames.filter_map(|frame| Some(SlowStage { frame, stage: frame.slowest()? }))
+}
+
+/// What of a run is open: how far it is while it goes on, and what its time budget left.
+pub fn still_open(view: &ReportView<'_>) -> Vec<String> {
+    let mut open = Vec::new();
+    if let Some(Standing { used_s, budget_s, reached, cells }) = view.standing {
+        open.push(format!(
+            "The run goes on: {used_s:.0} of {budget_s:.0} s are used, {} of {cells} cells are not reached yet.",
+            cells.saturating_sub(reached)
+        ));
+    }
+    let left = view.entries().filter(|entry| entry.cell.outcome == Outcome::OverBudget).count();
+    if left > 0 {
+        open.push(format!(
+            "{left} of {} cells were not run, as the time budget ended; `fathom run --resume` measures them.",
+            view.entries().count()
+        ));
+    }
+    let [_, _, (_, inconclusive), (_, not_run)] = tally(view);
+    if !open.is_empty() && inconclusive + not_run > 0 {
+        open.push(format!("{} claims are open.", inconclusive + not_run));
+    }
+    open
 }
 
 /// Which cells the records of a merged run lack.

@@ -252,7 +252,7 @@ fn first_visits_are_few_where_frames_are_slow() {
         mock.samples(0).pairs()
     };
     assert_eq!(visits(|_, _| 1e7), MIN_PAIRS);
-    assert_eq!(visits(|_, _| 5e8), LEAST_FIRST_PAIRS);
+    assert_eq!(visits(|_, _| 2e9), LEAST_FIRST_PAIRS);
 }
 
 /// Whatever its cells cost, as long as that is foreseen.
@@ -485,10 +485,10 @@ fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
 fn an_interrupted_cell_with_enough_pairs_says_so() {
     let noisy = || cell(|f, _| 1e7 * noise(f, 0.9));
     // In the last round: one of the two has all its pairs.
-    let mock = Mock { interrupt_at_s: Some(0.55), ..Mock::of(vec![noisy(), noisy()]) };
+    let mock = Mock { interrupt_at_s: Some(0.5), ..Mock::of(vec![noisy(), noisy()]) };
     let mock = mock.run(&SETTINGS);
     let results: Vec<&Samples> = mock.results.keys().map(|cell| mock.samples(*cell)).collect();
-    assert!(results.iter().all(|samples| samples.pairs() >= MIN_PAIRS));
+    assert!(!results.is_empty() && results.iter().all(|s| s.pairs() >= MIN_PAIRS));
     assert!(results.iter().all(|samples| samples.stopped == Stopped::Interrupted));
 }
 

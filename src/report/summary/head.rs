@@ -124,7 +124,8 @@ fn notes(view: &ReportView<'_>, text: &mut String) {
                 .to_owned(),
         );
     }
-    if view.ends.last().is_none_or(|end| end.interrupted) {
+    all.extend(facts::still_open(view));
+    if view.standing.is_none() && view.ends.last().is_none_or(|end| end.interrupted) {
         all.insert("The run ended early: this is what was measured until then.".to_owned());
     }
     let (shown, more) = cut(all.into_iter().collect(), MOST_NOTES);
