@@ -9,17 +9,19 @@ use itertools::Itertools;
 use thiserror::Error;
 
 use crate::folder::Folder;
+use crate::gates::changes::Changes;
+use crate::gates::files::RunFile;
 use crate::gates::store::{StoreError, StoredComparison, holds_comparison};
 use crate::gates::tables::on_page;
 use crate::gates::verdict::Verdicts;
 use crate::record::output::RECORDS;
 use crate::record::{self, Reading};
-use crate::report::page::{self, Page};
+use crate::report::page::{self, ComparisonOnPage, Page};
 use crate::report::{
     Artifact, Exported, Exporter, FrameChoice, LeftOut, OF_RUNS, OfRun, ReportError, ReportView,
     RunExporter, Written,
 };
-use crate::text;
+use crate::{public, text};
 
 pub use crate::gates::tables::OF_COMPARISONS;
 
@@ -96,11 +98,11 @@ fn find<'a, F>(
 /// Names of all exporters.
 fn known() -> impl Iterator<Item = &'static str> {
     let of_runs = OF_RUNS.iter().map(|exporter| exporter.name);
-    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name))
+    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name)).chain([public::NAME])
 }
 
 /// A choice that changes nothing is an error.
-fn refuse_choice(name: &'static str, choice: &FrameChoice) -> Result<(), ExportError> {
+pub fn refuse_choice(name: &'static str, choice: &FrameChoice) -> Result<(), ExportError> {
     if choice.cell.is_none() && choice.frame.is_none() {
         return Ok(());
     }
@@ -116,7 +118,9 @@ pub fn listing() -> Vec<[String; 5]> {
         [name, of, file, written.to_string().as_str(), about].map(str::to_owned)
     }
     let of_runs = OF_RUNS.iter().map(|exporter| row("run", exporter));
-    of_runs.chain(OF_COMPARISONS.iter().map(|e| row("comparison", e))).collect()
+    let public = [public::NAME, "either", "a folder", "on request", public::ABOUT];
+    let of_comparisons = OF_COMPARISONS.iter().map(|e| row("comparison", e));
+    of_runs.chain(of_comparisons).chain([public.map(str::to_owned)]).collect()
 }
 
 /// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.
@@ -150,37 +154,62 @@ pub fn write_view(folder: &Path, view: &ReportView<'_>) -> Result<Vec<PathBuf>, 
     written.map(put).flatten_ok().collect()
 }
 
-/// One page of several folders of runs and comparisons. What cannot be read is left out and listed. Where nothing can be read
-/// the first folder's error is returned.
-pub fn page_of(folders: &[PathBuf]) -> Result<Artifact, ExportError> {
-    let (mut runs, mut comparisons) = (Vec::new(), Vec::new());
-    let (mut left_out, mut errors) = (Vec::new(), Vec::new());
-    for folder in folders {
-        let mut add = || -> Result<(), ExportError> {
-            let path = folder.join(RECORDS);
-            let reading = record::read_good(&path).map_err(StoreError::from)?;
-            left_out.extend(LeftOut::lines(&path, &reading.damaged));
-            if holds_comparison(&reading.records) {
-                let comparison = StoredComparison::of(reading, &path)?;
-                comparisons.push(on_page(&Verdicts::of(&comparison)));
-            } else {
-                runs.push((folder, reading.records));
+/// Several folders of runs and comparisons. What cannot be read is left out and listed.
+#[derive(Default)]
+pub struct Folders {
+    runs: Vec<RunFile>,
+    comparisons: Vec<ComparisonOnPage>,
+    left_out: Vec<LeftOut>,
+}
+
+impl Folders {
+    /// Where nothing can be read the first folder's error is returned.
+    pub fn read(folders: &[PathBuf]) -> Result<Self, ExportError> {
+        let mut all = Self::default();
+        let mut errors = Vec::new();
+        for folder in folders {
+            if let Err(error) = all.add(folder) {
+                all.left_out.push(LeftOut::new(folder.display(), &error));
+                errors.push(error);
             }
-            Ok(())
-        };
-        if let Err(error) = add() {
-            left_out.push(LeftOut::new(folder.display(), &error));
-            errors.push(error);
         }
+        if all.runs.is_empty() && all.comparisons.is_empty() {
+            return Err(errors.swap_remove(0));
+        }
+        Ok(all)
     }
-    if runs.is_empty() && comparisons.is_empty() {
-        return Err(errors.swap_remove(0));
+
+    fn add(&mut self, folder: &Path) -> Result<(), ExportError> {
+        let path = folder.join(RECORDS);
+        let reading = record::read_good(&path).map_err(StoreError::from)?;
+        self.left_out.extend(LeftOut::lines(&path, &reading.damaged));
+        if holds_comparison(&reading.records) {
+            let comparison = StoredComparison::of(reading, &path)?;
+            self.comparisons.push(on_page(&Verdicts::of(&comparison)));
+        } else {
+            self.runs.push(RunFile { path, reading });
+        }
+        Ok(())
     }
-    let views: Vec<(&Path, ReportView<'_>)> = runs
-        .iter()
-        .map(|(folder, records)| (folder.as_path(), ReportView::new(records, Some(folder))))
-        .collect();
-    Ok(Page { comparisons, left_out, ..Page::new(page::labelled(&views)) }.file())
+
+    /// What changed from the first of two runs to the second; none of fewer or more, and where they have no cell in common.
+    pub fn changes(&self) -> Option<Changes> {
+        let [base, head] = self.runs.as_slice() else { return None };
+        Changes::of_files([base, head]).ok()
+    }
+
+    /// One page of all.
+    pub fn page(self) -> Artifact {
+        let changes = self.changes().map(|changes| changes.markup());
+        let folders = self.runs.iter().map(|file| file.path.parent().unwrap_or(Path::new("")));
+        let records = self.runs.iter().map(|file| &file.reading.records);
+        let views = folders.zip(records);
+        let views: Vec<(&Path, ReportView<'_>)> = views
+            .map(|(folder, records)| (folder, ReportView::new(records, Some(folder))))
+            .collect();
+        let Self { comparisons, left_out, .. } = self;
+        Page { changes, comparisons, left_out, ..Page::new(page::labelled(&views)) }.file()
+    }
 }
 
 /// Writes files into a folder, which is made if need be, and gives their paths.

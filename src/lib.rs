@@ -37,6 +37,7 @@
 pub mod bench;
 pub mod cli;
 pub mod exporters;
+pub mod public;
 
 pub use fathom_base::{
     choices, folder, input, npy, parameter, private, process, quiet, settings, statistics, tell,

@@ -2,6 +2,13 @@
 
 use std::process::ExitCode;
 
+/// Of the build: with `git describe`'s `-dirty` where files of the checkout were changed. It stands in the program alone, as each
+/// commit compiles again what names it.
+const REVISION: &str = git_version::git_version!(
+    args = ["--always", "--dirty=-dirty", "--abbrev=40", "--exclude=*"],
+    fallback = ""
+);
+
 fn main() -> ExitCode {
-    fathom::cli::main(&fathom::Catalog::builtin())
+    fathom::cli::main(&fathom::Catalog::builtin().built_of(REVISION))
 }

@@ -3,6 +3,7 @@
 
 pub mod folder;
 pub mod input;
+pub mod machine;
 pub mod npy;
 pub mod parameter;
 pub mod private;

@@ -5,6 +5,7 @@ use std::process::Command;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::machine::Machine;
 use crate::private;
 
 pub use system::{allowed_cores, is_stopped, pin, randomized};
@@ -71,6 +72,9 @@ pub struct Conditions {
     /// A digest of the machine's id and host name. Records of earlier versions have the host name or nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub host: Option<String>,
+    /// The computer. Absent from records of earlier versions and of systems other than Linux.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine: Option<Machine>,
 }
 
 impl Conditions {
@@ -81,6 +85,7 @@ impl Conditions {
             rasterizer_threads: std::env::var(RASTERIZER_THREADS).ok(),
             randomized: randomized(),
             host: private::machine(),
+            machine: Machine::here(),
         }
     }
 }

@@ -6,6 +6,8 @@
 //! An interval exists only where there are enough samples for its level. No distribution is assumed: an interval of the median
 //! is bounded by two of the samples, and its coverage follows from the binomial distribution alone.
 
+use std::collections::HashMap;
+
 use itertools::Itertools;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -201,47 +203,60 @@ pub fn log_log_slope(points: &[(f64, f64)]) -> Option<Slope> {
     let points = points.iter().filter(|(x, y)| usable(*x) && usable(*y));
     let points = points.map(|(x, y)| (x.ln(), y.ln())).collect_vec();
     // Theil–Sen: Sen, *J. Am. Stat. Assoc.* 63 (1968).
-    let slopes = slopes([&points[..]]);
+    let slopes = slopes(&points);
     let slope = (!slopes.is_empty()).then(|| median_of_sorted(&slopes))?;
     let intercepts = points.iter().map(|(x, y)| y - slope * x).collect_vec();
     Some(Slope { slope, intercept: median(&intercepts), n: points.len() })
 }
 
-/// The slopes over all pairs of points of one group with distinct `x`, sorted.
-fn slopes<'a>(groups: impl IntoIterator<Item = &'a [(f64, f64)]>) -> Vec<f64> {
-    let pairs = groups.into_iter().flat_map(|points| points.iter().array_combinations());
-    let slopes = pairs.map(|[a, b]| (b.1 - a.1) / (b.0 - a.0)).filter(|slope| slope.is_finite());
+/// The slopes over all pairs of points with distinct `x`, sorted.
+fn slopes(points: &[(f64, f64)]) -> Vec<f64> {
+    let slopes = points
+        .iter()
+        .array_combinations()
+        .map(|[a, b]| (b.1 - a.1) / (b.0 - a.0))
+        .filter(|slope| slope.is_finite());
     slopes.sorted_unstable_by(f64::total_cmp).collect()
 }
 
 /// Quantile of the standard normal distribution for an interval of 95 %.
-const Z_95: f64 = 1.959_964;
+pub const Z_95: f64 = 1.959_964;
 
-/// The median slope over all pairs of points of one group, with its 95 % interval; `n` counts points. Groups may have levels of
-/// their own: points of different groups are not compared. Hirsch, Slack & Smith, *Water Resour. Res.* 18 (1982), for the slope;
-/// Gilbert, *Statistical Methods for Environmental Pollution Monitoring* (1987), section 17.4, for the interval, which takes points
-/// for independent. `None` unless a group has two distinct `x`.
-pub fn slope_within_groups(groups: &[Vec<(f64, f64)>]) -> Option<Estimate> {
-    let slopes = slopes(groups.iter().map(Vec::as_slice));
-    if slopes.is_empty() {
-        return None;
-    }
-    // Of Kendall's S: the slopes above the true one less those below.
-    let variance: f64 = groups.iter().map(|points| kendall_variance(points.len() as f64)).sum();
-    let reach = Z_95 * variance.sqrt();
+/// A slope between two moments, which are told apart by numbers in the order of time.
+#[derive(Clone, Copy, Debug)]
+pub struct PairSlope {
+    pub earlier: usize,
+    pub later: usize,
+    pub slope: f64,
+}
+
+/// The median of slopes between pairs of moments, with its 95 % interval; `n` counts moments. Some pairs may be missing. What the
+/// moments have besides a trend is taken for independent. Sen, *J. Am. Stat. Assoc.* 63 (1968), with the variance of Kendall's S
+/// added up over the pairs that there are. `None` without a pair.
+pub fn slope_of_pairs(pairs: &[PairSlope]) -> Option<Estimate> {
+    let slopes = sorted(&pairs.iter().map(|pair| pair.slope).collect_vec());
+    let reach = Z_95 * kendall_variance(pairs).sqrt();
     let all = slopes.len() as f64;
     let [low, high] = [(all - reach) / 2.0, (all + reach) / 2.0 + 1.0];
     let interval = (low >= 1.0 && high <= all).then(|| Interval {
         low: slopes[low as usize - 1],
         high: slopes[high.ceil() as usize - 1],
     });
-    let n = groups.iter().map(Vec::len).sum();
-    Some(Estimate { median: median_of_sorted(&slopes), interval, n })
+    let n = pairs.iter().flat_map(|pair| [pair.earlier, pair.later]).unique().count();
+    (n > 0).then(|| Estimate { median: median_of_sorted(&slopes), interval, n })
 }
 
-/// Variance of Kendall's S of `n` points without a trend.
-fn kendall_variance(n: f64) -> f64 {
-    n * (n - 1.0) * (2.0 * n + 5.0) / 18.0
+/// Variance of Kendall's S without a trend: 1 for each pair, and for two pairs with a moment in common twice 1/3 where it is the
+/// earlier or the later one of both, else twice -1/3.
+fn kendall_variance(pairs: &[PairSlope]) -> f64 {
+    let (earlier, later) =
+        (pairs.iter().counts_by(|pair| pair.earlier), pairs.iter().counts_by(|pair| pair.later));
+    let two_of = |counts: &HashMap<usize, usize>| {
+        counts.values().map(|n| (n * (n - 1)) as f64 / 2.0).sum::<f64>()
+    };
+    let opposed = earlier.iter().filter_map(|(moment, n)| Some((n * later.get(moment)?) as f64));
+    let agreeing = two_of(&earlier) + two_of(&later);
+    pairs.len() as f64 + 2.0 / 3.0 * (agreeing - opposed.sum::<f64>())
 }
 
 fn sorted(samples: &[f64]) -> Vec<f64> {
@@ -428,21 +443,28 @@ mod tests {
         }
     }
 
+    fn all_pairs(points: &[(f64, f64)]) -> Vec<PairSlope> {
+        let pairs = points.iter().enumerate().array_combinations();
+        let pair = |[(earlier, a), (later, b)]: [(usize, &(f64, f64)); 2]| PairSlope {
+            earlier,
+            later,
+            slope: (b.1 - a.1) / (b.0 - a.0),
+        };
+        pairs.map(pair).collect()
+    }
+
+    /// A third of the pairs is missing.
     #[test]
-    fn a_slope_within_groups_covers_the_truth_and_minds_no_levels() {
+    fn a_slope_of_pairs_covers_the_truth() {
         const TRUTH: f64 = 0.3;
         let mut random = Pcg64::seed_from_u64(9);
         let mut covered = 0;
         for _ in 0..300 {
-            let groups = (0..5).map(|level| {
-                let point = |x: i32| {
-                    let x = f64::from(x);
-                    (x, 100.0 * f64::from(level) + TRUTH * x + normal(&mut random))
-                };
-                (0..12).map(point).collect_vec()
-            });
-            let found = slope_within_groups(&groups.collect_vec()).unwrap();
-            assert_eq!(found.n, 60);
+            let points = (0..24).map(f64::from).map(|x| (x, TRUTH * x + normal(&mut random)));
+            let mut pairs = all_pairs(&points.collect_vec());
+            pairs.retain(|pair| (pair.earlier + pair.later) % 3 > 0);
+            let found = slope_of_pairs(&pairs).unwrap();
+            assert_eq!(found.n, 24);
             let Interval { low, high } = found.interval.unwrap();
             covered += i32::from((low..=high).contains(&TRUTH));
         }
@@ -450,10 +472,15 @@ mod tests {
         assert!((275..=297).contains(&covered), "{covered}");
     }
 
+    /// Kendall, *Rank Correlation Methods* (1970), section 4.9: n (n - 1) (2 n + 5) / 18.
     #[test]
-    fn no_slope_without_two_places_and_no_interval_of_two_points() {
-        assert_eq!(slope_within_groups(&[vec![(1.0, 2.0)], vec![(1.0, 3.0), (1.0, 4.0)]]), None);
-        let two = slope_within_groups(&[vec![(0.0, 1.0), (2.0, 2.0)]]).unwrap();
-        assert_eq!((two.median, two.interval, two.n), (0.5, None, 2));
+    fn the_variance_of_all_pairs_is_kendalls() {
+        for n in [2, 3, 10] {
+            let pairs = all_pairs(&(0..n).map(|x| (f64::from(x), 0.0)).collect_vec());
+            let n = f64::from(n);
+            let expected = n * (n - 1.0) * (2.0 * n + 5.0) / 18.0;
+            assert!((kendall_variance(&pairs) - expected).abs() < 1e-9, "{n}");
+        }
+        assert_eq!(slope_of_pairs(&[]), None);
     }
 }

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use crate::compare::worker;
 use crate::folder::{self, Folder};
-use crate::gpu::{self, Gpu};
+use crate::gpu::{self, Audit, Gpu};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, Figure, Rendered};
 use crate::harness::outcome::Counts;
@@ -21,13 +21,14 @@ use crate::harness::{
 };
 use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{OVER_BUDGET, PassKind, Reading, Record, Standing};
+use crate::record::{Clock, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
 use crate::scene::assets::{self, AssetStatus};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
+use itertools::Itertools as _;
 use serde::Serialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{AdapterArgs, DumpArgs, QueryArgs, Question, RenderArgs, RunArgs};
 
@@ -74,8 +75,8 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     let reading = record::read(&output.records())?;
     let in_short = report::in_short(&ReportView::new(&reading.records, Some(&output.folder)));
     let files = exporters::write(&output.folder, reading)?;
-    print_summary(&summary);
     in_short.iter().for_each(tell::done);
+    print_summary(&summary);
     print_pages(&files);
     let Counts { measured, failed, .. } = summary.counts;
     let nothing = measured + failed + summary.kept == 0;
@@ -158,23 +159,44 @@ fn print_summary(summary: &Summary) {
     }
 }
 
+/// The clocks that `run` would use here; where that is the CPU time of the process, also those that it would use without it.
 pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
-    let gpu = Gpu::open(&gpu_options(catalog, args))?;
-    let audit = gpu::audit(&gpu)?;
+    let options = gpu_options(catalog, args);
+    if Gpu::chosen(&options)?.software {
+        quiet::begin_again();
+    }
+    let gpu = Gpu::open(&options)?;
+    let of_run = gpu::audit_all(&gpu)?;
+    let by_cpu = PassKind::TIMED.iter().any(|kind| of_run.plan.clock(*kind) == Clock::ProcessCpu);
+    let without = by_cpu.then(|| gpu::audit(&gpu)).transpose()?;
     let turns = gpu::loop_turns(&gpu)?;
     if json {
-        return in_json(&json!({
-            "adapter": gpu.adapter,
-            "clocks": record::Clocks::from(PassKind::TIMED.map(|kind| (kind, audit.plan.clock(kind)))),
-            "audit": audit.rows,
-            "submit_cost_ns": PassKind::TIMED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into_iter().collect::<BTreeMap<_, _>>(),
-            "loop_turns": turns,
-        }));
+        let mut answer = audit_json(&of_run);
+        answer["without_process_cpu"] = without.as_ref().map_or(Value::Null, audit_json);
+        answer["adapter"] = json!(gpu.adapter);
+        answer["loop_turns"] = json!(turns);
+        return in_json(&answer);
     }
-    let adapter = text::line(&format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
-    let table = gpu::audit_table(&audit);
-    tell::answer(format!("{adapter}\n{table}{}\n", gpu::turns_line(turns)));
+    let cores = quiet::allowed_cores();
+    let pinned =
+        if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
+    tell::answer(format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
+    tell::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
+    if let Some(without) = without {
+        let table = gpu::audit_table(&without);
+        tell::answer(format!("Clocks of `fathom run` if the CPU time were unsound:\n{table}"));
+    }
+    tell::answer(gpu::turns_line(turns));
     Ok(ExitCode::SUCCESS)
+}
+
+fn audit_json(audit: &Audit) -> Value {
+    let cost = audit.plan.submit_cost;
+    json!({
+        "clocks": record::Clocks::from(PassKind::TIMED.map(|kind| (kind, audit.plan.clock(kind)))),
+        "audit": audit.rows,
+        "submit_cost_ns": BTreeMap::from(PassKind::TIMED.map(|kind| (kind, cost.of(kind)))),
+    })
 }
 
 /// Answers with one JSON value.
@@ -354,14 +376,23 @@ fn answer(
     folder::write(path, &bytes).with_context(|| format!("cannot write {name}"))
 }
 
-/// Of one folder all its files, beside its records. Of several, or into another folder, one page.
+/// Of one folder all its files, beside its records. Of several, or into another folder, one page. Of two runs what changed is
+/// printed, with a page or without.
 pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
-    match (folders.as_slice(), out) {
-        ([folder], None) => written(report_of(folder)?),
-        (_, Some(out)) => written(exporters::put(&out, vec![exporters::page_of(&folders)?])?),
-        (_, None) => {
-            anyhow::bail!("several folders give one page: say with --out where to write it")
-        }
+    if let ([folder], None) = (folders.as_slice(), &out) {
+        return written(report_of(folder)?);
+    }
+    let read = exporters::Folders::read(&folders)?;
+    let changes = read.changes();
+    if let Some(changes) = &changes {
+        tell::answer(changes.text());
+    }
+    match out {
+        Some(out) => written(exporters::put(&out, vec![read.page()])?),
+        None if changes.is_some() => Ok(ExitCode::SUCCESS),
+        None => anyhow::bail!(
+            "not two runs with cells in common: for one page of these folders say with --out where to write it"
+        ),
     }
 }
 

@@ -10,18 +10,23 @@ use crate::compare::cells::Gates;
 use crate::compare::driver::{self, GivenEnvironment};
 use crate::compare::flow::{self, CompareOptions, Program};
 use crate::compare::launch::{Waiting, WorkerStart};
-use crate::compare::{files, tables};
+use crate::compare::tables;
+use crate::gates::changes::Changes;
+use crate::gates::files::{self, RunFile};
 use crate::gates::store::{self, StoredComparison};
 use crate::gates::verdict::Verdicts;
 use crate::harness::catalog::Catalog;
 use crate::record::comparison::{GateSettings, Side};
 use crate::record::output::{FolderKind, Taken};
+use crate::report::ReportView;
 use crate::{exporters, folder, private, tell};
 use anyhow::Context;
 
 use super::CompareArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
 
+/// The format that is printed where none is asked for.
+pub const TEXT: &str = "text";
 /// Where GitHub Actions takes Markdown for a job's page.
 const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 
@@ -29,15 +34,15 @@ pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
     if let Some(folder) = &args.replay {
         return tell(folder, &args.format, false);
     }
-    let folder = match args.records.as_slice() {
-        [base, head] => records(&args, base, head)?,
-        _ => match builds(catalog, &args) {
-            Err(error) if INTERRUPT.load(Ordering::Relaxed) => {
-                super::fail(&error.to_string());
-                return Ok(ExitCode::from(INTERRUPTED));
-            }
-            folder => folder?,
-        },
+    if let [base, head] = args.records.as_slice() {
+        return two_runs(&args, [base, head]);
+    }
+    let folder = match builds(catalog, &args) {
+        Err(error) if INTERRUPT.load(Ordering::Relaxed) => {
+            super::fail(&error.to_string());
+            return Ok(ExitCode::from(INTERRUPTED));
+        }
+        folder => folder?,
     };
     let status = tell(&folder, &args.format, true)?;
     let interrupted = INTERRUPT.load(Ordering::Relaxed);
@@ -140,27 +145,43 @@ fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {
     build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)
 }
 
-fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathBuf> {
-    let lines = files::lines(base, head, &settings(args))?;
+/// Two files of records: what changed is printed, or one format of the comparison.
+fn two_runs(args: &CompareArgs, files: [&PathBuf; 2]) -> Outcome {
+    let [base, head] = [RunFile::read(files[0])?, RunFile::read(files[1])?];
+    let lines = files::lines(&base, &head, &settings(args))?;
     let folder = match &args.out {
         Some(folder) => folder.clone(),
         None => flow::fresh()?,
     };
     let mut held = Taken::free(&folder)?.open(FolderKind::Comparison)?;
     store::write(&mut held, lines)?;
-    Ok(folder)
+    if args.format != TEXT {
+        return tell(&folder, &args.format, true);
+    }
+    let views = [&base, &head].map(|file| ReportView::new(&file.reading.records, None));
+    let comparison = StoredComparison::read(&folder)?;
+    let verdicts = Verdicts::of(&comparison);
+    let changes = Changes::of(&verdicts, [&views[0], &views[1]]);
+    let status = verdicts.status;
+    tell::answer(format!("{status} (status {}): {}", status as u8, changes.text()));
+    write(&folder, &verdicts, true)
 }
 
-/// Writes the tables of a folder and prints one of them. A fresh comparison also goes to the job's page, if there is one.
+/// Prints one of the tables of a folder, and writes all of them.
 fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
     let comparison = StoredComparison::read(folder)?;
     let verdicts = Verdicts::of(&comparison);
-    exporters::put(folder, exporters::of_comparison(&verdicts))?;
-    if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
-        append(Path::new(&page), &tables::markdown(&verdicts))?;
-    }
     if let Some(format) = exporters::OF_COMPARISONS.iter().find(|known| known.name == format) {
         tell::answer((format.export)(&verdicts));
+    }
+    write(folder, &verdicts, fresh)
+}
+
+/// Writes the tables of a folder. A fresh comparison also goes to the job's page, if there is one.
+fn write(folder: &Path, verdicts: &Verdicts<'_>, fresh: bool) -> Outcome {
+    exporters::put(folder, exporters::of_comparison(verdicts))?;
+    if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
+        append(Path::new(&page), &tables::markdown(verdicts))?;
     }
     tell::note(folder.display());
     Ok(ExitCode::from(verdicts.status as u8))

@@ -36,7 +36,7 @@ pub fn join(folders: &[PathBuf], out: &Path) -> anyhow::Result<Vec<Merged>> {
     if all.len() > 1 {
         let folders: Vec<PathBuf> =
             names.iter().flatten().map(|name| staging.folder().join(name)).collect();
-        exporters::put(staging.folder(), vec![exporters::page_of(&folders)?])?;
+        exporters::put(staging.folder(), vec![exporters::Folders::read(&folders)?.page()])?;
     }
     staging.publish()?;
     for (merged, name) in all.iter().zip(&names) {

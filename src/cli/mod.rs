@@ -119,7 +119,7 @@ pub enum Command {
     Run(RunArgs),
     /// List what there is
     List(ListArgs),
-    /// Hold the adapter's timestamps against the host clock
+    /// Check the clocks that `run` uses on this adapter against the host clock
     Audit {
         /// Answer in JSON
         #[arg(long)]
@@ -156,12 +156,12 @@ pub enum Command {
     Dump(DumpArgs),
     /// Answer at given points
     Query(QueryArgs),
-    /// Write the reports of a run or a comparison again, from its records alone; or one page of several
+    /// Write the reports of a run or a comparison again, from its records alone; or say what changed from one run to another; or write one page of several
     Report {
-        /// Folders of runs and comparisons
+        /// Folders of runs and comparisons. Of two runs, what changed is printed
         #[arg(required = true, value_name = "DIR")]
         folders: Vec<PathBuf>,
-        /// Write only the page, into this folder
+        /// Write one page of all folders, into this folder
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
@@ -191,7 +191,7 @@ pub enum Command {
     /// Hold two builds against each other: has a stage become slower, costlier or less accurate?
     #[command(
         after_help = "Exit status: 0 no regression; 1 regression; 2 could not measure; 3 inconclusive; \
-            130 interrupted, with everything measured so far stored."
+            4 times not judged, exact figures no worse; 130 interrupted, with everything measured so far stored."
     )]
     Compare(Box<CompareArgs>),
     /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion. Needs a build with the feature `bench`
@@ -398,11 +398,17 @@ pub struct ExportArgs {
     /// Frame of a trace, counted from 0 [default: the one whose time is nearest to the median]
     #[arg(long, value_name = "N")]
     pub frame: Option<usize>,
+    /// Keep raw samples in a public copy: claims about times need them
+    #[arg(long)]
+    pub samples: bool,
+    /// Keep your own experiments and scenes in a public copy, with their texts
+    #[arg(long)]
+    pub own: bool,
 }
 
 #[derive(Args)]
 pub struct CompareArgs {
-    /// Two files of records in place of two builds: exact figures are judged, times told
+    /// Two files of records in place of two builds: what changed from one run to the other. Exact figures are judged; times are not, as two runs share no pairs
     #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_bin", "replay", "resume"])]
     pub records: Vec<PathBuf>,
     /// Revision to build as the base
@@ -463,7 +469,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
     /// What to print; files of every other format are written in any case
-    #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
+    #[arg(long, default_value = compare::TEXT, value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
     pub format: String,
     #[command(flatten)]
     pub adapter: AdapterArgs,

@@ -196,7 +196,9 @@ impl LaunchWorkers for Processes<'_> {
             frames,
         };
         let (ns, machine) = match worker.ask(&request, &self.waiting)? {
-            Reply::Sample { ns, machine } if sound(&ns, frames) => (ns, machine),
+            Reply::Sample { ns, machine } if sound(&ns, frames) => {
+                (ns, machine.map(|state| *state))
+            }
             other => return Err(worker.unexpected(&other)),
         };
         let shortest_ns = ns.into_iter().fold(f64::INFINITY, f64::min);

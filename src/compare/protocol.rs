@@ -107,7 +107,7 @@ pub enum Reply {
         ns: Vec<f64>,
         /// The adapter after the last frame, where its driver tells; workers of earlier versions do not.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        machine: Option<MachineState>,
+        machine: Option<Box<MachineState>>,
     },
     Exact(Box<Exact>),
     Checks {
@@ -297,7 +297,7 @@ mod tests {
     fn every_reply_can_be_read_back() {
         let replies = [
             Reply::Sample { ns: vec![1.5, 2.0], machine: None },
-            Reply::Sample { ns: vec![1.5], machine: Some(MachineState::default()) },
+            Reply::Sample { ns: vec![1.5], machine: Some(Box::default()) },
             Reply::Exact(Box::default()),
             Reply::Fault { reason: "no".into(), fatal: true, absent: false },
             Reply::Hello(Box::new(Greeting {

@@ -227,7 +227,7 @@ impl Device {
         let read = |_| reading(&self.gpu, &mut self.timer, stage);
         let ns = (0..frames).map(read).collect::<Result<_, _>>()?;
         let machine = self.machine.as_ref().and_then(MachineReader::read);
-        Ok(Reply::Sample { ns, machine })
+        Ok(Reply::Sample { ns, machine: machine.map(Box::new) })
     }
 
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {

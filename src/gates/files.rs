@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use itertools::Itertools;
 use thiserror::Error;
 
+use crate::adapters::AdapterRelation;
 use fathom_base::input;
 use fathom_base::private;
 use fathom_record as record;
@@ -13,7 +14,9 @@ use fathom_record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonHeader, ConfigurationFigures, ExactFigures, Fault,
     Gate, GateSettings, Side, SideEnvironment, Skip, UnpairedSamples,
 };
-use fathom_record::{Adapter, Cell, Measured, OVER_BUDGET, Outcome, Record, RecordError, Run};
+use fathom_record::{
+    Adapter, Cell, Measured, OVER_BUDGET, Outcome, Reading, Record, RecordError, Run,
+};
 
 /// Cells that a note names before it breaks off.
 const MOST_NAMED: usize = 5;
@@ -28,23 +31,38 @@ pub enum FilesError {
     NothingInCommon { base: usize, head: usize },
 }
 
-/// One file.
-struct Read {
-    run: Run,
+/// A file of a run's records, as it was read.
+pub struct RunFile {
+    pub path: PathBuf,
+    pub reading: Reading,
+}
+
+impl RunFile {
+    pub fn read(path: &Path) -> Result<Self, RecordError> {
+        // The user names this file itself, if only by a link.
+        let target = path.canonicalize();
+        let reading = record::read(target.as_deref().unwrap_or(path))?;
+        Ok(Self { path: path.to_owned(), reading })
+    }
+}
+
+/// What a file holds of its last run.
+struct Sorted<'a> {
+    run: &'a Run,
     build: ComparedBuild,
     /// By resume key: the same pipeline, scene and parameters.
-    cells: BTreeMap<String, Cell>,
+    cells: BTreeMap<String, &'a Cell>,
     notes: Vec<String>,
 }
 
 /// The lines that two files amount to.
 pub fn lines(
-    base: &Path,
-    head: &Path,
+    base: &RunFile,
+    head: &RunFile,
     settings: &GateSettings,
 ) -> Result<Vec<Compared>, FilesError> {
-    let [base, head] = [read(base)?, read(head)?];
-    let timed = comparable(&base.run, &head.run);
+    let [base, head] = [sorted(base)?, sorted(head)?];
+    let timed = timed(base.run, head.run);
     let mut contents = Contents { same_driver: timed.is_ok(), ..Contents::default() };
     let mut ids = BTreeMap::new();
     for (key, cell) in &base.cells {
@@ -60,14 +78,16 @@ pub fn lines(
     let notes = [base.notes, head.notes, contents.notes].into_iter().flatten();
     let skip = |gate, reason: &str| Skip { gate, reason: reason.to_owned() };
     let no_counts = skip(Gate::Instructions, "files of records hold no instruction counts");
-    let (gates, skipped) = match timed {
-        Ok(()) => (vec![Gate::Exact, Gate::Time], vec![no_counts]),
-        Err(reason) => (vec![Gate::Exact], vec![no_counts, skip(Gate::Time, &reason)]),
-    };
+    let untimed = timed.err().filter(|_| settings.gates.contains(&Gate::Time));
+    let untimed = untimed.map(|reason| skip(Gate::Time, &reason));
+    let skipped: Vec<Skip> = std::iter::once(no_counts).chain(untimed).collect();
+    let asked = settings.gates.iter().copied();
+    let gates = asked.filter(|gate| skipped.iter().all(|skip| skip.gate != *gate)).collect();
     let header = ComparisonHeader {
         base: base.build,
         head: head.build,
-        adapter: head.run.adapter,
+        adapter: head.run.adapter.clone(),
+        base_adapter: (base.run.adapter != head.run.adapter).then(|| base.run.adapter.clone()),
         settings: GateSettings { gates, unpaired: true, launches: 0, pairs: 0, ..settings.clone() },
         cells: contents.cells,
         skipped,
@@ -93,7 +113,7 @@ fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
 }
 
 /// Which cells the other side's file lacks.
-fn only_in(side: Side, own: &Read, other: &Read) -> Option<String> {
+fn only_in(side: Side, own: &Sorted<'_>, other: &Sorted<'_>) -> Option<String> {
     let alone = own.cells.iter().filter(|(key, _)| !other.cells.contains_key(*key));
     let count = alone.clone().count();
     let more = (count > MOST_NAMED).then(|| "…".to_owned());
@@ -102,35 +122,32 @@ fn only_in(side: Side, own: &Read, other: &Read) -> Option<String> {
     (count > 0).then(told)
 }
 
-fn read(path: &Path) -> Result<Read, FilesError> {
-    // The user names this file itself, if only by a link.
-    let target = path.canonicalize();
-    let target = target.as_deref().unwrap_or(path);
-    let reading = record::read(target)?;
-    let file = private::path(path);
+fn sorted(file: &RunFile) -> Result<Sorted<'_>, FilesError> {
+    let RunFile { path, reading } = file;
+    let name = private::path(path);
     let damaged = reading.damaged.told(ToString::to_string).into_iter();
-    let mut notes: Vec<String> = damaged.map(|told| format!("{file}: {told}")).collect();
-    let mut last: Option<Run> = None;
+    let mut notes: Vec<String> = damaged.map(|told| format!("{name}: {told}")).collect();
+    let mut last: Option<&Run> = None;
     let mut cells = BTreeMap::new();
-    for record in reading.records {
+    for record in &reading.records {
         match record {
             Record::Run(run) => {
-                if let Some(Err(reason)) = last.as_ref().map(|last| comparable(last, &run)) {
+                if let Some(Err(reason)) = last.map(|last| comparable(last, run)) {
                     cells.clear();
-                    notes.push(format!("{file}: only its last run counts: {reason}"));
+                    notes.push(format!("{name}: only its last run counts: {reason}"));
                 }
-                last = Some(*run);
+                last = Some(run);
             }
             Record::Cell(cell) => {
-                cells.insert(cell.resume_key(), *cell);
+                cells.insert(cell.resume_key(), cell.as_ref());
             }
             Record::Experiment(_) | Record::End(_) | Record::Comparison(_) => {}
         }
     }
-    let run = last.ok_or_else(|| FilesError::NoRun { path: path.to_owned() })?;
-    Ok(Read {
+    let run = last.ok_or_else(|| FilesError::NoRun { path: path.clone() })?;
+    Ok(Sorted {
         build: ComparedBuild {
-            label: file,
+            label: name,
             version: run.fathom_version.clone(),
             protocol: None,
             digest: input::open(path).and_then(input::sha256).unwrap_or_default(),
@@ -142,7 +159,15 @@ fn read(path: &Path) -> Result<Read, FilesError> {
     })
 }
 
-/// Why the times of two runs may not stand beside each other.
+/// Why the times of two runs may not stand beside each other. Two versions of one driver may: what that changes is of interest.
+fn timed(base: &Run, head: &Run) -> Result<(), String> {
+    if AdapterRelation::of(&base.adapter, &head.adapter).is_judged() {
+        return same_shaders(base, head);
+    }
+    comparable(base, head)
+}
+
+/// Why cells of two runs in one file may not be mixed.
 fn comparable(base: &Run, head: &Run) -> Result<(), String> {
     let named = |Adapter { name, driver, driver_info, .. }: &Adapter| {
         format!("{name} ({driver} {driver_info})")
@@ -151,6 +176,10 @@ fn comparable(base: &Run, head: &Run) -> Result<(), String> {
     if a != b || base.adapter.backend != head.adapter.backend {
         return Err(format!("times of different adapters or drivers: {a} and {b}"));
     }
+    same_shaders(base, head)
+}
+
+fn same_shaders(base: &Run, head: &Run) -> Result<(), String> {
     let (a, b) = (base.shader_checks, head.shader_checks);
     if a == b { Ok(()) } else { Err(format!("shaders {a} and {b}")) }
 }

@@ -91,6 +91,9 @@ pub enum Status {
     /// cell whose interval is merely too wide downwards does not count.
     #[strum(to_string = "inconclusive")]
     Inconclusive = 3,
+    /// Exact figures are no worse. Times were measured and decide nothing: the sides share no pairs, or ran on different adapters.
+    #[strum(to_string = "times not judged")]
+    TimesNotJudged = 4,
 }
 
 /// Everything that is concluded from a comparison.
@@ -161,6 +164,8 @@ impl<'a> Verdicts<'a> {
             && (!self.comparison.came_to_its_end() || any(CellVerdict::NotMeasured));
         let regression = self.cells.iter().any(|cell| cell.verdict.is_regression())
             || self.configurations.iter().any(|difference| difference.worse);
+        let unjudged = any(CellVerdict::NotJudged)
+            || self.comparison.header.skipped.iter().any(|skip| skip.gate == Gate::Time);
         let void = self.gates.iter().any(|(_, state)| matches!(state, GateState::Void(_)));
         let nothing = self.cells.iter().all(|cell| cell.verdict == CellVerdict::New);
         let failed = any(CellVerdict::Failed) || self.faults.iter().any(|fault| !fault.absent);
@@ -170,6 +175,8 @@ impl<'a> Verdicts<'a> {
             Status::CouldNotMeasure
         } else if self.cells.iter().any(|cell| cell.may_be_slower(settings.threshold)) {
             Status::Inconclusive
+        } else if unjudged {
+            Status::TimesNotJudged
         } else {
             Status::NoRegression
         }

@@ -10,6 +10,7 @@ use fathom_embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
 use fathom_gpu::StageInfo;
 use fathom_pipelines as pipelines;
 use fathom_pipelines::{KINDS, Pipeline, PipelineKind};
+use fathom_record::Build;
 use fathom_scene::{Scene, SceneFile};
 use fathom_stages as stages;
 use fathom_verify as verify;
@@ -26,11 +27,16 @@ impl CargoTarget {
     pub const FATHOM: Self = Self { package: "fathom", binary: "fathom" };
 }
 
+/// Behind a revision whose files were changed.
+const DIRTY: &str = "-dirty";
+
 /// Everything that the commands know by name.
 #[derive(Clone, Debug)]
 pub struct Catalog {
     /// The program itself: `compare --base REV` builds it of that revision.
     pub program: CargoTarget,
+    /// Hash of the commit that the program was built of, with [`DIRTY`] behind it where files differed; empty outside a repository.
+    revision: &'static str,
     pub kinds: Vec<PipelineKind>,
     pub shaders: Folders,
     pub scenes: Folders,
@@ -51,6 +57,7 @@ impl Catalog {
     pub fn builtin() -> Self {
         Self {
             program: CargoTarget::FATHOM,
+            revision: "",
             kinds: KINDS.to_vec(),
             shaders: Folders::of(SHADERS),
             scenes: Folders::of(SCENES),
@@ -59,6 +66,20 @@ impl Catalog {
             checks: vec![verify::cases],
             gates: ("benches/gates.toml", include_str!("../../benches/gates.toml")),
         }
+    }
+
+    /// What the program was built of, as records hold it.
+    pub fn build(&self) -> Build {
+        let commit = self.revision.strip_suffix(DIRTY);
+        let dirty = commit.is_some();
+        let commit = Some(commit.unwrap_or(self.revision)).filter(|commit| !commit.is_empty());
+        Build { commit: commit.map(str::to_owned), dirty }
+    }
+
+    /// Names the revision, as `git describe --always --dirty=-dirty --abbrev=40 --exclude='*'` gives it.
+    #[must_use]
+    pub fn built_of(self, revision: &'static str) -> Self {
+        Self { revision, ..self }
     }
 
     /// Names the program, for `compare --base REV`: `env!("CARGO_PKG_NAME")` and `env!("CARGO_BIN_NAME")`.

@@ -22,7 +22,7 @@ use fathom_record::output::OutputFolder;
 use fathom_record::{Adapter, Damaged, Part, Reading, Record, Run, Shard, read};
 
 pub use records::CellId;
-pub use staging::Staging;
+pub use staging::{Staging, put_pictures, put_records};
 
 /// The folder of a shard, as it was read.
 struct Source {

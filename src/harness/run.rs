@@ -282,8 +282,10 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
     Run {
         schema: SCHEMA,
         fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
+        build: Some(options.catalog.build()),
         started_at: calendar::now(),
         profile,
+        precision: Some(options.precision.unwrap_or(profile.precision())),
         command: options.command.clone(),
         adapter: record::Adapter {
             host_threads: quiet::cores_before().len().max(1),
@@ -311,13 +313,13 @@ struct Limits {
 }
 
 fn limits(options: &Options, profile: Profile, planned: &[PlannedExperiment]) -> Limits {
-    let (precision, per_cell_s, most_s): (f64, f64, f64) = match profile {
-        Profile::Quick => (0.02, 6.0, 240.0),
-        Profile::Paper => (0.01, 20.0, 1_800.0),
+    let (per_cell_s, most_s): (f64, f64) = match profile {
+        Profile::Quick => (6.0, 240.0),
+        Profile::Paper => (20.0, 1_800.0),
     };
     let cells: f64 = planned.iter().map(weight).sum();
     Limits {
-        precision: options.precision.unwrap_or(precision),
+        precision: options.precision.unwrap_or(profile.precision()),
         budget_s: options.budget_s.unwrap_or((SET_UP_S + cells * per_cell_s).min(most_s)),
     }
 }

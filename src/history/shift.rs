@@ -1,10 +1,7 @@
 //! By how much two sides of a change differ.
 
 use super::changes::LEAST_SIDE;
-use fathom_base::statistics::{Estimate, Interval, median};
-
-/// Quantile of the standard normal distribution for an interval of 95 %.
-const Z_95: f64 = 1.959_964;
+use fathom_base::statistics::{Estimate, Interval, Z_95, median};
 
 /// The shift from the first side to the second with its 95 % interval: the median of all differences (Hodges and Lehmann) and the
 /// interval of Mann and Whitney's test. Hollander, Wolfe & Chicken, *Nonparametric Statistical Methods* (2014), sections 4.2 and 4.3.

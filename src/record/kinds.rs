@@ -25,6 +25,14 @@ pub enum Profile {
 
 impl Profile {
     pub const ALL: [Profile; 2] = [Profile::Quick, Profile::Paper];
+
+    /// Half the width of a frame time's 95 % interval over its median that is asked unless the user asks for another.
+    pub fn precision(self) -> f64 {
+        match self {
+            Self::Quick => 0.02,
+            Self::Paper => 0.01,
+        }
+    }
 }
 
 /// Whether wgpu's bounds and loop checks are compiled into the shaders.
@@ -136,6 +144,8 @@ pub enum NoteKind {
     NotComputed,
     /// A picture could not be written.
     NoPicture,
+    /// Of a public copy: what it does not hold.
+    Reduced,
 }
 
 /// A picture of a cell.

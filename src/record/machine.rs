@@ -7,7 +7,8 @@ use itertools::Itertools;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What a GPU's driver says of it at one moment; of a software adapter the kernel of the core that it works on.
+/// What a GPU's driver says of it at one moment; of a software adapter the kernel of the core that it works on. And what others took
+/// from the machine before that moment.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct MachineState {
@@ -26,6 +27,13 @@ pub struct MachineState {
     /// Why clocks are below their highest; empty where nothing holds them down or the driver does not tell.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub throttle: Vec<ThrottleReason>,
+    /// CPU time of other processes, in cores: 1 is one core all the time. Mean over at least 0.25 s. Absent from records of earlier
+    /// versions and of systems other than Linux, as `steal`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub others_load: Option<f32>,
+    /// CPU time that the host of this virtual machine gave to others while the machine had work, in the same unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub steal: Option<f32>,
 }
 
 impl MachineState {

@@ -17,6 +17,7 @@ use fathom_base::{statistics, text};
 
 pub mod calendar;
 pub mod ceilings;
+pub mod command;
 pub mod comparison;
 mod error_figure;
 mod file;
@@ -28,6 +29,7 @@ mod names;
 pub mod nan;
 pub mod output;
 mod params;
+pub mod public;
 mod samples;
 pub mod schema;
 mod shard;
@@ -36,6 +38,7 @@ mod tests;
 pub use ceilings::{Ceiling, CeilingShare, Limit};
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
+pub use fathom_base::machine::Machine;
 pub use fathom_base::quiet::Conditions;
 pub use fathom_base::statistics::{Estimate, Interval};
 pub use file::{Writer, each_good, empty_or_sound, finished, read, read_good, resume_key};
@@ -79,9 +82,16 @@ pub struct Run {
     pub schema: u32,
     /// Of the program that measured.
     pub fathom_version: String,
+    /// What that program was built of. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build: Option<Build>,
     /// RFC 3339, UTC.
     pub started_at: String,
     pub profile: Profile,
+    /// What was asked of each cell: half the width of the frame time's 95 % interval over its median. Absent from records of earlier
+    /// versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub precision: Option<f64>,
     /// Arguments of the program, its name first.
     pub command: Vec<String>,
     pub adapter: Adapter,
@@ -108,6 +118,23 @@ pub struct Run {
     pub shard: Option<Shard>,
     /// On the whole run.
     pub notes: Vec<Note>,
+}
+
+impl Run {
+    /// The precision that was asked; of an earlier record the profile's.
+    pub fn asked_precision(&self) -> f64 {
+        self.precision.unwrap_or_else(|| self.profile.precision())
+    }
+}
+
+/// The revision that a program was built of. What a development build reads from its checkout when it runs may be newer: shaders,
+/// scenes, experiments.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Build {
+    /// Hash of the commit; null where the program was built outside a repository.
+    pub commit: Option<String>,
+    /// Its files differed from the commit.
+    pub dirty: bool,
 }
 
 /// The text of an experiment's file as it was when its cells were measured, so that its published

@@ -89,6 +89,14 @@ impl Scale {
         Some(Scale::linear(low - missing, high + missing))
     }
 
+    /// From one value to the other, without room around them.
+    pub fn spanning(kind: ScaleKind, values: [f64; 2]) -> Option<Scale> {
+        let mut scale = Scale::fit(kind, values)?;
+        let [low, high] = values;
+        (scale.low, scale.high) = (scale.at(low)?, scale.at(high)?);
+        Some(scale)
+    }
+
     fn linear(low: f64, high: f64) -> Scale {
         let high = if high > low { high } else { low + 1.0 };
         let step = nice((high - low) / 5.0);
@@ -128,7 +136,7 @@ impl Scale {
     }
 
     /// How far along the axis a coordinate lies, 0 … 1.
-    fn share(&self, coordinate: f64) -> f64 {
+    pub fn share(&self, coordinate: f64) -> f64 {
         (coordinate - self.low) / (self.high - self.low)
     }
 
@@ -140,6 +148,9 @@ impl Scale {
         };
         if (1e3..1e4).contains(&value.abs().round()) {
             return format!("{value:.0}");
+        }
+        if value != 0.0 && value.abs() < 1e-3 {
+            return format!("{value:.1e}").replace(".0e", "e");
         }
         format::si(value)
     }
@@ -176,12 +187,9 @@ impl Axis {
         Some(Axis { scale: Scale::tight(values)?, ends_px })
     }
 
-    /// From one value to the other, without room around them.
+    /// See [`Scale::spanning`].
     pub fn spanning(kind: ScaleKind, values: [f64; 2], ends_px: [f64; 2]) -> Option<Axis> {
-        let mut scale = Scale::fit(kind, values)?;
-        let [low, high] = values;
-        (scale.low, scale.high) = (scale.at(low)?, scale.at(high)?);
-        Some(Axis { scale, ends_px })
+        Some(Axis { scale: Scale::spanning(kind, values)?, ends_px })
     }
 
     /// The pixel of a value; none for what a logarithm cannot show.
@@ -253,6 +261,7 @@ mod tests {
             (ScaleKind::Log, [100.0, 1e6], &["100", "1000", "10 k", "100 k", "1 M"][..]),
             (ScaleKind::Log, [2.0, 4.0], &["2", "3", "4"]),
             (ScaleKind::Linear, [0.05, 0.21], &["0", "0.05", "0.1", "0.15", "0.2"]),
+            (ScaleKind::Linear, [0.0, 4e-6], &["0", "1e-6", "2e-6", "3e-6", "4e-6"]),
         ] {
             let ticks = fit(kind, &values).unwrap().ticks();
             assert!(ticks.iter().map(|(_, label)| label).eq(expected), "{ticks:?}");

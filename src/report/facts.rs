@@ -13,8 +13,12 @@ use fathom_experiments::defaults::{self, Choice, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
 use fathom_experiments::{Measure, Ruling, Scaling, Verdict, groups, scaling};
 use fathom_record::{
-    Cell, Estimate, Interval, Measured, Note, NoteKind, Outcome, StageRecord, Standing,
+    Cell, Estimate, Interval, Machine, Measured, Note, NoteKind, Outcome, Run, StageRecord,
+    Standing,
 };
+
+/// Digits of a commit's hash that a person reads.
+const SHORT_HASH: usize = 12;
 
 /// How many claims have each verdict.
 pub fn tally(view: &ReportView<'_>) -> [(Verdict, usize); 4] {
@@ -192,6 +196,33 @@ pub fn still_open(view: &ReportView<'_>) -> Vec<String> {
         open.push(format!("{} claims are open.", inconclusive + not_run));
     }
     open
+}
+
+/// `fathom 0.1.0 of commit 1c4666a with changed files`
+pub fn program(run: &Run) -> String {
+    let commit = run.build.as_ref().map(|build| match (&build.commit, build.dirty) {
+        (None, _) => " built outside a repository".to_owned(),
+        (Some(commit), dirty) => {
+            let short = commit.get(..SHORT_HASH).unwrap_or(commit);
+            format!(" of commit {short}{}", if dirty { " with changed files" } else { "" })
+        }
+    });
+    format!("fathom {}{}", run.fathom_version, commit.unwrap_or_default())
+}
+
+/// `AMD EPYC 7R13, 2 cores, 3.81 GiB, Linux 6.18.44, governor performance`
+pub fn machine(machine: &Machine) -> String {
+    let Machine { cpu, cores, memory_bytes, kernel, governor } = machine;
+    let gibibytes =
+        |bytes: u64| format!("{} GiB", format::three(bytes as f64 / f64::from(1 << 30)));
+    let parts = [
+        cpu.clone(),
+        cores.map(|cores| format!("{cores} cores")),
+        memory_bytes.map(gibibytes),
+        kernel.clone(),
+        governor.as_ref().map(|governor| format!("governor {governor}")),
+    ];
+    parts.into_iter().flatten().join(", ")
 }
 
 /// Which cells the records of a merged run lack.

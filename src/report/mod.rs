@@ -13,6 +13,7 @@ pub mod facts;
 pub mod format;
 pub mod github_benchmark;
 pub mod junit;
+pub mod noise;
 pub mod page;
 mod plots;
 mod series;
@@ -33,6 +34,7 @@ pub use junit::EXPORTER as JUNIT;
 pub use page::EXPORTER as PAGE;
 pub use plots::{EXPORTER as PLOTS, ROOFLINES};
 pub use summary::{EXPORTER as SUMMARY, in_short};
+pub use trust::conditions as run_conditions;
 
 use std::io::{self, Write};
 use std::path::Path;

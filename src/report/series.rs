@@ -7,7 +7,7 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use crate::axis::Axis;
-use crate::svg::Shape;
+use crate::svg::Marker;
 use fathom_experiments::schema::FIXED_SHARE;
 use fathom_experiments::{Measure, Scaling, scaling};
 use fathom_record::{Cell, Estimate};
@@ -32,7 +32,9 @@ pub struct Series<'a> {
     pub name: String,
     /// Of CSS.
     pub color: String,
-    pub shape: Shape,
+    /// Its run's place on the page.
+    pub run: usize,
+    pub marker: Marker,
 }
 
 impl<'a> Deref for Series<'a> {
@@ -87,6 +89,14 @@ impl<'a> Source<'a> {
 }
 
 impl Figures<'_> {
+    /// One would hide the other.
+    pub fn coincides(&self, other: &Figures<'_>) -> bool {
+        let places = |figures: &Figures<'_>| {
+            figures.points.iter().map(|point| [point.x, point.y.median]).collect_vec()
+        };
+        self.y == other.y && places(self) == places(other)
+    }
+
     pub fn fitted(&self) -> Option<&Scaling> {
         self.fit.as_ref()?.as_ref().ok()
     }
@@ -109,11 +119,6 @@ impl Figures<'_> {
 }
 
 impl Series<'_> {
-    /// The height of its last point.
-    pub fn end_px(&self, y: &Axis) -> f64 {
-        y.px_within(self.points.last().map_or(f64::NAN, |point| point.y.median))
-    }
-
     /// A line through the points of an axis that has an order, and the fitted power law over the cells that it was fitted to.
     pub fn lines(&self, [x, y]: [&Axis; 2]) -> Markup {
         let joined = self.points.iter().filter(|_| self.joined);
@@ -140,11 +145,15 @@ impl Series<'_> {
             let at = [x.px(point.x)?, y.px(point.y.median)?];
             Some((at, point.y.ends().map(|end| y.px_within(end)), &point.tip))
         });
+        let Marker { shape, hollow } = self.marker;
+        let fill = if hollow { "var(--ground)" } else { &self.color };
         html! {
-            @for ([x, y], [low, high], tip) in placed {
-                @if low - high > 1.0 { line.whisker x1=(x) x2=(x) y1=(low) y2=(high) style={ "stroke:" (self.color) } {} }
-                path.mark d=(self.shape.path([x, y])) style={ "fill:" (self.color) } data-tip=[tip] {
-                    @if let Some(tip) = tip { title { (tip) } }
+            g data-series=(self.name) {
+                @for ([x, y], [low, high], tip) in placed {
+                    @if low - high > 1.0 { line.whisker x1=(x) x2=(x) y1=(low) y2=(high) style={ "stroke:" (self.color) } {} }
+                    path.mark d=(shape.path([x, y])) style={ "fill:" (fill) ";stroke:" (self.color) } data-tip=[tip] {
+                        @if let Some(tip) = tip { title { (tip) } }
+                    }
                 }
             }
         }

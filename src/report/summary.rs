@@ -4,6 +4,7 @@
 mod head;
 mod tables;
 
+use super::noise::RunVerdict;
 use super::{Exporter, OfRun, ReportView, RunExporter, Written, page};
 use fathom_base::text;
 
@@ -28,14 +29,15 @@ fn export(view: &ReportView<'_>) -> String {
     text
 }
 
-/// What a run says in a few lines, for the terminal: the tally of verdicts and the slowest stages.
+/// What a run says in a few lines, for the terminal: the verdict on itself, the tally of verdicts and the slowest stages.
 pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
     let has_claims = view.sections.iter().any(|section| !section.rulings().is_empty());
     let claims = has_claims.then(|| format!("claims: {}", head::tally(view)));
     let slowest = head::slowest(view);
     let slowest =
         (!slowest.is_empty()).then(|| format!("slowest stage of each pipeline: {slowest}"));
-    claims.into_iter().chain(slowest).collect()
+    let of_run = RunVerdict::of(view).map_or_else(Vec::new, |verdict| verdict.lines());
+    of_run.into_iter().chain(claims).chain(slowest).collect()
 }
 
 /// The rows that fit, and words on how many are left out.
@@ -109,9 +111,12 @@ mod tests {
     fn a_run_ends_with_its_verdicts_and_slowest_stages() {
         let records = fixtures::run();
         let lines = in_short(&ReportView::new(&records, None));
-        assert_eq!(lines.len(), 2, "{lines:?}");
-        assert!(lines[0].starts_with("claims: ") && lines[0].contains(" supported, "));
-        assert!(lines[1].starts_with("slowest stage of each pipeline: underwater: "));
+        assert_eq!(lines.len(), 5, "{lines:?}");
+        assert!(lines[0].starts_with("quiet run: ") && lines[0].ends_with(" cells reached ±2 %"));
+        assert!(lines[1].contains("load and steal time not recorded"));
+        assert!(lines[2].starts_with("to do: add samples"));
+        assert!(lines[3].starts_with("claims: ") && lines[3].contains(" supported, "));
+        assert!(lines[4].starts_with("slowest stage of each pipeline: underwater: "));
         assert!(in_short(&ReportView::new(&[], None)).is_empty());
     }
 

@@ -1,4 +1,4 @@
-//! Charts as SVG: axes, marks that tell their exact value, and names at the ends of lines.
+//! Charts as SVG: axes, and marks that tell their exact value.
 //!
 //! On the page a mark has a `<title>` for readers without script, and `data-tip` for the page's script, which shows it under the
 //! pointer and walks over the marks of a chart by the arrow keys.
@@ -52,7 +52,7 @@ pub fn y_axis(axis: &Axis, [left_px, right_px]: [f64; 2], title: &str) -> Markup
                 line.grid x1=(left_px) x2=(right_px) y1=(y) y2=(y) {}
                 text x=(left_px - 6.0) y=(y + 4.0) text-anchor="end" { (label) }
             }
-            @if !title.is_empty() { text.title x="2" y=(top - 8.0) { (title) } }
+            @if !title.is_empty() { text.title x="2" y=(top - 14.0) { (title) } }
         }
     }
 }
@@ -60,27 +60,6 @@ pub fn y_axis(axis: &Axis, [left_px, right_px]: [f64; 2], title: &str) -> Markup
 /// Width of a text, about: fonts differ.
 pub fn text_px(text: &str) -> f64 {
     0.56 * TYPE_PX * text.chars().count() as f64
-}
-
-/// What fits into a width, with an ellipsis for the rest.
-pub fn shortened(text: &str, width_px: f64) -> String {
-    if text_px(text) <= width_px {
-        return text.to_owned();
-    }
-    let kept = (width_px / text_px("…")).max(1.0) as usize - 1;
-    text.chars().take(kept).chain(['…']).collect()
-}
-
-/// A text in two lines where one is too short, the second shortened.
-pub fn in_two_lines(text: &str, width_px: f64) -> Vec<String> {
-    let breaks = text.match_indices(' ').map(|(place, _)| place);
-    let fitting = breaks.rev().find(|place| text_px(&text[..*place]) <= width_px);
-    match fitting {
-        Some(place) if text_px(text) > width_px => {
-            vec![text[..place].to_owned(), shortened(&text[place + 1..], width_px)]
-        }
-        _ => vec![shortened(text, width_px)],
-    }
 }
 
 /// Moves blocks of these heights down where they would cover the one above, and up where they would reach below the bottom: upper
@@ -123,7 +102,7 @@ impl Paint {
 }
 
 /// The shape of marks, so that runs and series differ by more than colour.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Shape {
     Circle,
     Square,
@@ -134,10 +113,12 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// By the place of a run on the page or of a series in a plot. A seventh has the shape of the first: labels tell them apart.
+    pub const COUNT: usize = 6;
+
+    /// By the place of a run on the page. A seventh has the shape of the first: labels tell them apart.
     pub fn of(place: usize) -> Shape {
         use Shape::*;
-        [Circle, Square, Triangle, Diamond, Hanging, Upright][place % 6]
+        [Circle, Square, Triangle, Diamond, Hanging, Upright][place % Self::COUNT]
     }
 
     /// For text.
@@ -161,6 +142,35 @@ impl Shape {
             Self::Diamond => format!("M{x} {}l5 5l-5 5l-5 -5z", tenth(y - 5.0)),
             Self::Hanging => format!("M{x} {}l4.5 -8h-9z", tenth(y + 5.0)),
             Self::Upright => format!("M{} {}h4v11h-4z", tenth(x - 2.0), tenth(y - 5.5)),
+        }
+    }
+}
+
+/// What the points of a series are marked with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Marker {
+    pub shape: Shape,
+    pub hollow: bool,
+}
+
+impl Marker {
+    pub const COUNT: usize = 2 * Shape::COUNT;
+
+    /// By a series' place among those of its colour: every shape filled, then every shape hollow.
+    pub fn of(place: usize) -> Marker {
+        Marker { shape: Shape::of(place), hollow: place % Self::COUNT >= Shape::COUNT }
+    }
+
+    /// For text.
+    pub fn symbol(self) -> &'static str {
+        match self.shape {
+            shape if !self.hollow => shape.symbol(),
+            Shape::Circle => "○",
+            Shape::Square => "□",
+            Shape::Triangle => "△",
+            Shape::Diamond => "◇",
+            Shape::Hanging => "▽",
+            Shape::Upright => "▯",
         }
     }
 }
@@ -190,19 +200,6 @@ mod tests {
             let heights = vec![height; edges.len()];
             assert_eq!(apart(edges, &heights, [0.0, bottom]), expected);
         }
-    }
-
-    #[test]
-    fn long_texts_are_shortened_to_the_width() {
-        assert_eq!(shortened("short", 60.0), "short");
-        let cut = shortened("a name that is far too long", 60.0);
-        assert!(cut.ends_with('…') && text_px(&cut) <= 60.0, "{cut}");
-    }
-
-    #[test]
-    fn a_text_is_broken_at_a_space_where_it_is_too_long() {
-        assert_eq!(in_two_lines("all stages", 100.0), ["all stages"]);
-        assert_eq!(in_two_lines("photons in view that", 100.0), ["photons in", "view that"]);
     }
 
     #[test]

@@ -1,12 +1,11 @@
 //! How far a run can be trusted: what its clocks are worth, what timing costs, how frame times moved while it ran. Functions of a
-//! view.
+//! view. The verdict on the whole run is in `noise`.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
 
 use super::facts::share;
-use super::format::percent;
 use super::{ReportView, Section};
 use fathom_base::statistics;
 use fathom_experiments::{CHANCE, Verdict, least_samples};
@@ -14,9 +13,6 @@ use fathom_record::{
     Cell, Clock, Conditions, Estimate, FrameRecord, Interval, PassKind, Run, SetUp, Throttling,
     machine,
 };
-
-/// Samples of a cell that the drift is computed from, evenly taken: pairs grow with the square of them.
-const MOST_OF_A_CELL: usize = 50;
 
 /// What a kind of pass was timed by, and what the audit said of that clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -111,7 +107,6 @@ pub struct Fact {
 pub fn facts(view: &ReportView<'_>) -> Vec<Fact> {
     let all = [
         ("cells with few samples", few_samples(view)),
-        ("half width of the frame times' 95 % intervals", precision(view)),
         ("cost of timing", timing_cost(view)),
         ("clocks held down by heat or power", throttled(view)),
         ("verdicts by chance", by_chance(view)),
@@ -129,18 +124,6 @@ fn few_samples(view: &ReportView<'_>) -> Option<String> {
     Some(format!(
         "{few} of {} timed cells have fewer than {needed}, which a verdict needs; the fewest are {fewest}",
         counts.len()
-    ))
-}
-
-fn precision(view: &ReportView<'_>) -> Option<String> {
-    let widths = half_widths(view);
-    let (worst, cell) = widths.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let all = widths.iter().map(|(width, _)| *width).collect_vec();
-    Some(format!(
-        "{} in the median cell, at worst {} ({})",
-        percent(statistics::median(&all)),
-        percent(*worst),
-        place(cell)
     ))
 }
 
@@ -239,52 +222,25 @@ pub struct TimedSample {
 
 /// The untimed frames of all cells by time.
 pub fn samples_by_time(view: &ReportView<'_>) -> Vec<TimedSample> {
-    let mut samples: Vec<TimedSample> = by_cell(view).into_iter().flatten().collect();
+    let of_frame = |frame: &FrameRecord| {
+        let median = frame.untimed.median;
+        let samples = frame.sampled_at_s.iter().zip(&frame.untimed_samples_ns);
+        let relative = samples.map(|(at_s, ns)| TimedSample { at_s: *at_s, relative: ns / median });
+        relative.filter(|sample| sample.relative.is_finite()).collect_vec()
+    };
+    let mut samples =
+        view.timed().flat_map(|(_, measured)| of_frame(&measured.frame)).collect_vec();
     samples.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
     let start_s = samples.first().map_or(0.0, |first| first.at_s);
     samples.iter().map(|sample| TimedSample { at_s: sample.at_s - start_s, ..*sample }).collect()
 }
 
-fn by_cell(view: &ReportView<'_>) -> Vec<Vec<TimedSample>> {
-    let of_frame = |frame: &FrameRecord| {
-        let median = frame.untimed.median;
-        let samples = frame.sampled_at_s.iter().zip(&frame.untimed_samples_ns);
-        let relative = samples.map(|(at_s, ns)| TimedSample { at_s: *at_s, relative: ns / median });
-        relative.filter(|sample| sample.relative.is_finite()).collect()
-    };
-    view.timed().map(|(_, measured)| of_frame(&measured.frame)).collect()
-}
-
-/// How fast frame times grew while the run measured, as a share of the cell's median in a minute. Only samples of one cell are
-/// compared, so a change between cells that were not measured at the same time is not seen.
-pub fn drift(view: &ReportView<'_>) -> Option<Estimate> {
-    let thinned = |samples: Vec<TimedSample>| {
-        let step = samples.len().div_ceil(MOST_OF_A_CELL).max(1);
-        let taken = samples.iter().step_by(step);
-        taken.map(|sample| (sample.at_s / 60.0, sample.relative)).collect_vec()
-    };
-    let cells = by_cell(view).into_iter().map(thinned).collect_vec();
-    statistics::slope_within_groups(&cells)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fathom_base::statistics;
     use fathom_experiments::fixtures;
-    use fathom_record::{MachineState, Record, ThrottleReason};
-
-    /// The fixture's run with frame times that grow by a share of their median in a minute.
-    fn drifting(per_minute: f64) -> Vec<Record> {
-        let mut records = fixtures::run();
-        for measured in fixtures::cells(&mut records).filter_map(Cell::measured_mut) {
-            let frame = &mut measured.frame;
-            let start_s = frame.sampled_at_s[0];
-            for (at_s, ns) in frame.sampled_at_s.iter().zip(&mut frame.untimed_samples_ns) {
-                *ns *= 1.0 + per_minute * (at_s - start_s) / 60.0;
-            }
-        }
-        records
-    }
+    use fathom_record::{MachineState, ThrottleReason};
 
     #[test]
     fn cells_with_throttled_clocks_are_counted_with_the_reasons() {
@@ -316,18 +272,6 @@ mod tests {
         let told = few_samples(&ReportView::new(&records, None)).unwrap();
         let end = format!("the fewest are {fewest}");
         assert!(told.starts_with("2 of ") && told.ends_with(&end), "{told}");
-    }
-
-    #[test]
-    fn a_drift_is_found_and_none_where_there_is_none() {
-        for truth in [0.0, 0.5, -0.3] {
-            let records = drifting(truth);
-            let found = drift(&ReportView::new(&records, None)).unwrap();
-            let [low, high] = found.ends();
-            // Three standard errors rather than two: three truths are tried.
-            let reach = 0.75 * (high - low);
-            assert!((found.median - truth).abs() < reach && reach < 0.05, "{truth}: {found:?}");
-        }
     }
 
     #[test]

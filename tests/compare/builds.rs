@@ -9,7 +9,7 @@ use std::process::{Child, Command, Output, Stdio};
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
 use fathom::record::comparison::{Gate, Pair, Side};
-use fathom::record::{Measured, Record};
+use fathom::record::{Adapter, Measured, Record};
 
 use super::common::{Ends, Place, Told, holds, names, reference_of, write_records};
 use super::script::{Script, hello, refusal};
@@ -319,10 +319,10 @@ fn sides_on_different_adapters_are_told_only_where_they_were_given_different_thi
         }
     };
     let builds = Builds::new(&named(""), &named("slow"));
-    let told = builds.command("--base-env NAME=one --head-env NAME=two --env-values").answer();
+    let told = builds.command("--base-env NAME=one --head-env NAME=two --env-values").ends(4).out;
     holds(
         &told,
-        &["no regression; 4 cells: 4 not judged", "+50.0 % (50.0 … 50.0), different adapters"],
+        &["times not judged; 4 cells: 4 not judged", "+50.0 % (50.0 … 50.0), different adapters"],
     );
     assert_eq!(told.lines().nth(1), Some("one → two"));
     assert!(told.lines().next().unwrap().ends_with(" with NAME=two"), "{told}");
@@ -370,24 +370,36 @@ fn files_of_records_are_judged_by_what_is_exact() {
             record.try_as_cell_mut().and_then(|cell| cell.measured_mut()).map(change);
         }
     };
-    let told = compare("same", 0, &|_| ());
-    holds(&told, &["times are unpaired", "+0.0 %, unpaired"]);
-    let again = place.fathom("compare --replay out-of-same").answer();
-    assert!(told.starts_with(&again), "{told}");
+    let told = compare("same", 4, &|_| ());
+    let first = "times not judged (status 4): exact figures of 1 cell: same; times of 1 cell not judged: two runs share no pairs";
+    assert_eq!(told.lines().next(), Some(first));
+    let again = place.fathom("compare --replay out-of-same").ends(4).out;
+    holds(&again, &["times are unpaired", "times not judged;"]);
 
-    // Unpaired times raise no alarm.
+    // Times of two runs raise no alarm, and are told.
     let slower = of_cell(|measured| {
-        let stages = measured.stages.iter_mut();
-        stages.flat_map(|stage| &mut stage.samples_ns).for_each(|ns| *ns *= 1.5);
+        let frame = &mut measured.frame;
+        frame.untimed_samples_ns.iter_mut().for_each(|ns| *ns *= 1.5);
+        frame.untimed = frame.untimed.scaled(1.5);
     });
-    holds(&compare("slower", 0, &slower), &["+50.0 %, unpaired"]);
+    holds(
+        &compare("slower", 4, &slower),
+        &["default frame (uw-default base): 322 → 483 ms, × 1.50 ("],
+    );
     compare("costlier", 1, &of_cell(|measured| measured.allocated_bytes += 1));
-    let elsewhere = compare("elsewhere", 0, &|record| {
-        if let Some(run) = record.try_as_run_mut() {
-            run.adapter.driver_info = "another driver".to_owned();
+    let elsewhere = |change: fn(&mut Adapter)| {
+        move |record: &mut Record| {
+            record.try_as_run_mut().into_iter().for_each(|run| change(&mut run.adapter))
         }
-    });
-    holds(&elsewhere, &["time gate skipped: times of different adapters or drivers"]);
+    };
+    let newer =
+        compare("newer", 4, &elsewhere(|adapter| adapter.driver_info = "Mesa 99".to_owned()));
+    holds(&newer, &["! two versions of the driver: ", "times of 1 cell not judged"]);
+    let told = compare("elsewhere", 4, &elsewhere(|adapter| adapter.driver = "another".to_owned()));
+    holds(
+        &told,
+        &["times not compared: times of different adapters or drivers", "! two adapters: "],
+    );
     let other = compare("other", 2, &|record| {
         if let Some(cell) = record.try_as_cell_mut() {
             cell.scene = "port".to_owned();

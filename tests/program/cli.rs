@@ -172,6 +172,11 @@ fn checks_and_the_audit_answer_in_json_and_notes_can_be_turned_off() {
     for pass in ["render", "compute", "copy"] {
         assert!(audit["clocks"][pass].is_string(), "{audit}");
     }
+    // As `run`, it starts itself again on one core, where the CPU time of the process is audited.
+    let by_cpu = audit["clocks"]["render"] == "process_cpu";
+    let rows = audit["audit"].as_array().expect("rows");
+    assert!(rows.iter().any(|row| row["clock"] == "process_cpu"), "{audit}");
+    assert_eq!(audit["without_process_cpu"].is_object(), by_cpu, "{audit}");
 }
 
 #[test]

@@ -254,7 +254,7 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
 
 /// Every text of a run's records by its place in them: what the machine or its user says, and what fathom says itself.
 /// The text of an experiment and the values of its axes and parameters are the user's own words.
-const OF_THE_MACHINE: [&str; 9] = [
+const OF_THE_MACHINE: [&str; 10] = [
     "run.command",
     "run.adapter.name",
     "run.adapter.backend",
@@ -263,10 +263,12 @@ const OF_THE_MACHINE: [&str; 9] = [
     "run.adapter.driver_info",
     "run.conditions.rasterizer_threads",
     "run.conditions.host",
+    "run.conditions.machine.",
     "run.started_at",
 ];
-const OF_FATHOM: [&str; 17] = [
+const OF_FATHOM: [&str; 18] = [
     "run.fathom_version",
+    "run.build.commit",
     "run.profile",
     "run.shader_checks",
     "run.clocks",

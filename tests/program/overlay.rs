@@ -84,7 +84,7 @@ fn nothing_to_show_is_one_clear_line() {
     for (words, reason) in [
         ("report missing --out out", "missing/records.jsonl"),
         ("report text missing --out out", "holds no sound record"),
-        ("report text missing", "say with --out where to write it"),
+        ("report text missing", "holds no sound record"),
     ] {
         place.fathom(words).ends(2).error(reason);
     }

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use fathom::gates::files;
+use fathom::gates::files::{self, RunFile};
 use fathom::gates::store::StoredComparison;
 use fathom::gates::unpaired;
 use fathom::gates::verdict::{CellVerdict, Verdicts};
@@ -159,7 +159,7 @@ fn planted(folder: &Path, run: &Run, cell: &Cell, blur: f64) {
 fn compared(folders: &Path, run: &Run, cell: &Cell) {
     let [base, head] = [("base", 1.0), ("slower", 2.0)].map(|(name, blur)| {
         planted(&folders.join(name), run, cell, blur);
-        folders.join(name).join(RECORDS)
+        RunFile::read(&folders.join(name).join(RECORDS)).expect("it was just written")
     });
     let lines = files::lines(&base, &head, &GateSettings::default()).expect("they compare");
     let comparison = StoredComparison::from_records(lines.into_iter().map(Record::from));

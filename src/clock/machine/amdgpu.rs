@@ -16,6 +16,7 @@ pub fn state(card: &Path) -> MachineState {
         temperature_c: sensor(card, &["temp1_input"], 1e3),
         power_w: sensor(card, &["power1_average", "power1_input"], 1e6),
         throttle: throttler(&metrics).map(reasons).unwrap_or_default(),
+        ..MachineState::default()
     }
 }
 
@@ -86,7 +87,7 @@ mod tests {
             memory_clock_mhz: Some(96.0),
             temperature_c: Some(54.0),
             power_w: Some(183.0),
-            throttle: Vec::new(),
+            ..MachineState::default()
         };
         assert_eq!(state(&card), expected);
         fs::write(card.join("device/gpu_metrics"), table([1, 3], 1 << 36 | 1)).unwrap();

@@ -55,6 +55,7 @@ pub fn state(card: &Path) -> MachineState {
         temperature_c: sensor(card, &["temp1_input", "temp2_input"], 1e3),
         power_w: None,
         throttle: throttle.collect(),
+        ..MachineState::default()
     }
 }
 

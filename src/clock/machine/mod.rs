@@ -1,16 +1,18 @@
 //! State of the machine beside a measurement: clocks, temperature, power, and why clocks are held down. NVIDIA's driver tells
 //! through NVML, Linux's amdgpu, i915 and xe through sysfs; of a software adapter the kernel tells of the core. What a machine does
-//! not tell is left out; nothing here fails.
+//! not tell is left out; nothing here fails. Linux also tells what other processes and the host take from the machine.
 
 mod amdgpu;
 mod cpu;
 mod intel;
+mod load;
 mod nvml;
 mod sysfs;
 
 use std::path::{Path, PathBuf};
 
 use self::cpu::CpuReader;
+use self::load::LoadReader;
 use self::nvml::NvmlReader;
 use fathom_record::{Adapter, MachineState};
 
@@ -20,7 +22,11 @@ const AMD: u32 = 0x1002;
 const INTEL: u32 = 0x8086;
 
 /// Reads the state of one adapter, as often as it is asked. Opened once: loading NVML takes milliseconds.
-pub struct MachineReader(Source);
+pub struct MachineReader {
+    /// None where no driver tells.
+    source: Option<Source>,
+    load: Option<LoadReader>,
+}
 
 enum Source {
     Nvml(NvmlReader),
@@ -32,28 +38,44 @@ enum Source {
 }
 
 impl MachineReader {
-    /// None where no driver tells.
+    /// None where neither a driver nor the kernel tells.
     pub fn open(adapter: &Adapter) -> Option<Self> {
+        let reader = Self { source: Source::open(adapter), load: LoadReader::open() };
+        (reader.source.is_some() || reader.load.is_some()).then_some(reader)
+    }
+
+    /// None where nothing is told any more. Done between frames: it takes some 50 µs, four times a second at most for the load.
+    pub fn read(&self) -> Option<MachineState> {
+        let state = self.source.as_ref().and_then(Source::state).unwrap_or_default();
+        let load = self.load.as_ref().and_then(LoadReader::load);
+        let state = MachineState {
+            others_load: load.map(|load| load.others),
+            steal: load.map(|load| load.steal),
+            ..state
+        };
+        (state != MachineState::default()).then_some(state)
+    }
+}
+
+impl Source {
+    fn open(adapter: &Adapter) -> Option<Self> {
         let card = || sysfs::card(Path::new(sysfs::DRM), adapter);
-        let source = match adapter.vendor_id {
+        Some(match adapter.vendor_id {
             _ if adapter.software => Source::Cpu(CpuReader::open(Path::new(cpu::CPUS))?),
             NVIDIA => Source::Nvml(NvmlReader::open(adapter)?),
             AMD => Source::Amdgpu(card()?),
             INTEL => Source::Intel(card()?),
             _ => return None,
-        };
-        Some(Self(source))
+        })
     }
 
-    /// None where the driver tells nothing any more.
-    pub fn read(&self) -> Option<MachineState> {
-        let state = match &self.0 {
+    fn state(&self) -> Option<MachineState> {
+        Some(match self {
             Source::Nvml(device) => device.state()?,
             Source::Amdgpu(card) => amdgpu::state(card),
             Source::Intel(card) => intel::state(card),
             Source::Cpu(core) => core.state(),
-        };
-        (state != MachineState::default()).then_some(state)
+        })
     }
 }
 
@@ -67,14 +89,14 @@ mod tests {
         for vendor_id in [NVIDIA, AMD, INTEL, 0x1337] {
             let name = "no such card".to_owned();
             let adapter = Adapter { name, vendor_id, device_id: 0xfffe, ..Adapter::default() };
-            assert!(MachineReader::open(&adapter).is_none(), "{vendor_id:x}");
+            assert!(Source::open(&adapter).is_none(), "{vendor_id:x}");
         }
     }
 
     #[test]
     fn a_software_adapter_is_never_asked_of_a_card() {
         let software = Adapter { software: true, vendor_id: NVIDIA, ..Adapter::default() };
-        let reader = MachineReader::open(&software);
-        assert!(reader.is_none_or(|reader| matches!(reader.0, Source::Cpu(_))));
+        let source = Source::open(&software);
+        assert!(source.is_none_or(|source| matches!(source, Source::Cpu(_))));
     }
 }

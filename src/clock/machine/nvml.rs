@@ -53,6 +53,7 @@ fn state(device: &Device<'_>) -> MachineState {
         temperature_c: device.temperature(TemperatureSensor::Gpu).ok().map(f64::from),
         power_w: device.power_usage().ok().map(|milliwatts| f64::from(milliwatts) / 1e3),
         throttle: device.current_throttle_reasons().map(reasons).unwrap_or_default(),
+        ..MachineState::default()
     }
 }
 

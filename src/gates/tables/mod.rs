@@ -5,7 +5,7 @@ mod benchmark;
 mod junit;
 mod markdown;
 mod page;
-mod rows;
+pub(crate) mod rows;
 mod terminal;
 
 pub use markdown::export as markdown;

@@ -31,7 +31,7 @@ pub fn on_page(verdicts: &Verdicts<'_>) -> ComparisonOnPage {
     let tone = match verdicts.status {
         Status::NoRegression => Tone::Good,
         Status::Regression => Tone::Bad,
-        Status::CouldNotMeasure | Status::Inconclusive => Tone::Open,
+        Status::CouldNotMeasure | Status::Inconclusive | Status::TimesNotJudged => Tone::Open,
     };
     let (threshold, reach) = (verdicts.comparison.header.settings.threshold, reach(&cells));
     let markup = html! {

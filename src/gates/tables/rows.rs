@@ -110,8 +110,16 @@ fn more(counted: &Counted) -> String {
     format!("{}{unjudged}", signed(counted.ratio - 1.0, 2))
 }
 
-/// `fragments 100 → 120 (+20.0 %)`.
+/// The same, of a whole configuration with its name.
 pub fn difference(difference: &Difference) -> String {
+    match &difference.scope {
+        DifferenceScope::Configuration(id) => format!("{id}: {}", changed(difference)),
+        DifferenceScope::Cell(_) | DifferenceScope::Stage(_) => changed(difference),
+    }
+}
+
+/// `fragments 100 → 120 (+20.0 %)`.
+pub fn changed(difference: &Difference) -> String {
     let Difference { figure, base, head, kind, .. } = difference;
     let value = |value: f64| match kind {
         FigureKind::Bytes => mebibytes(value as u64),
@@ -122,11 +130,7 @@ pub fn difference(difference: &Difference) -> String {
     let relative = *base != 0.0 && base.is_finite() && head.is_finite();
     let share = relative.then(|| format!(" ({})", signed((head - base) / base.abs(), 2)));
     let share = share.unwrap_or_default();
-    let changed = format!("{figure} {} → {}{share}", value(*base), value(*head));
-    match &difference.scope {
-        DifferenceScope::Configuration(id) => format!("{id}: {changed}"),
-        DifferenceScope::Cell(_) | DifferenceScope::Stage(_) => changed,
-    }
+    format!("{figure} {} → {}{share}", value(*base), value(*head))
 }
 
 /// Who could not do what, and why.
@@ -232,7 +236,7 @@ fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
 /// What it means that the sides ran on two adapters, if they did.
 fn on_two_adapters(verdicts: &Verdicts<'_>) -> Option<String> {
     let header = &verdicts.comparison.header;
-    header.base_adapter.as_ref()?;
+    header.base_adapter.as_ref().filter(|_| !header.settings.unpaired)?;
     let told = match AdapterRelation::in_header(header) {
         AdapterRelation::Same => "one device and driver under two settings: everything is judged",
         AdapterRelation::OtherVersion => {
@@ -344,6 +348,6 @@ pub fn mark(status: Status) -> &'static str {
         Status::NoRegression => "✅",
         Status::Regression => "❌",
         Status::CouldNotMeasure => "⚠️",
-        Status::Inconclusive => "❔",
+        Status::Inconclusive | Status::TimesNotJudged => "❔",
     }
 }

@@ -11,6 +11,7 @@ use super::super::outcome::Counts;
 use super::super::plan::{self, Request};
 use super::{Merged, OfAdapter, Source};
 use fathom_experiments::Experiment;
+use fathom_record::command::parted;
 use fathom_record::output::OutputFolder;
 use fathom_record::{
     Cell, Definition, End, Note, NoteKind, Outcome, Part, Profile, Record, Run, Selection,
@@ -196,21 +197,8 @@ fn sitting(header: Run, sittings: &mut Vec<Sitting>) -> usize {
 
 /// A shard's header as the whole run's.
 fn of_whole(run: Run) -> Run {
-    Run { shard: None, command: without_shard(&run.command), ..run }
-}
-
-fn without_shard(command: &[String]) -> Vec<String> {
-    let mut words = command.iter();
-    let mut kept = Vec::new();
-    while let Some(word) = words.next() {
-        let option = word.split_once('=').map_or(word.as_str(), |(option, _)| option);
-        match OF_SHARD.iter().find(|(known, _)| *known == option) {
-            Some((_, takes_value)) if *takes_value && option == word => drop(words.next()),
-            Some(_) => {}
-            None => kept.push(word.clone()),
-        }
-    }
-    kept
+    let (_, command) = parted(&run.command, &OF_SHARD);
+    Run { shard: None, command, ..run }
 }
 
 /// The definitions after the first header, each with a cell at least.

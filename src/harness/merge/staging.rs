@@ -65,22 +65,12 @@ impl Staging {
     pub fn write(&self, within: Option<&str>, shards: OfAdapter) -> Result<(Vec<Record>, Merged)> {
         let folder = within.map_or(self.folder().into(), |within| self.folder().join(within));
         let output = OutputFolder { folder };
-        let io = |error| unwritten(&output.folder, &error);
-        let to = Folder::make(&output.folder).map_err(io)?;
-        to.make_beneath(PICTURES).map_err(io)?;
-        let mut notes = Vec::new();
-        for shard in &shards.sources {
-            let from =
-                Folder::open(&shard.folder).map_err(|error| unwritten(&shard.folder, &error))?;
-            notes.extend(copy_pictures(&from, &shard.records, &to)?);
-        }
+        let sources = shards.sources.iter();
+        let shown = sources.map(|source| (source.folder.as_path(), source.records.as_slice()));
+        let notes = put_pictures(&output, shown)?;
         let (lines, mut merged) = shards.merge()?;
         merged.notes.extend(notes);
-        let mut writer = Writer::create(&output.records())?;
-        for lines in lines.chunks(LINES_AT_ONCE) {
-            writer.hand_over(lines)?;
-        }
-        writer.sync()?;
+        put_records(&output, &lines)?;
         Ok((lines, merged))
     }
 
@@ -92,6 +82,33 @@ impl Staging {
         let _ = folder.keep();
         Ok(())
     }
+}
+
+/// Writes records into a folder.
+pub fn put_records(output: &OutputFolder, records: &[Record]) -> Result<()> {
+    let mut writer = Writer::create(&output.records())?;
+    for lines in records.chunks(LINES_AT_ONCE) {
+        writer.hand_over(lines)?;
+    }
+    Ok(writer.sync()?)
+}
+
+/// Copies the pictures that the records of each folder name. Gives a line for each that was left out.
+pub fn put_pictures<'a>(
+    output: &OutputFolder,
+    sources: impl IntoIterator<Item = (&'a Path, &'a [Record])>,
+) -> Result<Vec<String>> {
+    let to = Folder::make(&output.folder).and_then(|to| {
+        to.make_beneath(PICTURES)?;
+        Ok(to)
+    });
+    let to = to.map_err(|error| unwritten(&output.folder, &error))?;
+    let mut notes = Vec::new();
+    for (folder, records) in sources {
+        let from = Folder::open(folder).map_err(|error| unwritten(folder, &error))?;
+        notes.extend(copy_pictures(&from, records, &to)?);
+    }
+    Ok(notes)
 }
 
 /// Copies the pictures that records name. One by a name that fathom does not give is left where it is: it could lie anywhere.

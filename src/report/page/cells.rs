@@ -8,6 +8,7 @@ use super::{Fold, Page, PageRun, PageSection};
 use crate::Entry;
 use crate::format::{NS_PER_MS, percent, three};
 use fathom_base::text;
+use fathom_record::command::{OF_CELLS, parted};
 use fathom_record::{Cell, Estimate, Measured, OVER_BUDGET, Outcome, Run, StageRecord, Throttling};
 
 pub const SECTION: PageSection = PageSection {
@@ -17,15 +18,6 @@ pub const SECTION: PageSection = PageSection {
     fold: Fold::Listed,
     write,
 };
-
-/// Options of `fathom run` that a cell depends on, and whether each takes a value.
-const KEPT: [(&str, bool); 5] = [
-    ("--set", true),
-    ("--axis", true),
-    ("--adapter", true),
-    ("--unchecked", false),
-    ("--allow-large", false),
-];
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     let rows = rows(page);
@@ -164,25 +156,10 @@ pub fn command(cell: &Cell, run: Option<&Run>) -> String {
     words.extend(["--cell".to_owned(), text::shell(&cell.cell)]);
     if let Some(run) = run {
         words.extend(["--profile".to_owned(), run.profile.to_string()]);
-        words.extend(kept(&run.command).iter().map(|word| text::shell(word)));
+        let (options, _) = parted(&run.command, &OF_CELLS);
+        words.extend(options.iter().map(|word| text::shell(word)));
     }
     words.join(" ")
-}
-
-fn kept(command: &[String]) -> Vec<String> {
-    let mut words = command.iter();
-    let mut kept = Vec::new();
-    while let Some(word) = words.next() {
-        let option = word.split_once('=').map_or(word.as_str(), |(option, _)| option);
-        let Some((_, takes_value)) = KEPT.iter().find(|(known, _)| *known == option) else {
-            continue;
-        };
-        kept.push(word.clone());
-        if *takes_value && option == word {
-            kept.extend(words.next().cloned());
-        }
-    }
-    kept
 }
 
 #[cfg(test)]
@@ -200,12 +177,5 @@ mod tests {
         measured.frame.machine = vec![MachineState { throttle, ..MachineState::default() }];
         let marked = figures(measured).0;
         assert!(marked.contains("clocks down in 1 of 1 samples (power limit)"), "{marked}");
-    }
-
-    #[test]
-    fn a_command_keeps_what_the_cell_depends_on() {
-        let line = "fathom run uw-photons --out x --set water.noise=0 --adapter=llvm --resume --unchecked --budget 3";
-        let words: Vec<String> = line.split(' ').map(str::to_owned).collect();
-        assert_eq!(kept(&words), ["--set", "water.noise=0", "--adapter=llvm", "--unchecked"]);
     }
 }

@@ -137,13 +137,7 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
 
 /// A verdict, told by a word, a mark and a colour.
 pub fn chip(verdict: Verdict) -> Markup {
-    let tone = match verdict {
-        Verdict::Contradicted => Tone::Bad,
-        Verdict::Inconclusive => Tone::Open,
-        Verdict::NotRun => Tone::Neutral,
-        Verdict::Supported => Tone::Good,
-    };
-    tone.chip(&verdict.to_string())
+    Tone::of(verdict).chip(&verdict.to_string())
 }
 
 /// `1.38 (1.30 – 1.46)`

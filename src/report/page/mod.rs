@@ -59,6 +59,8 @@ const SCRIPTS: [&str; 7] = [
 pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
+    /// What changed from the first of two runs to the second.
+    pub changes: Option<Markup>,
     /// What a history says, as it stands in its section.
     pub history: Option<Markup>,
     pub left_out: Vec<LeftOut>,
@@ -125,6 +127,14 @@ const HISTORY: PageSection = PageSection {
     write: |page| page.history.clone(),
 };
 
+const CHANGES: PageSection = PageSection {
+    id: "changes",
+    title: "What changed",
+    question: "What is different in the second run?",
+    fold: Fold::Open,
+    write: |page| page.changes.clone(),
+};
+
 const COMPARED: PageSection = PageSection {
     id: "compared",
     title: "Comparison",
@@ -137,7 +147,8 @@ const COMPARED: PageSection = PageSection {
 };
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 13] = [
+const SECTIONS: [PageSection; 14] = [
+    CHANGES,
     overview::SECTION,
     HISTORY,
     COMPARED,
@@ -178,7 +189,7 @@ impl<'a> Page<'a> {
         let stages = measured.flat_map(|(_, measured)| &measured.stages);
         let colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
         let left_out = runs.iter().flat_map(|run| run.view.left_out.clone()).collect();
-        Page { runs, comparisons: Vec::new(), history: None, left_out, colors }
+        Page { runs, comparisons: Vec::new(), changes: None, history: None, left_out, colors }
     }
 
     /// Several runs are compared: marks and rows name theirs.

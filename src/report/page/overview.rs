@@ -7,6 +7,7 @@ use super::claims::chip;
 use super::{Fold, Page, PageRun, PageSection};
 use crate::ceilings::{Bound, bounds};
 use crate::format::{NS_PER_MS, percent, three};
+use crate::noise::RunVerdict;
 use crate::{facts, trust};
 use fathom_record::Run;
 
@@ -67,16 +68,25 @@ fn device(run: &Run) -> Markup {
             }
             span.faint {
                 (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile)
-                "; started " (run.started_at) "; fathom " (run.fathom_version)
+                "; started " (run.started_at) "; " (facts::program(run))
             }
         }
+        @if let Some(machine) = &run.conditions.machine { p.faint { (facts::machine(machine)) } }
     }
 }
 
+/// Whether the machine was quiet enough, by what that is judged, and what to do; then the clocks.
 fn how_far(run: &PageRun<'_>) -> Markup {
     let answer = html! {
+        @if let Some(verdict) = RunVerdict::of(run.view) {
+            @let advice = verdict.advice();
+            p { (verdict.tone().chip(&verdict.headline())) }
+            dl.figures {
+                @for (about, words) in verdict.figures() { dt { (about) } dd { (words) } }
+            }
+            @if !advice.is_empty() { p { b { "What to do: " } (advice.join("; ")) "." } }
+        }
         @if let Some(header) = trust::worst(run.view) { p { (trust::verdict(header)) } }
-        @for fact in trust::facts(run.view) { p.fact { b { (fact.about) } ": " (fact.words) "." } }
     };
     card("trust", "Can it be trusted?", &answer)
 }

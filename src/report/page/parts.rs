@@ -4,7 +4,7 @@ use itertools::Itertools;
 use maud::{Markup, html};
 use serde_json::Value;
 
-use fathom_experiments::{label_text, words as terms};
+use fathom_experiments::{Verdict, label_text, words as terms};
 
 /// A table that scrolls within the page where it is too wide for it, with the markup of its columns' heads and of its rows; `about`
 /// says in a few words what it holds.
@@ -48,6 +48,19 @@ impl Tone {
             Tone::Neutral => ["none", "–"],
             Tone::Good => ["good", "✓"],
         }
+    }
+
+    pub fn of(verdict: Verdict) -> Tone {
+        match verdict {
+            Verdict::Contradicted => Tone::Bad,
+            Verdict::Inconclusive => Tone::Open,
+            Verdict::NotRun => Tone::Neutral,
+            Verdict::Supported => Tone::Good,
+        }
+    }
+
+    pub fn mark(self) -> &'static str {
+        self.look()[1]
     }
 
     pub fn class(self) -> &'static str {

@@ -1,6 +1,6 @@
 //! How times and errors grow: a small chart for each experiment and axis, with fitted exponents.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 
 use indexmap::IndexMap;
 use itertools::Itertools;
@@ -9,11 +9,11 @@ use serde_json::{Map, Value};
 
 use super::parts::setting_words;
 use super::{Fold, Page, PageRun, PageSection};
-use crate::axis::{Axis, ScaleKind, tenth};
+use crate::axis::{Axis, ScaleKind};
 use crate::facts;
 use crate::format::{si, three};
 use crate::series::{Point, Series, Source};
-use crate::svg::{self, Paint, Shape};
+use crate::svg::{self, Marker, Paint, Shape};
 use fathom_experiments as experiments;
 use fathom_experiments::schema::{Claim, Experiment, Plot, PlotKind, Test};
 use fathom_experiments::words::Unit;
@@ -30,11 +30,9 @@ pub const SECTION: PageSection = PageSection {
 
 const SIZE_PX: [f64; 2] = [324.0, 190.0];
 const LEFT_PX: f64 = 48.0;
+const RIGHT_PX: f64 = 306.0;
 const TOP_PX: f64 = 8.0;
 const BOTTOM_PX: f64 = 166.0;
-/// Most room for labels at the ends of lines.
-const LABELS_PX: f64 = 112.0;
-const LINE_PX: f64 = 13.0;
 /// Charts of an experiment that are shown, and series of a chart.
 const MOST_CHARTS: usize = 12;
 const MOST_SERIES: usize = 8;
@@ -54,6 +52,7 @@ struct Spec<'a> {
 
 /// A chart: the series of one group of cells, or one measure of all groups.
 struct Chart<'a> {
+    /// What all its cells share on the axes that it is not over.
     group: String,
     series: Vec<Series<'a>>,
 }
@@ -72,7 +71,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         p.lead {
             "Points are medians with their 95 % intervals. Lines join the points of an axis of numbers; scenes and other categories "
             "are not joined. On logarithmic charts the dashed line is the fitted power law, y ∝ x to the exponent that stands below "
-            "the chart; dotted lines have the slope 1: twice the work takes twice the time."
+            "the chart; dotted lines have the slope 1: twice the work takes twice the time. † No exponent: too few cells, or in most "
+            "of them a fixed part is more than 10 % of the time; the mark tells how much."
         }
         @if page.is_overlay() { (runs(page)) }
         div.controls.script-only {
@@ -126,7 +126,7 @@ fn charts_of(page: &Page<'_>, id: &str, experiment: &Experiment) -> Vec<Markup> 
     let charts = specs.iter().flat_map(|spec| {
         let joined = spec.over.is_none_or(|over| !experiment.is_category(over));
         let charts = charts(page, id, spec, joined);
-        charts.into_iter().filter_map(|chart| figure(page, spec, &chart)).collect::<Vec<_>>()
+        charts.into_iter().filter_map(|chart| figure(spec, &chart)).collect::<Vec<_>>()
     });
     charts.collect()
 }
@@ -182,37 +182,75 @@ fn is_alike(spec: &Spec<'_>, y: &Measure) -> bool {
     spec.y.iter().all(|other| other.label().unit == y.label().unit)
 }
 
-/// A chart for each group of cells that differ in the chart's axis only; of one measure a chart for all groups.
+/// A chart for each group of cells that differ in the chart's axis only; of one measure of one run a chart for all groups, whose
+/// names are what differs between them.
 fn charts<'a>(page: &Page<'a>, id: &str, spec: &Spec<'a>, joined: bool) -> Vec<Chart<'a>> {
+    let runs = page.runs.iter().enumerate();
+    let groups = runs.flat_map(|(place, run)| {
+        grouped(run, id, spec).into_iter().map(move |cells| (place, cells))
+    });
+    let groups: Vec<(usize, Vec<&'a Cell>)> = groups.collect();
+    let together = spec.y.len() == 1 && !page.is_overlay();
+    let differing = differing(groups.iter().map(|(_, cells)| cells.as_slice()));
+    let words = |cells: &[&Cell], wanted: &dyn Fn(&str) -> bool| {
+        let axes = cells.first().into_iter().flat_map(|cell| &cell.axes);
+        let others = axes.filter(|(axis, _)| Some(axis.as_str()) != spec.over && wanted(axis));
+        setting_words(others)
+    };
     let mut charts = IndexMap::<String, Vec<Series<'a>>>::new();
-    for (place, run) in page.runs.iter().enumerate() {
-        for (group, cells) in grouped(run, id, spec) {
-            for y in &spec.y {
-                let alone = spec.y.len() == 1 && !group.is_empty();
-                let name = if alone { group.clone() } else { name(page, y) };
-                let one = series(page, place, spec, y, name, &cells, joined);
-                let chart = if alone { String::new() } else { group.clone() };
-                charts.entry(chart).or_default().extend(one);
-            }
+    for (run, cells) in &groups {
+        let own = words(cells, &|axis| differing.contains(axis));
+        let chart = words(cells, &|axis| !together || !differing.contains(axis));
+        for y in &spec.y {
+            let is_group = together && !own.is_empty();
+            let name =
+                if is_group { own.clone() } else { page.naming(*run, ": ") + &name(page, y) };
+            let series = series(page, *run, spec, y, name, cells, joined);
+            add(charts.entry(chart.clone()).or_default(), series);
         }
     }
     let charts = charts.into_iter().filter(|(_, series)| !series.is_empty());
-    charts.map(|(group, series)| Chart { group, series }).collect()
+    let marked = charts.map(|(group, series)| (group, marked(series, page.runs.len())));
+    marked.map(|(group, series)| Chart { group, series }).collect()
 }
 
-/// The cells of a chart, by the values of their other axes in words.
-fn grouped<'a>(run: &PageRun<'a>, id: &str, spec: &Spec<'_>) -> Vec<(String, Vec<&'a Cell>)> {
+/// A series that would hide another of its run is drawn once, under both names.
+fn add<'a>(all: &mut Vec<Series<'a>>, series: Option<Series<'a>>) {
+    let Some(series) = series else { return };
+    match all.iter_mut().find(|other| other.run == series.run && other.coincides(&series)) {
+        Some(other) => other.name += &format!("; {}", series.name),
+        None => all.push(series),
+    }
+}
+
+/// Gives each series a marker that no other of its colour has. A run's first series of a colour has the run's shape.
+fn marked(mut series: Vec<Series<'_>>, runs: usize) -> Vec<Series<'_>> {
+    let mut taken = HashSet::new();
+    for one in &mut series {
+        let of_run = (one.run..).step_by(runs).take(Marker::COUNT);
+        let markers = of_run.chain(0..Marker::COUNT).map(Marker::of);
+        let free = markers.into_iter().find(|marker| taken.insert((one.color.clone(), *marker)));
+        one.marker = free.unwrap_or(one.marker);
+    }
+    series
+}
+
+/// Axes on which the groups' cells do not all have the same value.
+fn differing<'c>(groups: impl Iterator<Item = &'c [&'c Cell]>) -> BTreeSet<&'c str> {
+    let firsts = groups.filter_map(|cells| cells.first()).collect_vec();
+    let axes = firsts.iter().flat_map(|cell| cell.axes.keys()).map(String::as_str);
+    axes.filter(|axis| !firsts.iter().map(|cell| cell.axes.get(*axis)).all_equal()).collect()
+}
+
+/// The cells of a chart, by the values of their other axes.
+fn grouped<'a>(run: &PageRun<'a>, id: &str, spec: &Spec<'_>) -> Vec<Vec<&'a Cell>> {
     let Some(section) = run.view.sections.iter().find(|section| section.id == id) else {
         return Vec::new();
     };
     let cells = section.measured().map(|(cell, _)| cell);
     let cells: Vec<&Cell> = cells.filter(|cell| experiments::fits(cell, spec.filter)).collect();
-    let Some(over) = spec.over else { return vec![(String::new(), cells)] };
-    let in_words = |cells: &[&Cell]| {
-        let axes = cells.first().into_iter().flat_map(|cell| &cell.axes);
-        setting_words(axes.filter(|(name, _)| *name != over))
-    };
-    groups(&cells, over).into_iter().map(|(_, cells)| (in_words(&cells), cells)).collect()
+    let Some(over) = spec.over else { return vec![cells] };
+    groups(&cells, over).into_iter().map(|(_, cells)| cells).collect()
 }
 
 fn name(page: &Page<'_>, y: &Measure) -> String {
@@ -243,7 +281,8 @@ fn series<'a>(
     for point in &mut figures.points {
         point.tip = Some(tip(&label, &name, y, point));
     }
-    Some(Series { figures, name, color: paint(page, y).css(), shape: Shape::of(run) })
+    let color = paint(page, y).css();
+    Some(Series { figures, name, color, run, marker: Marker::of(run) })
 }
 
 fn tip(run: &str, name: &str, y: &Measure, point: &Point<'_>) -> String {
@@ -261,9 +300,9 @@ fn tip(run: &str, name: &str, y: &Measure, point: &Point<'_>) -> String {
 }
 
 /// None where a logarithm can show no point.
-fn figure(page: &Page<'_>, spec: &Spec<'_>, chart: &Chart<'_>) -> Option<Markup> {
+fn figure(spec: &Spec<'_>, chart: &Chart<'_>) -> Option<Markup> {
     let shown = &chart.series[..chart.series.len().min(MOST_SERIES)];
-    let content = drawing(page, spec, shown)?;
+    let content = drawing(spec, shown)?;
     let about = format!("{}: {} over {}", spec.title, y_title(spec), x_title(spec));
     let stages = stages_of(shown).into_iter().join("\n");
     Some(html! {
@@ -319,15 +358,13 @@ fn fits(series: &[Series<'_>]) -> Markup {
     html! {
         ul.fits {
             @for one in series {
-                @if one.fit.is_some() || series.len() > 1 {
-                    li {
-                        span style={ "color:" (one.color) } aria-hidden="true" { (one.shape.symbol()) }
-                        " " (one.name) " "
-                        @match &one.fit {
-                            Some(Ok(fit)) => { b { "∝ x^" (facts::exponent(fit)) } }
-                            Some(Err(reason)) => { span.faint { "no exponent: " (reason) } }
-                            None => {}
-                        }
+                li {
+                    span style={ "color:" (one.color) } aria-hidden="true" { (one.marker.symbol()) }
+                    " " (one.name) " "
+                    @match &one.fit {
+                        Some(Ok(fit)) => { b { "∝ x^" (facts::exponent(fit)) } }
+                        Some(Err(reason)) => { span.faint title=(reason) { "†" } }
+                        None => {}
                     }
                 }
             }
@@ -343,22 +380,18 @@ fn paint(page: &Page<'_>, y: &Measure) -> Paint {
     }
 }
 
-/// Series on their axes, named at the right ends of their lines.
-fn drawing(page: &Page<'_>, spec: &Spec<'_>, series: &[Series<'_>]) -> Option<Markup> {
-    let names = series.iter().map(|one| label(page, one)).collect_vec();
-    let widest = names.iter().map(|name| svg::text_px(name) + 10.0).fold(0.0, f64::max);
-    let right_px = SIZE_PX[0] - widest.min(LABELS_PX);
+/// Series on their axes.
+fn drawing(spec: &Spec<'_>, series: &[Series<'_>]) -> Option<Markup> {
     let points = series.iter().flat_map(|one| &one.points);
-    let x = Axis::fit(spec.kind, points.map(|point| point.x), [LEFT_PX, right_px])?;
+    let x = Axis::fit(spec.kind, points.map(|point| point.x), [LEFT_PX, RIGHT_PX])?;
     let y = Axis::fit(spec.kind, series.iter().flat_map(|one| one.ends()), [BOTTOM_PX, TOP_PX])?;
     let axes = [&x, &y];
     Some(html! {
         (svg::x_axis(&x, [TOP_PX, BOTTOM_PX], ""))
-        (svg::y_axis(&y, [LEFT_PX, right_px], ""))
+        (svg::y_axis(&y, [LEFT_PX, RIGHT_PX], ""))
         @if spec.kind == ScaleKind::Log && series.iter().all(|one| one.y.is_time()) { (guides(axes)) }
         @for one in series { (one.lines(axes)) }
         @for one in series { (one.marks(axes)) }
-        (labels(series, &names, &y, right_px))
     })
 }
 
@@ -374,35 +407,6 @@ fn guides([x, y]: [&Axis; 2]) -> Markup {
         @for [from, to] in ends {
             line.guide x1=(x.px_at(from[0])) y1=(y.px_at(from[1])) x2=(x.px_at(to[0])) y2=(y.px_at(to[1])) {}
         }
-    }
-}
-
-fn labels(series: &[Series<'_>], names: &[String], y: &Axis, right_px: f64) -> Markup {
-    let ends = series.iter().map(|one| one.end_px(y) + 4.0).collect_vec();
-    let room = SIZE_PX[0] - right_px - 8.0;
-    let labels = names.iter().map(|name| svg::in_two_lines(name, room)).collect_vec();
-    let lines = labels.iter().map(Vec::len).max().unwrap_or(1) as f64;
-    let heights = vec![lines * LINE_PX + 1.0; ends.len()];
-    let bottom = BOTTOM_PX + 5.0 + LINE_PX;
-    let heights = svg::apart(&ends, &heights, [f64::NEG_INFINITY, bottom]);
-    let x = tenth(right_px + 6.0);
-    html! {
-        @for (label, height) in labels.iter().zip(heights) {
-            text.end x=(x) y=(height) {
-                @for (place, line) in label.iter().enumerate() {
-                    tspan x=(x) dy=(if place > 0 { LINE_PX } else { 0.0 }) { (line) }
-                }
-            }
-        }
-    }
-}
-
-/// A line's name at its end, behind the shape of its run where there are several.
-fn label(page: &Page<'_>, series: &Series<'_>) -> String {
-    if page.is_overlay() {
-        format!("{} {}", series.shape.symbol(), series.name)
-    } else {
-        series.name.clone()
     }
 }
 
@@ -448,7 +452,7 @@ mod tests {
                 let category = spec.over.is_some_and(|over| experiment.is_category(over));
                 let charts = charts(&page, id, &spec, !category);
                 for chart in charts.iter().filter(|_| category) {
-                    let html = figure(&page, &spec, chart).unwrap().into_string();
+                    let html = figure(&spec, chart).unwrap().into_string();
                     assert!(!html.contains("<polyline") && !html.contains("∝ x"), "{id}");
                 }
             }
@@ -462,6 +466,34 @@ mod tests {
         let figure = figures(&html, "Caustic photons")[0];
         let square = Shape::Square.path([0.0, 0.0]);
         assert!(figure.contains(square.split_once('h').unwrap().1), "{figure}");
+    }
+
+    #[test]
+    fn no_two_series_of_a_chart_share_colour_and_marker_or_a_name() {
+        let view = testing::view();
+        for page in [page(&[&view]), page(&[&view, &view]), page(&[&view; 4])] {
+            let mut several = 0;
+            for (id, experiment) in experiments(&page) {
+                for spec in specs(experiment) {
+                    for chart in charts(&page, id, &spec, true) {
+                        let looks = chart.series.iter().map(|one| (&one.color, one.marker));
+                        assert!(looks.clone().all_unique(), "{id}: {:?}", looks.collect_vec());
+                        assert!(chart.series.iter().map(|one| &one.name).all_unique(), "{id}");
+                        several += usize::from(chart.series.len() > 1);
+                    }
+                }
+            }
+            assert!(several > 20, "{several}");
+        }
+    }
+
+    #[test]
+    fn series_are_named_by_what_differs_between_them() {
+        let html = written(write, &fixtures::run());
+        let figure = figures(&html, "Marching against pixels")[0];
+        let names = figure.split("data-series=\"").skip(1).map(|rest| rest.split('"').next());
+        let names = names.flatten().collect_vec();
+        assert!(names.len() > 1 && names.iter().all_unique(), "{names:?}");
     }
 
     #[test]

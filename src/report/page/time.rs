@@ -104,7 +104,10 @@ fn bar(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
                 @let tip = format!("{}: {} ms, {}", stage.stage, format::stage_ms(stage), facts::share(share));
                 span.part.mark data-tip=(tip) title=(tip)
                     style={ "width:" (tenth(100.0 * stage.time.median / sum_ns)) "%;background:" (color.hex()) ";color:" (color.ink().hex()) } {
-                    span.part-name { (stage.stage) " " (three(stage.time.median / NS_PER_MS)) " ms" }
+                    span.part-name {
+                        span { (stage.stage) }
+                        span { (three(stage.time.median / NS_PER_MS)) " ms" }
+                    }
                 }
             }
         }

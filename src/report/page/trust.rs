@@ -8,6 +8,7 @@ use super::{Fold, Page, PageRun, PageSection};
 use crate::ReportView;
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
+use crate::noise::RunVerdict;
 use crate::svg::{chart, x_axis, y_axis};
 use crate::trust::{self, TimedSample};
 use fathom_base::statistics;
@@ -289,7 +290,12 @@ fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
         ul.facts {
             @for fact in trust::facts(view) { li { (fact.about) ": " (fact.words) "." } }
             @if view.timed().next().is_some() { li { (accounting(view)) } }
-            @if let Some(drift) = trust::drift(view) { li { (drift_words(&drift)) } }
+            @if let Some(drift) = RunVerdict::of(view).and_then(|verdict| verdict.drift) {
+                li {
+                    "Drift of frame times: " (drift.words()) ", n = " (drift.per_minute.n) " spans of time. Median slope over all pairs of "
+                    "spans (Sen 1968) of the median change of the cells that both have; spans of 10 s or more are taken for independent."
+                }
+            }
             li { (rejected(view)) }
             @if !costs.is_empty() { li { "Cost of a submission as the audit measured it: " (costs) "." } }
             @if let Some(set_up) = set_up(view) { li { (set_up) } }
@@ -318,19 +324,6 @@ fn accounting(view: &ReportView<'_>) -> String {
         "Stages + gaps against the frame: {} off in the median cell, {} at worst.",
         percent(statistics::median(&errors)),
         percent(worst)
-    )
-}
-
-fn drift_words(drift: &Estimate) -> String {
-    let in_percent = |slope: f64| format!("{:+.3}", 100.0 * slope);
-    let interval = drift.interval.map_or_else(String::new, |interval| {
-        format!(" ({} to {})", in_percent(interval.low), in_percent(interval.high))
-    });
-    format!(
-        "Drift of frame times while a cell was measured: {} % per minute{interval}, n = {} samples. Median slope over all pairs of samples \
-         of the same cell (Hirsch, Slack & Smith 1982), 95 % interval for independent samples (Gilbert 1987, section 17.4).",
-        in_percent(drift.median),
-        drift.n
     )
 }
 
@@ -392,9 +385,7 @@ mod tests {
             "Cost of timing (% of the untimed frame)",
             "Stages + gaps against the frame (%)",
             "Time since the first sample (min)",
-            "% per minute (",
             "Frames rejected: none",
-            "half width of the frame times",
             "set-up 21.0 s: pipelines 20.0 s, audit 1.00 s",
         ] {
             assert!(text.contains(expected), "{expected}");

@@ -10,9 +10,9 @@ use fathom_experiments::label_text;
 use fathom_experiments::schema::{Plot, Published};
 use fathom_record::Estimate;
 
-const BAR_PX: f64 = 20.0;
+const BAR_PX: f64 = 16.0;
 /// Between the bars of one value and those of the next.
-const SPACE_PX: f64 = 14.0;
+const SPACE_PX: f64 = 10.0;
 
 struct Bar {
     series: usize,
@@ -45,8 +45,9 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
         clusters.entry(label).or_default().push(bar);
     }
     let bars = || clusters.values().flatten();
+    let color_of = |index| style::color_of(index, series.len());
     let named = series.iter().enumerate().filter(|(_, name)| !name.is_empty());
-    let squares = named.map(|(index, name)| (Mark::Square(style::color(index)), name.clone()));
+    let squares = named.map(|(index, name)| (Mark::Square(color_of(index)), name.clone()));
     let published = bars().any(|bar| bar.published.is_some());
     let published = published.then(|| (Mark::Published, "published".to_owned()));
     let ends = bars().flat_map(|bar| [bar.value.ends()[1], bar.published.map_or(0.0, |p| p[1])]);
@@ -61,7 +62,7 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
         items.push(Item::Label(label.clone(), row - BAR_PX * bars.len() as f64 / 2.0));
         for bar in bars {
             row -= BAR_PX;
-            let color = of_stage.unwrap_or_else(|| style::color(bar.series));
+            let color = of_stage.unwrap_or_else(|| color_of(bar.series));
             items.extend(bar.items(row, color));
         }
         row -= SPACE_PX;
@@ -84,7 +85,7 @@ impl Bar {
         let published = self.published.into_iter().flatten();
         let published = published.map(|at| Item::Line([(at, row), (at, top)], 4));
         let n = self.n.map_or_else(String::new, |n| format!(", n = {n}"));
-        let bar = Item::Bar([(0.0, row + 2.0), (self.value.median, top - 2.0)], color);
+        let bar = Item::Bar([(0.0, row + 1.0), (self.value.median, top - 1.0)], color);
         let mut items = vec![bar, Item::Line([(low, middle), (high, middle)], 2)];
         items.extend(published);
         items.push(Item::Words(three(self.value.median) + &n, (high, middle), 6));

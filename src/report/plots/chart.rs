@@ -6,6 +6,7 @@ use plotters::prelude::*;
 
 use super::{Area, Drawn, Panel, WIDTH_PX, style};
 use crate::axis::{Scale, ScaleKind};
+use crate::svg::Marker;
 
 /// Axis below the bars, with its title.
 const AXIS_PX: u32 = 48;
@@ -128,8 +129,7 @@ impl Panel for BarChart {
 #[derive(Clone, Debug)]
 pub enum Mark {
     Square(RGBColor),
-    /// The marker of a series by its number.
-    Series(usize, RGBColor),
+    Series(Marker, RGBColor),
     /// The untimed frame.
     Diamond,
     /// Published times.
@@ -188,8 +188,13 @@ impl Mark {
             Mark::Square(color) => {
                 area.draw(&Rectangle::new([(x - 6, y - 6), (x + 6, y + 6)], color.filled()))
             }
-            Mark::Series(index, color) => {
-                area.draw(&Polygon::new(placed(&style::marker(*index)), color.filled()))
+            Mark::Series(marker, color) => {
+                let outline = placed(&style::marker(marker.shape));
+                if !marker.hollow {
+                    return area.draw(&Polygon::new(outline, color.filled()));
+                }
+                let closed = [outline.as_slice(), &outline[..1]].concat();
+                area.draw(&PathElement::new(closed, color.stroke_width(2)))
             }
             Mark::Diamond => area.draw(&Polygon::new(placed(&DIAMOND), style::INK.filled())),
             Mark::Published => {

@@ -12,6 +12,7 @@ use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
 use crate::axis::{Scale, ScaleKind};
 use crate::facts::exponent;
 use crate::series::{Figures, Point, Source};
+use crate::svg::Marker;
 use fathom_experiments::schema::{Plot, PlotKind, Published};
 use fathom_experiments::{Measure, groups, label_text};
 use fathom_record::Cell;
@@ -47,7 +48,7 @@ struct Series<'s> {
     /// What tells it from the others of its chart; may be empty where it is alone.
     name: String,
     color: RGBColor,
-    marker: usize,
+    marker: Marker,
     figures: Figures<'s>,
     input: &'s PlotInput<'s>,
 }
@@ -168,8 +169,16 @@ impl<'s> Chart<'s> {
         let x = plot.x.as_ref()?;
         let several = together && plot.y.len() > 1;
         let series = parts.iter().map(|part| Series::new(plot, x, part, several, input));
-        let series: Vec<Series<'_>> =
+        let mut series: Vec<Series<'_>> =
             series.filter(|series| !series.figures.points.is_empty()).collect();
+        // What would hide another is drawn once, under both names.
+        for hidden in (1..series.len()).rev() {
+            let same = |other: &Series<'_>| other.figures.coincides(&series[hidden].figures);
+            if let Some(place) = series[..hidden].iter().position(same) {
+                let name = series.remove(hidden).name;
+                series[place].name += &format!("; {name}");
+            }
+        }
         let first = parts.first()?;
         Some(Chart {
             title: match plot.y.len() {
@@ -193,7 +202,7 @@ impl<'s> Chart<'s> {
 }
 
 impl<'s> Series<'s> {
-    /// `several`: its chart has several measures, which are told apart by colours. Groups of one measure have those of the palette.
+    /// `several`: its chart has several measures. A stage has its colour; else measures, or groups of one, have those of the palette.
     fn new(
         plot: &'s Plot,
         x: &'s Measure,
@@ -211,12 +220,12 @@ impl<'s> Series<'s> {
         let group = Some(part.group.clone()).filter(|group| !group.is_empty());
         Series {
             name: name.into_iter().chain(group).join(", "),
-            color: match y.stage_name() {
-                Some(stage) if is_named => style::of_stage(input.colors.of(&stage)),
+            color: match y.stage_name().filter(|stage| input.colors.has(stage)) {
+                Some(stage) => style::of_stage(input.colors.of(&stage)),
                 _ if several => style::color(place),
                 _ => style::color(group_place),
             },
-            marker: if several { place * groups + group_place } else { group_place },
+            marker: Marker::of(if several { place * groups + group_place } else { group_place }),
             figures: Source { x, y, factors, joined, fitted }.read(&part.cells),
             input,
         }

@@ -3,10 +3,12 @@
 use std::collections::HashMap;
 
 use indexmap::IndexSet;
+use itertools::Itertools;
 use plotters::prelude::*;
 use serde_json::Value;
 
 use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
+use crate::axis::{Scale, ScaleKind};
 use crate::format::three;
 use fathom_experiments::label_text;
 use fathom_experiments::schema::{Experiment, Plot};
@@ -28,6 +30,8 @@ pub struct Map {
     columns: Side,
     rows: Side,
     maps: Vec<Grid>,
+    /// Of the colours of all maps, so that a colour is one value throughout.
+    scale: Scale,
 }
 
 /// What runs along a side of the maps.
@@ -40,8 +44,6 @@ struct Side {
 struct Grid {
     title: String,
     fields: Vec<Vec<Option<f64>>>,
-    /// Smallest and largest value, the ends of its colours: a map of large values takes no colours from the others.
-    range: (f64, f64),
 }
 
 impl Map {
@@ -83,11 +85,12 @@ impl Map {
                 let columns = columns.labels.iter();
                 columns.map(|column| field(&panel, row, column)).collect()
             });
-            Grid::new(title(plot, experiment, &panel), fields.collect())
+            Grid { title: title(plot, experiment, &panel), fields: fields.collect() }
         };
-        let maps: Vec<Grid> = panels.into_iter().filter_map(grid).collect();
+        let maps: Vec<Grid> = panels.into_iter().map(grid).filter(Grid::has_a_value).collect();
         let shows = names::y_title(plot, Some(y));
-        Ok((!maps.is_empty()).then_some(Map { shows, columns, rows, maps }))
+        let scale = scale(values.values().copied());
+        Ok(scale.map(|scale| Map { shows, columns, rows, maps, scale }))
     }
 
     fn map_px(&self) -> (i32, i32) {
@@ -119,7 +122,7 @@ impl Map {
             let middle = upper + FIELD_PX.1 / 2;
             write(&label_text(row), &style::ending(style::label()), (left - 8, middle))?;
             for (index, field) in fields.iter().enumerate() {
-                field_of(area, map, *field, (left + index as i32 * FIELD_PX.0, upper))?;
+                field_of(area, &self.scale, *field, (left + index as i32 * FIELD_PX.0, upper))?;
             }
         }
         Ok(())
@@ -127,8 +130,10 @@ impl Map {
 }
 
 /// A coloured field with its number.
-fn field_of(area: &Area<'_>, map: &Grid, value: Option<f64>, (x, y): (i32, i32)) -> Drawn {
-    let color = value.map_or(style::GAPS, |value| style::shade(map.share(value)));
+fn field_of(area: &Area<'_>, scale: &Scale, value: Option<f64>, (x, y): (i32, i32)) -> Drawn {
+    // Of a single value all shares are 0.
+    let share = |value| scale.at(value).map(|at| scale.share(at).max(0.0));
+    let color = value.and_then(share).map_or(style::GAPS, style::shade);
     let corners = [(x + 1, y + 1), (x + FIELD_PX.0 - 1, y + FIELD_PX.1 - 1)];
     area.draw(&Rectangle::new(corners, color.filled()))?;
     let number = value.map_or_else(|| "–".to_owned(), three);
@@ -138,18 +143,22 @@ fn field_of(area: &Area<'_>, map: &Grid, value: Option<f64>, (x, y): (i32, i32))
 }
 
 impl Grid {
-    /// None where it has no value.
-    fn new(title: String, fields: Vec<Vec<Option<f64>>>) -> Option<Grid> {
-        let all = || fields.iter().flatten().flatten().copied();
-        let range = (all().reduce(f64::min)?, all().reduce(f64::max)?);
-        Some(Grid { title, fields, range })
+    fn has_a_value(&self) -> bool {
+        self.fields.iter().flatten().any(Option::is_some)
     }
+}
 
-    /// Place of a value on the map's colours, 0 … 1.
-    fn share(&self, value: f64) -> f64 {
-        let (low, high) = self.range;
-        if high > low { (value - low) / (high - low) } else { 0.0 }
-    }
+/// Values above it over the smallest need a logarithm, so that small ones differ in colour, too.
+const LOG_ABOVE: f64 = 10.0;
+
+/// From the smallest to the largest value; none where there is no value.
+fn scale(values: impl Iterator<Item = f64>) -> Option<Scale> {
+    let (low, high) = values.minmax().into_option()?;
+    let kind = match low > 0.0 && high > LOG_ABOVE * low {
+        true => ScaleKind::Log,
+        false => ScaleKind::Linear,
+    };
+    Scale::spanning(kind, [low, high])
 }
 
 impl Panel for Map {
@@ -159,10 +168,10 @@ impl Panel for Map {
     }
 
     fn draw(&self, area: &Area<'_>) -> Drawn {
-        let of = if self.maps.len() > 1 { "each map's" } else { "the" };
         let line = format!(
-            "{}. Colours run linearly from {of} smallest value (dark) to its largest (light).",
-            self.shows
+            "{}. Colours run from the smallest value (dark) to the largest (light), {}.",
+            self.shows,
+            self.scale.kind.name()
         );
         area.draw_text(&line, &style::small(), (16, 4))?;
         let (width, height) = self.map_px();

@@ -20,6 +20,7 @@ use plotters::prelude::*;
 
 use self::{lines::Lines, map::Map};
 use super::colors::StageColors;
+use super::page::Tone;
 use super::{Artifact, Exporter, OfRun, ReportView, RunExporter, Section, Written};
 use fathom_base::text;
 use fathom_experiments as experiments;
@@ -90,16 +91,9 @@ impl<'s> PlotInput<'s> {
 /// A panel with its title and what is said below it.
 struct Framed<'s> {
     title: &'s str,
-    lines: Vec<Line>,
+    /// Lines of small type.
+    lines: Vec<String>,
     body: Box<dyn Panel + 's>,
-}
-
-/// A line of small type.
-struct Line {
-    /// Of the verdict that begins here.
-    dot: Option<RGBColor>,
-    x: i32,
-    text: String,
 }
 
 /// The plots of an experiment.
@@ -184,12 +178,9 @@ impl<'s> Framed<'s> {
 
     fn draw(&self, area: &Area<'_>) -> Drawn {
         area.draw_text(self.title, &style::heading(), (16, 8))?;
-        for (row, Line { dot, x, text }) in (0..).zip(&self.lines) {
+        for (row, line) in (0..).zip(&self.lines) {
             let y = (HEADING_PX + 6 + row * LINE_PX) as i32;
-            if let Some(color) = dot {
-                area.draw(&Circle::new((22, y), 5, color.filled()))?;
-            }
-            area.draw_text(text, &style::starting(style::small()), (*x, y))?;
+            area.draw_text(line, &style::starting(style::small()), (16, y))?;
         }
         let (_, body) = area.split_vertically(self.head_px());
         self.body.draw(&body)
@@ -213,7 +204,7 @@ fn body<'s>(
 }
 
 /// The rulings on the claims about what a plot shows: the same measure, along an axis that its cells have.
-fn verdicts(plot: &Plot, input: &PlotInput<'_>, section: &Section<'_>) -> Vec<Line> {
+fn verdicts(plot: &Plot, input: &PlotInput<'_>, section: &Section<'_>) -> Vec<String> {
     let frame = [Measure::frame()];
     let shown = if plot.kind == PlotKind::Stacked { &frame } else { plot.y.as_slice() };
     let has_axis = |axis: &str| input.cells.iter().any(|cell| cell.axes.contains_key(axis));
@@ -222,16 +213,14 @@ fn verdicts(plot: &Plot, input: &PlotInput<'_>, section: &Section<'_>) -> Vec<Li
         shown.contains(claim.test.y()) && claim.test.over().is_none_or(has_axis)
     });
     let lines = about.flat_map(|(_, ruling)| {
-        let told = style::wrap(&format!("{}: {}", ruling.verdict, ruling.text), LINE_CHARACTERS);
-        let dots = std::iter::once(Some(style::of_verdict(ruling.verdict)));
-        let dots = dots.chain(std::iter::repeat(None));
-        told.into_iter().zip(dots).map(|(text, dot)| Line { dot, x: 34, text })
+        let mark = Tone::of(ruling.verdict).mark();
+        style::wrap(&format!("{mark} {}: {}", ruling.verdict, ruling.text), LINE_CHARACTERS)
     });
     lines.collect()
 }
 
 /// Published figures of the sizes shown, in words: all figures, then the hardware.
-fn published(plot: &Plot, input: &PlotInput<'_>) -> Vec<Line> {
+fn published(plot: &Plot, input: &PlotInput<'_>) -> Vec<String> {
     let of_frames = plot.kind == PlotKind::Stacked || plot.y.contains(&Measure::frame());
     let cells = input.cells.iter().filter(|cell| of_frames && cell.measured().is_some());
     let published: Vec<&Published> =
@@ -246,8 +235,7 @@ fn published(plot: &Plot, input: &PlotInput<'_>) -> Vec<Line> {
     if input.software {
         line += " Not drawn: a software driver's times are not comparable.";
     }
-    let told = style::wrap(&line, LINE_CHARACTERS).into_iter();
-    told.map(|text| Line { dot: None, x: 16, text }).collect()
+    style::wrap(&line, LINE_CHARACTERS)
 }
 
 /// Lines below the title: where and from what the figures are, and what all cells share.
@@ -365,9 +353,9 @@ mod tests {
         }
     }
 
-    /// Places of the series' lines that join points: half transparent.
+    /// Lines of a series that join points.
     fn joins(svg: &str) -> usize {
-        svg.matches("opacity=\"0.45\"").count()
+        svg.matches("opacity=\"0.8\"").count()
     }
 
     #[test]
@@ -508,10 +496,10 @@ mod tests {
     }
 
     #[test]
-    fn a_map_of_large_values_takes_no_colours_from_the_others() {
+    fn maps_of_a_plot_have_one_scale() {
         let svg = svgs(&mapped()).remove("own.svg").unwrap();
-        // The lightest colour, once in each map.
-        assert_eq!(svg.matches("#FDE725").count(), 2);
+        // The lightest colour, of the largest value of all maps.
+        assert_eq!(svg.matches("#FDE725").count(), 1);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! A roofline per pipeline: what its stages attained, below the adapter's measured limits. Williams, Waterman & Patterson, *Roofline:
 //! An Insightful Visual Performance Model for Multicore Architectures*, CACM 52 (2009).
 
+use itertools::Itertools;
 use plotters::prelude::*;
 
 use super::chart::mesh;
@@ -26,8 +27,10 @@ const NOTES_PX: u32 = 76;
 /// Characters of 12-px type in a line.
 const NOTE_CHARACTERS: usize = 130;
 const LINE_PX: i32 = 17;
-/// Boxes of labels: a line of 13-px type.
-const LABEL_PX: (i32, i32) = (7, 16);
+/// Boxes of labels: room beside a line, and its height.
+const LABEL_PX: (i32, i32) = (6, 16);
+/// Between the places of a line that labels must not cover.
+const LINE_STEP_PX: i32 = 4;
 
 fn export(view: &ReportView<'_>) -> Vec<Artifact> {
     let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
@@ -92,11 +95,17 @@ impl<'r> Chart<'r> {
         for point in &self.roofline.points {
             canvas.keep_free(self.at(point));
         }
-        for (kind, roof) in &self.roofline.roofs {
-            self.flat(&mut canvas, *kind, roof)?;
+        // The highest first, whose name goes above the others' lines.
+        let roofs = self.roofline.roofs.iter();
+        let roofs = roofs.sorted_by(|a, b| b.1.rate.median.total_cmp(&a.1.rate.median));
+        let flat = roofs.filter_map(|(kind, roof)| self.flat(*kind, roof));
+        let slopes = self.roofline.memory.iter().filter_map(|memory| self.slope(memory));
+        let roofs: Vec<Roof> = flat.chain(slopes).collect();
+        for roof in &roofs {
+            canvas.line(roof.ends)?;
         }
-        for memory in &self.roofline.memory {
-            self.slope(&mut canvas, memory)?;
+        for roof in roofs {
+            canvas.write(&roof.name, roof.named_at, roof.side)?;
         }
         for point in &self.roofline.points {
             canvas.point(self.at(point), point, style::of_stage(colors.of(point.stage)))?;
@@ -110,32 +119,27 @@ impl<'r> Chart<'r> {
     }
 
     /// The highest rate of a kind of items, to the right of where memory bounds it.
-    fn flat(&self, canvas: &mut Canvas<'_, '_>, kind: Bounded, roof: &Ceiling) -> Drawn {
-        let Some(y) = self.y.at(roof.rate.median) else { return Ok(()) };
+    fn flat(&self, kind: Bounded, roof: &Ceiling) -> Option<Roof> {
+        let y = self.y.at(roof.rate.median)?;
         let fastest = self.roofline.memory.iter().map(|memory| memory.rate.median);
         let ridge = self.x.at(roof.rate.median / fastest.fold(f64::NAN, f64::max));
         let start = ridge.map_or(self.x.low, |x| x.max(self.x.low));
-        canvas.line([(start, y), (self.x.high, y)])?;
-        canvas.keep_line_free([(start, y), (self.x.high, y)]);
-        let rate = format::si(roof.rate.median);
-        canvas.write(&format!("{}: {rate}/s", kind.name()), (self.x.high, y), Side::AboveLeft)
+        let ends = [(start, y), (self.x.high, y)];
+        let name = format!("{}: {}/s", kind.name(), format::si(roof.rate.median));
+        Some(Roof { ends, name, named_at: ends[1], side: Side::AboveLeft })
     }
 
     /// Bytes per second times items per byte.
-    fn slope(&self, canvas: &mut Canvas<'_, '_>, memory: &Ceiling) -> Drawn {
+    fn slope(&self, memory: &Ceiling) -> Option<Roof> {
         let rate = memory.rate.median.log10();
         let highest =
             self.roofline.roofs.iter().filter_map(|(_, roof)| self.y.at(roof.rate.median));
         let top = highest.fold(self.y.low, f64::max);
         let start = self.x.low.max(self.y.low - rate);
         let end = self.x.high.min(top - rate);
-        if end <= start {
-            return Ok(());
-        }
-        canvas.line([(start, start + rate), (end, end + rate)])?;
-        let set = memory.limit.name();
-        let name = format!("{set}: {}B/s", format::si(memory.rate.median));
-        canvas.write(&name, (start, start + rate), Side::Right)
+        let ends = [start, end].map(|x| (x, x + rate));
+        let name = format!("{}: {}B/s", memory.limit.name(), format::si(memory.rate.median));
+        (end > start).then_some(Roof { ends, name, named_at: ends[0], side: Side::Right })
     }
 
     fn notes(&self, area: &Area<'_>) -> Drawn {
@@ -156,6 +160,14 @@ impl<'r> Chart<'r> {
     }
 }
 
+/// A limit as it is drawn.
+struct Roof {
+    ends: [(f64, f64); 2],
+    name: String,
+    named_at: (f64, f64),
+    side: Side,
+}
+
 /// Where a label lies beside its anchor.
 #[derive(Clone, Copy)]
 enum Side {
@@ -173,19 +185,19 @@ struct Canvas<'a, 'b> {
 }
 
 impl Canvas<'_, '_> {
-    fn line(&self, ends: [(f64, f64); 2]) -> Drawn {
+    /// A roof, which no label may cover.
+    fn line(&mut self, ends: [(f64, f64); 2]) -> Drawn {
+        let [(left, from), (right, to)] = ends.map(|end| self.area.map_coordinate(&end));
+        let steps = (right - left).abs().max((to - from).abs()) / LINE_STEP_PX + 1;
+        let along = |from: i32, to: i32, step: i32| from + (to - from) * step / steps;
+        let places = (0..=steps).map(|step| [along(left, right, step), along(from, to, step)]);
+        self.labels.extend(places.map(|[x, y]| [x - 3, y - 2, x + 3, y + 2]));
         self.area.draw(&PathElement::new(ends.to_vec(), style::INK.stroke_width(2)))
     }
 
     fn keep_free(&mut self, at: (f64, f64)) {
         let (x, y) = self.area.map_coordinate(&at);
         self.labels.push([x - 6, y - 6, x + 6, y + 6]);
-    }
-
-    /// Of a horizontal line.
-    fn keep_line_free(&mut self, ends: [(f64, f64); 2]) {
-        let [(left, y), (right, _)] = ends.map(|end| self.area.map_coordinate(&end));
-        self.labels.push([left, y - 1, right, y + 1]);
     }
 
     fn point(&mut self, at: (f64, f64), point: &RoofPoint<'_>, color: RGBColor) -> Drawn {
@@ -197,7 +209,7 @@ impl Canvas<'_, '_> {
     /// Writes a line beside its anchor: at the nearest place that covers nothing, else at the first.
     fn write(&mut self, line: &str, at: (f64, f64), side: Side) -> Drawn {
         let anchor = self.area.map_coordinate(&at);
-        let size = (LABEL_PX.0 * line.chars().count() as i32, LABEL_PX.1);
+        let size = (style::width_px(line, style::LABEL_PX) as i32 + LABEL_PX.0, LABEL_PX.1);
         let places: Vec<Box> = places(anchor, size, side).collect();
         let (xs, ys) = self.area.get_pixel_range();
         let free = |place: &&Box| {
@@ -213,13 +225,19 @@ impl Canvas<'_, '_> {
         self.labels.push(place);
         let shift = (place[0] - anchor.0, place[1] + size.1 / 2 - anchor.1);
         let text = Text::new(line.to_owned(), shift, style::starting(style::label()));
-        self.area.draw(&(EmptyElement::at(at) + text))
+        self.area.draw(&(EmptyElement::at(at) + text))?;
+        let [left, _, right, _] = place.map(|edge| edge - anchor.0);
+        // A label that is far from its point is joined to it.
+        let leader = vec![(0, 0), (if left >= 0 { left - 2 } else { right + 2 }, shift.1)];
+        let is_far = shift.1.abs() > size.1;
+        let leader = PathElement::new(leader, style::FAINT.stroke_width(1));
+        if is_far { self.area.draw(&(EmptyElement::at(at) + leader)) } else { Ok(()) }
     }
 }
 
 /// Places of a label of this size, the nearest first.
 fn places(anchor: (i32, i32), size: (i32, i32), side: Side) -> impl Iterator<Item = Box> {
-    const FARTHEST_ROW: i32 = 8;
+    const FARTHEST_ROW: i32 = 24;
     let (x, y) = anchor;
     let (right, left) = (x + 10, x - 10 - size.0);
     let columns = match side {

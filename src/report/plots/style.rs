@@ -5,18 +5,17 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::colors::Color as StageColor;
-use fathom_experiments::Verdict;
+use crate::svg::Shape;
 
-/// Colours that are told apart with any colour vision (Okabe & Ito, *Color Universal Design* (2008)); yellow last, as
-/// it is faint on white.
-const PALETTE: [RGBColor; 7] = [
+/// Colours that are told apart with any colour vision (Okabe & Ito, *Color Universal Design* (2008)), without the yellow, which is
+/// faint on white.
+const PALETTE: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(86, 180, 233),
     RGBColor(230, 159, 0),
-    RGBColor(240, 228, 66),
 ];
 
 pub const INK: RGBColor = RGBColor(34, 34, 34);
@@ -33,12 +32,13 @@ pub const BAND: RGBColor = RGBColor(222, 238, 228);
 /// Class of the root element, which the style sheet is confined to.
 const CLASS: &str = "fathom-plot";
 /// Colours of a light page and what stands for them on a dark one. They come from nothing but this module's constants.
-const DARK: [(RGBColor, &str); 5] = [
+const DARK: [(RGBColor, &str); 6] = [
     (WHITE, "#14171a"),
     (INK, "#e8e8e8"),
     (FAINT, "#a8adb3"),
     (GRID, "#363b41"),
     (BAND, "#20382b"),
+    (PALETTE[0], "#3d9be0"),
 ];
 
 /// The picture with a style sheet that replaces ink, grid and background where a dark page is asked for. Several pictures may
@@ -62,16 +62,6 @@ fn rule(light: RGBColor, dark: &str) -> String {
 
 pub fn of_stage(color: StageColor) -> RGBColor {
     RGBColor(color.0, color.1, color.2)
-}
-
-/// Told apart by the word beside it, too.
-pub fn of_verdict(verdict: Verdict) -> RGBColor {
-    match verdict {
-        Verdict::Supported => RGBColor(0, 150, 105),
-        Verdict::Contradicted => RGBColor(213, 94, 0),
-        Verdict::Inconclusive => RGBColor(140, 120, 200),
-        Verdict::NotRun => REST,
-    }
 }
 
 /// Width of a character over the size of type: no font is at hand, and common sans-serif ones are narrower.
@@ -99,8 +89,14 @@ pub fn cut(line: &str, most: usize) -> String {
 pub const LABEL_PX: u32 = 13;
 pub const SMALL_PX: u32 = 12;
 
+/// Of a series by its number.
 pub fn color(index: usize) -> RGBColor {
     PALETTE[index % PALETTE.len()]
+}
+
+/// Of one of so many series that nothing but colour tells apart.
+pub fn color_of(index: usize, count: usize) -> RGBColor {
+    if count <= PALETTE.len() { color(index) } else { shade(index as f64 / (count - 1) as f64) }
 }
 
 /// The backend divides a font's size by this to write the size in pixels of the em square (plotters 0.3, `svg.rs`).
@@ -180,13 +176,15 @@ pub fn wrap(line: &str, limit: usize) -> Vec<String> {
 }
 
 /// Outline of the marker of a series, as offsets in pixels from the point: shapes tell series apart without colour.
-pub fn marker(index: usize) -> Vec<(i32, i32)> {
-    match index % 6 {
-        0 => vec![(5, 2), (2, 5), (-2, 5), (-5, 2), (-5, -2), (-2, -5), (2, -5), (5, -2)],
-        1 => vec![(-4, -4), (4, -4), (4, 4), (-4, 4)],
-        2 => vec![(0, -6), (5, 4), (-5, 4)],
-        3 => vec![(0, -6), (6, 0), (0, 6), (-6, 0)],
-        4 => vec![(0, 6), (5, -4), (-5, -4)],
-        _ => vec![(-2, -6), (2, -6), (2, 6), (-2, 6)],
+pub fn marker(shape: Shape) -> Vec<(i32, i32)> {
+    match shape {
+        Shape::Circle => {
+            vec![(5, 2), (2, 5), (-2, 5), (-5, 2), (-5, -2), (-2, -5), (2, -5), (5, -2)]
+        }
+        Shape::Square => vec![(-4, -4), (4, -4), (4, 4), (-4, 4)],
+        Shape::Triangle => vec![(0, -6), (5, 4), (-5, 4)],
+        Shape::Diamond => vec![(0, -6), (6, 0), (0, 6), (-6, 0)],
+        Shape::Hanging => vec![(0, 6), (5, -4), (-5, -4)],
+        Shape::Upright => vec![(-2, -6), (2, -6), (2, 6), (-2, 6)],
     }
 }

@@ -7,6 +7,7 @@ use itertools::Itertools;
 
 use super::super::facts::{self, SlowStage};
 use super::super::format::Table;
+use super::super::noise::RunVerdict;
 use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
 use fathom_base::text;
@@ -27,6 +28,10 @@ pub fn write(view: &ReportView<'_>, text: &mut String) {
         *text += "> **Software driver.** Absolute times and frame rates say little about a GPU; ratios, \
                   exponents and shares are what to read.\n\n";
     }
+    for line in RunVerdict::of(view).iter().flat_map(RunVerdict::lines) {
+        let _ = writeln!(text, "- {}", text::markdown(&line));
+    }
+    text.push('\n');
     let mut table = Table::new(["", ""]);
     device(run, &mut table);
     results(view, &mut table);
@@ -57,14 +62,17 @@ fn device(run: &Run, table: &mut Table) {
     table.row([
         "run".to_owned(),
         format!(
-            "{}fathom {}, profile {}, shaders {}, started {}",
+            "{}{}, profile {}, shaders {}, started {}",
             run.shard.as_ref().map_or_else(String::new, |shard| format!("shard {}, ", shard.part)),
-            run.fathom_version,
+            facts::program(run),
             run.profile,
             run.shader_checks,
             run.started_at
         ),
     ]);
+    if let Some(machine) = &run.conditions.machine {
+        table.row(["machine", &facts::machine(machine)]);
+    }
     let command = text::code(&run.command.join(" "));
     table.row_of_markdown(["command".to_owned(), command.replace('|', "\\|")]);
 }

@@ -1,10 +1,14 @@
 //! `fathom export`, `fathom schema` and `fathom list exporters` as a user meets them.
 
-use crate::common::{Ends, Place, fathom, holds, names, own_cell, skipped_cell, write_records};
+use crate::common::{
+    Ends, Place, fathom, holds, names, own_cell, records, reference_of, skipped_cell, write_records,
+};
+use fathom::experiments::Experiment;
 use fathom::record::comparison::Compared;
 use fathom::record::schema::LineKind;
 use fathom::record::{
-    Clock, FrameRecord, Measured, Outcome, Record, Run, SCHEMA, StageRecord, Work,
+    Cell, Clock, Definition, FrameRecord, Measured, Note, NoteKind, Outcome, Record, Run, SCHEMA,
+    StageRecord, Work,
 };
 use fathom::statistics::estimate;
 use serde_json::{Value, json};
@@ -140,7 +144,9 @@ fn what_cannot_be_exported_is_one_clear_line() {
 #[test]
 fn exporters_and_schemas_are_told() {
     let listed = fathom("list exporters").answer();
-    for format in ["csv", "plots", "junit", "bencher", "github-action-benchmark", "chrome-trace"] {
+    for format in
+        ["csv", "plots", "junit", "bencher", "github-action-benchmark", "chrome-trace", "public"]
+    {
         assert!(listed.lines().any(|line| line.trim_start().starts_with(format)), "{format}");
     }
     for (words, kind) in [("schema", LineKind::Record), ("schema sample", LineKind::Sample)] {
@@ -148,4 +154,88 @@ fn exporters_and_schemas_are_told() {
     }
     let wrong = fathom("schema records").refused("error: invalid value 'records'");
     holds(&wrong, &["record, sample"]);
+}
+
+/// Of two experiments, with their times and pictures, beside a picture of `own`. What only the machine or the user told is in
+/// capitals.
+fn private_run() -> Place {
+    let place = Place::new();
+    let mut records = reference_of("uw-default");
+    records.extend(reference_of("vao-guard").into_iter().filter(|r| r.try_as_run_ref().is_none()));
+    for definition in records.iter_mut().filter_map(Record::try_as_experiment_mut) {
+        definition.toml = Experiment::load(&definition.id).unwrap().text;
+    }
+    let Record::Run(run) = &mut records[0] else { panic!() };
+    run.conditions.host = Some("HOST".into());
+    run.command = ["/home/JO/fathom", "run", "--out", "SECRET", "--set=water.noise=0"]
+        .map(str::to_owned)
+        .to_vec();
+    run.notes.push(Note::new(NoteKind::Adapter, "see"));
+    run.notes.last_mut().unwrap().text = "see /home/JO/x.obj".into();
+    let toml = "id = \"own\"\ntitle = \"TITLE\"".to_owned();
+    records.push(Record::Experiment(Definition { id: "own".into(), toml }));
+    records.push(Record::Cell(Box::new(Cell {
+        stand_ins: vec!["SECRET".into()],
+        ..own_cell("n=PRIVATE", Outcome::Measured(Box::new(measured())))
+    })));
+    records.push(Record::Cell(Box::new(Cell {
+        scene: "SCENE.toml".into(),
+        ..records.iter().find_map(Record::try_as_cell_ref).unwrap().as_ref().clone()
+    })));
+    write_records(&place.path("run"), &records);
+    let mut pictures = records.iter().filter_map(Record::try_as_cell_ref);
+    let picture = pictures.find_map(|cell| cell.measured()?.pictures.first()).unwrap();
+    place.write(format!("run/{}", picture.path), "picture");
+    place
+}
+
+const PRIVATE: [&str; 8] =
+    ["HOST", "JO", "SECRET", "TITLE", "PRIVATE", "SCENE", "/home", "machine-0"];
+
+/// The claims of built-in experiments in a folder's summary.
+fn claims(place: &Place, folder: &str) -> Vec<String> {
+    let junit: String = exported(place, &format!("junit {folder}"));
+    let of_claim = |line: &&str| line.contains("classname=\"uw-default\"") || line.contains("vao-");
+    junit.lines().filter(of_claim).map(str::to_owned).collect()
+}
+
+#[test]
+fn a_public_copy_says_the_same_and_nothing_private() {
+    let place = private_run();
+    let told = place.fathom("export public run -o copies/full --samples").ends(0);
+    holds(&told.err, &["2 cells are left out", "--own"]);
+    let full = place.read("copies/full/records.jsonl");
+    for private in PRIVATE {
+        assert!(!full.contains(private), "{private}");
+    }
+    holds(&full, &["machine-1", "\"command\":[\"fathom\",\"run\",\"--set=water.noise=0\"]"]);
+    assert_eq!(names(&place.path("copies/full/renders")).len(), 1);
+    let original = claims(&place, "run");
+    assert!(original.iter().any(|line| line.contains("vao-guard")));
+    assert_eq!(claims(&place, "copies/full"), original);
+
+    place.fathom("export public run -o copies/small").ends(0);
+    let small = place.read("copies/small/records.jsonl");
+    assert!(small.len() < full.len());
+    let cells = records(&place.path("copies/small"));
+    let mut measured =
+        cells.iter().filter_map(Record::try_as_cell_ref).filter_map(|c| c.measured());
+    assert!(measured.all(|m| !m.is_timed() && m.stages.iter().all(|s| s.samples_ns.is_empty())));
+    holds(&place.read("copies/small/summary.md"), &["raw samples are left out"]);
+}
+
+#[test]
+fn a_public_copy_keeps_what_is_asked_for_and_replaces_nothing() {
+    let place = private_run();
+    place.fathom("export public run -o all --own").ends(0);
+    let all = place.read("all/records.jsonl");
+    holds(&all, &["TITLE", "n=PRIVATE", "SCENE.toml"]);
+    assert!(!all.contains("HOST") && !all.contains("/home"), "{all}");
+    place.fathom("export public run -o all").refused("all is there already");
+    place.fathom("export public run").refused("name it with -o DIR");
+    place.fathom("export public run -o x --frame 1").refused("do not apply to `public`");
+    place.fathom("export csv run --own").refused("apply to `public` alone");
+    write_records(&place.path("own"), &[skipped_cell("n=1")]);
+    place.fathom("export public own -o none").refused("nothing else is there");
+    assert!(!place.path("none").exists());
 }

@@ -2,6 +2,7 @@
 //! names. Without Chromium these tests say that they were skipped.
 
 mod browser;
+mod charts;
 
 use std::path::{Path, PathBuf};
 
@@ -57,6 +58,7 @@ fn the_page_of_the_reference_run() {
         values_are_shown_under_the_pointer_and_by_the_arrow_keys(browser, &page);
         print_shows_everything_but_the_controls(browser, &page);
         axe_finds_no_serious_fault(browser, &page);
+        charts::can_be_read(browser, &page);
     });
 }
 

@@ -130,7 +130,8 @@ impl Canvas<'_, '_> {
         let Figures { points, joined, .. } = &series.figures;
         for (a, b) in points.iter().tuple_windows().filter(|_| *joined) {
             let ends = [a, b].map(|point| self.at(point.x, point.y.median));
-            self.line(ends, series.color.mix(0.45).stroke_width(1))?;
+            let width_px = if series.figures.fitted().is_some() { 1 } else { 2 };
+            self.line(ends, series.color.mix(0.8).stroke_width(width_px))?;
         }
         if let Some(fit) = series.figures.fitted() {
             self.fit(series.figures.ends_of(fit), series.color)?;
@@ -150,8 +151,9 @@ impl Canvas<'_, '_> {
             }
         }
         let Some(at) = self.at(point.x, point.y.median) else { return Ok(()) };
-        let shape = EmptyElement::at(at) + Polygon::new(style::marker(marker), color.filled());
-        self.area.draw(&shape)?;
+        let (area, (x, y)) = (self.area.strip_coord_spec(), self.area.map_coordinate(&at));
+        let (x0, y0) = area.get_base_pixel();
+        Mark::Series(marker, color).draw(&area, (x - x0, y - y0))?;
         if let Some(name) = self.chart.category_of(point).filter(|_| self.chart.is_uppermost(point))
         {
             let above = Text::new(label_text(name), (0, -15), style::centered(style::small()));

@@ -1,0 +1,375 @@
+//! What changed from one run to another: what `fathom report A B`, the page of two runs, and `fathom compare` of two files of
+//! records tell. Exact figures are those of the exact gate; [`times`] has the rule for times.
+
+mod cells;
+mod claims;
+mod times;
+
+use indexmap::IndexMap;
+use itertools::Itertools;
+use maud::{Markup, html};
+
+use crate::adapters::AdapterRelation;
+use crate::exact::{Difference, DifferenceScope, FigureKind};
+use crate::files::{self, FilesError, RunFile};
+use crate::store::StoredComparison;
+use crate::tables::rows;
+use crate::verdict::Verdicts;
+use cells::{Cells, Told};
+use claims::ClaimChange;
+use fathom_base::text;
+use fathom_record::comparison::{CellId, Gate, GateSettings, Side};
+use fathom_record::{Adapter, Cell, Record, Run};
+use fathom_report::format::{NS_PER_MS, interval, three};
+use fathom_report::noise::{Noise, RunVerdict};
+use fathom_report::page::parts::{table, words};
+use fathom_report::{ReportView, facts, run_conditions};
+use times::{Common, StageChange, TimeChange, Times};
+
+/// Rows of a block; the rest is counted.
+const MOST_ROWS: usize = 8;
+/// Names that stand in one row.
+const MOST_NAMED: usize = 3;
+
+/// What there is to say, the most important first.
+pub struct Changes {
+    /// What was judged, and what cannot be.
+    pub headline: String,
+    /// Why the runs are hard to compare.
+    pub doubts: Vec<String>,
+    pub blocks: Vec<Block>,
+}
+
+/// A table with words above it.
+pub struct Block {
+    pub title: &'static str,
+    pub lead: Vec<String>,
+    heads: [&'static str; 4],
+    pub rows: Vec<[String; 4]>,
+    /// Rows that are left out.
+    pub more: usize,
+}
+
+impl Block {
+    fn new(
+        title: &'static str,
+        heads: [&'static str; 4],
+        rows: impl IntoIterator<Item = [String; 4]>,
+    ) -> Self {
+        let mut rows = rows.into_iter().collect_vec();
+        let more = rows.len().saturating_sub(MOST_ROWS);
+        rows.truncate(MOST_ROWS);
+        Self { title, lead: Vec::new(), heads, rows, more }
+    }
+
+    fn led_by(self, lead: Vec<String>) -> Self {
+        Self { lead, ..self }
+    }
+
+    fn more(&self) -> Option<String> {
+        (self.more > 0).then(|| format!("… and {} more", self.more))
+    }
+}
+
+impl Changes {
+    /// From the files alone.
+    pub fn of_files([base, head]: [&RunFile; 2]) -> Result<Self, FilesError> {
+        let lines = files::lines(base, head, &GateSettings::default())?;
+        let lines = lines.into_iter().map(Record::from);
+        let comparison = StoredComparison::from_records(lines).expect("a header stands first");
+        let views = [base, head].map(|file| ReportView::new(&file.reading.records, None));
+        Ok(Self::of(&Verdicts::of(&comparison), [&views[0], &views[1]]))
+    }
+
+    pub fn of(verdicts: &Verdicts<'_>, views: [&ReportView<'_>; 2]) -> Self {
+        let cells = Cells::of(views);
+        let skipped = verdicts.comparison.header.skipped.iter();
+        let untimed =
+            skipped.filter(|skip| skip.gate == Gate::Time).map(|skip| &skip.reason).next();
+        let times = Times::of(if untimed.is_some() { &[] } else { &cells.both });
+        let not_judged = match untimed {
+            None => format!(
+                "times of {} not judged: two runs share no pairs",
+                counted(times.frames().count(), "cell")
+            ),
+            Some(reason) => format!("times not compared: {reason}"),
+        };
+        Self {
+            headline: format!("{}; {not_judged}", exact_headline(verdicts)),
+            doubts: doubts(views),
+            blocks: vec![
+                claims_block(views),
+                times_block(&times, views),
+                exact_block(verdicts),
+                machine_block(verdicts, views),
+                cells_block(&cells),
+            ],
+        }
+    }
+
+    /// For the terminal.
+    pub fn text(&self) -> String {
+        let mut lines = vec![self.headline.clone()];
+        lines.extend(self.doubts.iter().map(|doubt| format!("! {doubt}")));
+        for block in &self.blocks {
+            lines.push(format!("\n{}: {}", block.title, block.lead.join("\n  ")));
+            let rows = text::columns(&block.rows).into_iter().chain(block.more());
+            lines.extend(rows.map(|row| format!("  {}", text::line(&row))));
+        }
+        lines.join("\n") + "\n"
+    }
+
+    /// For the page.
+    pub fn markup(&self) -> Markup {
+        html! {
+            @for doubt in &self.doubts { p.warning role="note" { (doubt) } }
+            p.lead { (self.headline) "." }
+            @for block in &self.blocks {
+                h3 { (block.title) }
+                @for line in &block.lead { p { (line) } }
+                @if !block.rows.is_empty() {
+                    @let used = block.heads.iter().filter(|head| !head.is_empty()).count();
+                    @let rows = html! {
+                        @for row in &block.rows { tr { @for field in &row[..used] { td { (field) } } } }
+                    };
+                    (table(block.title, "", &words(&block.heads[..used]), &rows))
+                }
+                @if let Some(more) = block.more() { p.faint { (more) } }
+            }
+        }
+    }
+}
+
+/// `1 cell`, `3 cells`.
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+fn cell_name(cell: &Cell) -> String {
+    format!("{} {}", cell.experiment, cell.cell)
+}
+
+/// Differences of exact figures that say something: what is read back is neither good nor bad.
+fn differences<'v>(verdicts: &'v Verdicts<'_>) -> impl Iterator<Item = &'v Difference> {
+    let of_cells = verdicts.cells.iter().flat_map(|cell| &cell.differences);
+    let all = of_cells.chain(&verdicts.configurations);
+    all.filter(|difference| difference.kind != FigureKind::Quantity)
+}
+
+fn configuration(difference: &Difference) -> &str {
+    match &difference.scope {
+        DifferenceScope::Cell(cell) => cell.configuration(),
+        DifferenceScope::Stage(name) | DifferenceScope::Configuration(name) => name,
+    }
+}
+
+fn exact_headline(verdicts: &Verdicts<'_>) -> String {
+    let cells = verdicts.comparison.header.cells.iter();
+    let all = cells.map(CellId::configuration).unique().count();
+    let worse = differences(verdicts).filter(|difference| difference.worse);
+    let worse = worse.map(configuration).unique().collect_vec();
+    let other = differences(verdicts).map(configuration).unique();
+    let other = other.filter(|name| !worse.contains(name)).count();
+    let same = all.saturating_sub(worse.len() + other);
+    let parts = [(worse.len(), "worse"), (other, "different but not worse"), (same, "same")];
+    let told = parts.into_iter().filter(|(count, _)| *count > 0);
+    let told = match told.collect_vec().as_slice() {
+        [(_, word)] => (*word).to_owned(),
+        several => several.iter().map(|(count, word)| format!("{count} {word}")).join(", "),
+    };
+    format!("exact figures of {}: {told}", counted(all, "cell"))
+}
+
+/// Why what is told below may not be a change of the program.
+fn doubts([base, head]: [&ReportView<'_>; 2]) -> Vec<String> {
+    let mut doubts = Vec::new();
+    if let (Some(b), Some(h)) = (base.run(), head.run()) {
+        let adapter =
+            |Adapter { name, driver_info, .. }: &Adapter| format!("{name}, {driver_info}");
+        let adapters = format!("{} → {}", adapter(&b.adapter), adapter(&h.adapter));
+        match AdapterRelation::of(&b.adapter, &h.adapter) {
+            AdapterRelation::Same => {}
+            AdapterRelation::OtherVersion => {
+                doubts.push(format!("two versions of the driver: {adapters}"))
+            }
+            AdapterRelation::Different => doubts.push(format!("two adapters: {adapters}")),
+        }
+        let hosts = [&b.conditions.host, &h.conditions.host];
+        if let [Some(one), Some(other)] = hosts
+            && one != other
+        {
+            doubts.push("two machines: their host ids differ".to_owned());
+        }
+        if b.profile != h.profile {
+            let profiles = format!("two profiles, {} and {}", b.profile, h.profile);
+            doubts.push(format!("{profiles}: most cells differ in size and are not compared"));
+        }
+    }
+    for (view, side) in [base, head].into_iter().zip(Side::BOTH) {
+        let verdict = RunVerdict::of(view).filter(|verdict| verdict.noise != Noise::Quiet);
+        doubts.extend(verdict.map(|verdict| format!("{side}: {}", verdict.headline())));
+    }
+    doubts
+}
+
+fn claims_block(views: [&ReportView<'_>; 2]) -> Block {
+    let (count, changed) = claims::changed(views);
+    let row = |claim: &ClaimChange<'_>| {
+        let [from, to] = claim.verdicts();
+        let text = claim.rulings[1].text.clone();
+        [format!("{from} → {to}"), claim.experiment.to_owned(), text, claim.figures()]
+    };
+    let lead = format!("{} of {} changed verdict", changed.len(), counted(count, "claim"));
+    let heads = ["Verdict", "Experiment", "Claim", "Figure that decided"];
+    Block::new("Claims", heads, changed.iter().map(row)).led_by(vec![lead])
+}
+
+fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Block {
+    let common = times.common.map_or(1.0, |common| common.ratio);
+    let mut lead = vec![times.common.as_ref().map_or_else(
+        || format!("{} are too few to judge one among them", counted(times.stages, "stage")),
+        common_words,
+    )];
+    let default = facts::default_frame(views[0]).map(|frame| frame.cell);
+    let is_default = |time: &&TimeChange<'_>| {
+        default.is_some_and(|cell| cell_name(cell) == cell_name(time.cell))
+    };
+    if let Some(frame) = times.frames().find(is_default) {
+        lead.push(format!("default frame ({}): {}", cell_name(frame.cell), in_ms(frame)));
+    }
+    if times.common.is_some() {
+        lead.push(chance_words(times));
+    }
+    let row = |change: &StageChange<'_>| {
+        let word = if change.ratio.median > common { "slower" } else { "faster" };
+        let first = &change.found[0];
+        [
+            format!("{} {word}", change.name),
+            format!("{} of {}", change.found.len(), counted(change.cells, "cell")),
+            format!("× {}", interval(&change.ratio.scaled(1.0 / common))),
+            format!("{}: {}", cell_name(first.cell), in_ms(first)),
+        ]
+    };
+    let heads = ["Stage", "In", "Beyond the common ratio", "Cell with the largest change"];
+    Block::new("Times", heads, times.changed.iter().map(row)).led_by(lead)
+}
+
+/// `322 → 473 ms, × 1.47 (1.40 – 1.54), n = 12 and 15`
+fn in_ms(time: &TimeChange<'_>) -> String {
+    let [base, head] = time.times.map(|time| three(time.median / NS_PER_MS));
+    let [n, m] = time.times.map(|time| time.n);
+    format!("{base} → {head} ms, × {}, n = {n} and {m}", interval(&time.ratio))
+}
+
+fn common_words(common: &Common) -> String {
+    let [ratio, low, high] = [common.ratio, common.half.low, common.half.high].map(three);
+    format!(
+        "the median stage takes {ratio} times as long (half of the stages {low} – {high}): the machine's state, or a change of \
+         everything"
+    )
+}
+
+fn chance_words(times: &Times<'_>) -> String {
+    let (stages, cells) = (counted(times.stages, "stage"), counted(times.all.len(), "time"));
+    format!(
+        "{stages} and frames judged in {cells} ({} not compared: another clock, too short, or too few samples). 95 % intervals of {} \
+         times do not overlap, as runs drift apart; listed is what stands out of that, about 5 % of it by chance",
+        times.uncompared,
+        times.apart(),
+    )
+}
+
+/// Differences grouped by figure: errors first, what became worse first.
+fn exact_block(verdicts: &Verdicts<'_>) -> Block {
+    let mut groups = IndexMap::<(bool, bool, &str), Vec<&Difference>>::new();
+    for difference in differences(verdicts) {
+        let is_error = difference.kind == FigureKind::Error;
+        let key = (!difference.worse, !is_error, difference.figure.as_str());
+        groups.entry(key).or_default().push(difference);
+    }
+    groups.sort_by(|a, _, b, _| (a.0, a.1).cmp(&(b.0, b.1)));
+    let row = |((better, ..), group): (&(bool, bool, &str), &Vec<&Difference>)| {
+        let share = |d: &&&Difference| ((d.head - d.base) / d.base).abs();
+        let most =
+            group.iter().max_by(|a, b| share(a).total_cmp(&share(b))).expect("a group holds one");
+        let cells = group.iter().map(|difference| configuration(difference)).unique().count();
+        let word = if *better { "not worse" } else { "worse" };
+        let place = match &most.scope {
+            DifferenceScope::Cell(cell) => cell.to_string(),
+            _ => configuration(most).to_owned(),
+        };
+        [word.to_owned(), counted(cells, "cell"), rows::changed(most), place]
+    };
+    let rows = groups.iter().map(row).collect_vec();
+    let mut lead = vec![exact_headline(verdicts)];
+    let faults = verdicts.faults.iter().map(rows::fault).collect_vec();
+    if let Some(first) = faults.first() {
+        lead.push(format!("{}, such as: {first}", counted(faults.len(), "missing figure")));
+    }
+    let heads = ["Change", "In", "Figure, where it moved most", "Cell"];
+    Block::new("Errors and other exact figures", heads, rows).led_by(lead)
+}
+
+/// What of machine, program and conditions differs.
+fn machine_block(verdicts: &Verdicts<'_>, views: [&ReportView<'_>; 2]) -> Block {
+    let header = &verdicts.comparison.header;
+    let [base, head] = views.map(|view| view.run().map(identity).unwrap_or_default());
+    let differing = base.iter().zip(&head).filter(|(base, head)| base != head);
+    let row = |((name, base), (_, head)): (&(&str, String), &(&str, String))| {
+        [(*name).to_owned(), base.clone(), head.clone(), String::new()]
+    };
+    let rows = differing.map(row).collect_vec();
+    let started = |view: &ReportView<'_>| view.run().map_or("", |run| &run.started_at).to_owned();
+    let [from, to] = views.map(started);
+    let mut lead = vec![format!(
+        "{}, started {from} → {}, started {to}",
+        header.base.label, header.head.label
+    )];
+    if rows.is_empty() {
+        lead.push(format!("the same {}", base.iter().map(|(name, _)| name).join(", ")));
+    }
+    Block::new("Machine and program", ["What", "Base", "Head", ""], rows).led_by(lead)
+}
+
+/// What two runs must have in common to differ by the program's change alone.
+fn identity(run: &Run) -> Vec<(&'static str, String)> {
+    let Adapter { name, backend, driver, driver_info, host_threads, .. } = &run.adapter;
+    let not_recorded = || "not recorded".to_owned();
+    vec![
+        ("adapter", format!("{name}, {backend}")),
+        ("driver", format!("{driver} {driver_info}")),
+        ("threads of the host", host_threads.to_string()),
+        ("host", run.conditions.host.clone().unwrap_or_else(not_recorded)),
+        ("machine", run.conditions.machine.as_ref().map_or_else(not_recorded, facts::machine)),
+        ("program", facts::program(run)),
+        ("profile", run.profile.to_string()),
+        ("shaders", run.shader_checks.to_string()),
+        ("clocks and conditions", run_conditions(run)),
+    ]
+}
+
+fn cells_block(cells: &Cells<'_>) -> Block {
+    let kinds: [(&str, &[Told<'_>]); 5] = [
+        ("no longer measured", &cells.lost),
+        ("missing", &cells.missing),
+        ("measured in another way", &cells.redefined),
+        ("new", &cells.new),
+        ("measured only now", &cells.gained),
+    ];
+    let row = |(kind, told): (&str, &[Told<'_>])| {
+        let named = told.iter().take(MOST_NAMED).map(|(cell, why)| match why.as_str() {
+            "" => cell_name(cell),
+            why => format!("{} ({why})", cell_name(cell)),
+        });
+        let more = (told.len() > MOST_NAMED).then(|| "…".to_owned());
+        [kind.to_owned(), counted(told.len(), "cell"), named.chain(more).join("; "), String::new()]
+    };
+    let kinds = kinds.into_iter().filter(|(_, told)| !told.is_empty());
+    let lead =
+        format!("{} measured in both runs in the same way", counted(cells.both.len(), "cell"));
+    Block::new("Cells", ["What became of them", "How many", "Which", ""], kinds.map(row))
+        .led_by(vec![lead])
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,81 @@
+//! Which cells two runs have in common.
+
+use std::collections::BTreeMap;
+
+use itertools::Itertools;
+
+use fathom_experiments::{flatten, label_text};
+use fathom_record::{Cell, OVER_BUDGET, Outcome};
+use fathom_report::{Entry, ReportView};
+
+/// A cell, and what there is to say of it.
+pub type Told<'a> = (&'a Cell, String);
+
+/// Cells of two runs by what became of them.
+#[derive(Default)]
+pub struct Cells<'a> {
+    /// Of the same pipeline, scene and parameters, measured in both runs.
+    pub both: Vec<[&'a Cell; 2]>,
+    pub new: Vec<Told<'a>>,
+    pub missing: Vec<Told<'a>>,
+    /// Measured in the base only, and why.
+    pub lost: Vec<Told<'a>>,
+    /// Measured in the head only, and why not in the base.
+    pub gained: Vec<Told<'a>>,
+    /// Under one name with another pipeline, scene or parameter.
+    pub redefined: Vec<Told<'a>>,
+}
+
+impl<'a> Cells<'a> {
+    pub fn of([base, head]: [&ReportView<'a>; 2]) -> Self {
+        let name = |entry: &Entry<'a>| (entry.cell.experiment.as_str(), entry.cell.cell.as_str());
+        let mut before: BTreeMap<_, &Cell> =
+            base.entries().map(|entry| (name(entry), entry.cell)).collect();
+        let mut cells = Self::default();
+        for entry in head.entries() {
+            match before.remove(&name(entry)) {
+                Some(earlier) => cells.add([earlier, entry.cell]),
+                None => cells.new.push((entry.cell, String::new())),
+            }
+        }
+        let left = base.entries().filter(|entry| before.contains_key(&name(entry)));
+        cells.missing = left.map(|entry| (entry.cell, String::new())).collect();
+        cells
+    }
+
+    fn add(&mut self, [base, head]: [&'a Cell; 2]) {
+        let reason = |cell: &Cell| match &cell.outcome {
+            Outcome::Skipped { reason } | Outcome::Failed { reason } => reason.clone(),
+            Outcome::OverBudget => OVER_BUDGET.to_owned(),
+            Outcome::Measured(_) => String::new(),
+        };
+        match (base.measured(), head.measured()) {
+            _ if base.resume_key() != head.resume_key() => {
+                self.redefined.push((head, redefinition(base, head)));
+            }
+            (Some(_), Some(_)) => self.both.push([base, head]),
+            (Some(_), None) => self.lost.push((head, reason(head))),
+            (None, Some(_)) => self.gained.push((head, reason(base))),
+            (None, None) => {}
+        }
+    }
+}
+
+/// What of a cell's definition differs: `view.width 800 → 400`.
+fn redefinition(base: &Cell, head: &Cell) -> String {
+    let [before, after] = [base, head].map(|cell| {
+        let of_cell = [("pipeline", &cell.pipeline), ("scene", &cell.scene)];
+        let of_cell = of_cell.map(|(name, value)| (name.to_owned(), value.clone()));
+        let stand_ins = ("stand-ins".to_owned(), cell.stand_ins.join(", "));
+        let params = flatten(&cell.params.to_map()).into_iter();
+        let params = params.map(|(path, value)| (path, label_text(&value)));
+        of_cell.into_iter().chain([stand_ins]).chain(params).collect::<BTreeMap<_, _>>()
+    });
+    let differing = before.keys().chain(after.keys()).unique();
+    let differing = differing.filter(|name| before.get(*name) != after.get(*name));
+    let differing = differing.take(super::MOST_NAMED);
+    let value = |of: &BTreeMap<String, String>, name| of.get(name).map_or("none", |v| v).to_owned();
+    differing
+        .map(|name| format!("{name} {} → {}", value(&before, name), value(&after, name)))
+        .join(", ")
+}

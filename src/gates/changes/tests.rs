@@ -1,0 +1,204 @@
+use std::path::PathBuf;
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+use super::*;
+use fathom_base::statistics::estimate;
+use fathom_experiments::fixtures;
+use fathom_record::{Clock, Damaged, ErrorFigure, Measured, Outcome, Reading};
+
+/// How many times as long each time takes in the second run.
+const DRIFT: f64 = 1.4;
+/// Standard deviation of log ratios of stages, and of cells within a stage, between runs of one build.
+const BETWEEN: f64 = 0.04;
+
+fn file(name: &str, records: Vec<Record>) -> RunFile {
+    let path = PathBuf::from(name).join("records.jsonl");
+    RunFile { path, reading: Reading { records, damaged: Damaged::default() } }
+}
+
+fn changes(base: Vec<Record>, head: Vec<Record>) -> Changes {
+    Changes::of_files([&file("base", base), &file("head", head)]).unwrap()
+}
+
+/// A number about 0 with a standard deviation of [`BETWEEN`], that of this name always the same.
+fn noise(name: &str) -> f64 {
+    let seed = name.bytes().fold(17, |seed: u64, byte| seed.wrapping_mul(31) + u64::from(byte));
+    let mut random = Pcg64::seed_from_u64(seed);
+    BETWEEN * ((0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0)
+}
+
+/// A second run: every time drifts alike and scatters; stages take so many times as long beyond that.
+fn again(factor: impl Fn(&str) -> f64) -> Vec<Record> {
+    let mut records = fixtures::run();
+    for cell in fixtures::cells(&mut records) {
+        let place = cell_name(cell);
+        let Some(measured) = cell.measured_mut() else { continue };
+        for stage in &mut measured.stages {
+            let name = stage.stage.to_string();
+            let of_stage = match factor(&name) {
+                1.0 => noise(&name).exp(),
+                factor => factor,
+            };
+            let all = DRIFT * of_stage * noise(&format!("{place} {name}")).exp();
+            stage.samples_ns.iter_mut().for_each(|ns| *ns *= all);
+            stage.time = estimate(&stage.samples_ns);
+        }
+        let frame = &mut measured.frame;
+        frame.untimed_samples_ns.iter_mut().for_each(|ns| *ns *= DRIFT * noise(&place).exp());
+        frame.untimed = estimate(&frame.untimed_samples_ns);
+    }
+    records
+}
+
+fn of<'r>(records: &'r mut [Record], experiment: &str) -> Vec<&'r mut Cell> {
+    fixtures::cells(records).filter(|cell| cell.experiment == experiment).collect()
+}
+
+fn default(records: &mut [Record]) -> &mut Measured {
+    let cell = fixtures::cells(records).find(|cell| cell.experiment == "uw-default").unwrap();
+    cell.measured_mut().unwrap()
+}
+
+/// Adds the default cell under another name.
+fn renamed(records: &mut Vec<Record>, name: &str) {
+    let mut cell = of(records, "uw-default")[0].clone();
+    cell.cell = name.to_owned();
+    records.push(Record::Cell(Box::new(cell)));
+}
+
+/// Two runs in which the changes are known.
+fn known() -> [Vec<Record>; 2] {
+    let factor = |stage: &str| match stage {
+        "caustics/trace" => 1.3,
+        "water/reflection" => 1.05,
+        _ => 1.0,
+    };
+    let [mut base, mut head] = [fixtures::run(), again(factor)];
+    for (records, error) in [(&mut base, 0.1), (&mut head, 0.2)] {
+        let measured = default(records);
+        measured.errors.push(ErrorFigure::new("irradiance_error", error, "1", "caustics/filter"));
+    }
+    for cell in of(&mut head, "uw-waves") {
+        let circular = cell.axes["water"] == "circular";
+        let amplitude_m = cell.axes["water.amplitude_m"].as_f64().unwrap();
+        let measured = cell.measured_mut().filter(|_| circular);
+        let falling = [("caustics_unconverged_rate".to_owned(), 0.1 - amplitude_m / 10.0)];
+        if let Some(measured) = measured {
+            let mut all = measured.quantities.to_map();
+            all.extend(falling);
+            measured.quantities = all.into();
+        }
+    }
+    head[0].try_as_run_mut().unwrap().adapter.driver_info = "Mesa 23.0.0".to_owned();
+    renamed(&mut base, "gone");
+    renamed(&mut head, "added");
+    [base, head]
+}
+
+#[test]
+fn known_changes_stand_in_the_first_lines_of_their_blocks_and_no_other_stage_does() {
+    let [base, head] = known();
+    let told = changes(base, head).text();
+    // Each block from its title on. What scatters between runs also settles some claims that were open.
+    let lines: Vec<&str> = told.lines().collect();
+    let holds = |title: &str, line: usize, words: &[&str]| {
+        let block = lines.iter().position(|line| line.starts_with(title)).expect(&told);
+        let found = lines[block + line];
+        assert!(words.iter().all(|word| found.contains(word)), "{words:?} in {found}: {told}");
+    };
+    holds("exact figures of", 0, &["1 worse", "not judged: two runs share no pairs"]);
+    holds("exact figures of", 1, &["two versions of the driver", "Mesa 22.3.6 →", "Mesa 23.0.0"]);
+    holds("Claims", 1, &["supported → contradicted", "uw-waves", "the higher the waves are"]);
+    holds("Times", 0, &["the median stage takes 1.40 times as long", "the machine's state"]);
+    holds("Times", 1, &["default frame (uw-default base): 275 → 383 ms, × 1.39 (1.35 – 1.43)"]);
+    holds("Times", 3, &["caustics/trace slower", "60 of 60 cells", "× 1.30 (1.2"]);
+    let times = told.split("\n\n").find(|block| block.starts_with("Times")).unwrap();
+    assert_eq!(times.matches(" slower ").count() + times.matches(" faster ").count(), 1, "{told}");
+    holds("Errors", 0, &["1 worse, 336 same"]);
+    let error = "irradiance_error 0.100 → 0.200 (+100 %)";
+    holds("Errors", 1, &["worse", error, "uw-default:base caustics/filter"]);
+    holds("Machine", 1, &["driver", "llvmpipe Mesa 22.3.6", "llvmpipe Mesa 23.0.0"]);
+    holds("Cells", 1, &["missing", "1 cell", "uw-default gone"]);
+    holds("Cells", 2, &["new", "1 cell", "uw-default added"]);
+}
+
+#[test]
+fn a_common_drift_is_no_change_of_a_stage() {
+    let [base, head] = [fixtures::run(), again(|_| 1.0)];
+    let views = [&base, &head].map(|records| ReportView::new(records, None));
+    let times = Times::of(&Cells::of([&views[0], &views[1]]).both);
+    let common = times.common.expect("there are many stages").ratio;
+    assert!((common / DRIFT - 1.0).abs() < 0.03, "{common}");
+    assert!(times.apart() > times.all.len() / 2, "nearly all intervals are apart");
+    let listed: usize = times.changed.iter().map(|change| change.found.len()).sum();
+    assert!(listed * 100 < times.all.len(), "{:?}", times.changed);
+}
+
+#[test]
+fn a_change_in_one_cell_is_found_where_the_stage_as_a_whole_did_not_change() {
+    let mut head = again(|_| 1.0);
+    let measured = default(&mut head);
+    let stage = measured.stages.iter_mut().find(|stage| stage.stage == "compose").unwrap();
+    stage.samples_ns.iter_mut().for_each(|ns| *ns *= 3.0);
+    stage.time = estimate(&stage.samples_ns);
+    let told = changes(fixtures::run(), head).text();
+    let line = told.lines().find(|line| line.contains("compose slower")).expect(&told);
+    assert!(line.contains(" 1 of ") && line.contains("uw-default base: "), "{line}");
+}
+
+#[test]
+fn equal_runs_have_no_change_and_few_stages_none_either() {
+    let told = changes(fixtures::run(), fixtures::run()).text();
+    assert!(told.contains("Claims: 0 of ") && !told.contains("slower"), "{told}");
+    assert!(told.contains("the median stage takes 1.00 times as long"), "{told}");
+    let few = |records: Vec<Record>| {
+        let keep = |record: &Record| match record {
+            Record::Cell(cell) => cell.experiment == "vao-guard",
+            _ => true,
+        };
+        records.into_iter().filter(keep).collect::<Vec<_>>()
+    };
+    let told = changes(few(fixtures::run()), few(again(|_| 1.0))).text();
+    assert!(told.contains("too few to judge"), "{told}");
+}
+
+#[test]
+fn what_is_not_measured_in_the_same_way_is_told_and_not_compared() {
+    let mut head = fixtures::run();
+    let mut cells = of(&mut head, "uw-photons");
+    let scene = std::mem::replace(&mut cells[0].scene, "elsewhere".to_owned());
+    cells[1].outcome = Outcome::Failed { reason: "device lost".to_owned() };
+    let stages = &mut cells[2].measured_mut().unwrap().stages;
+    stages.iter_mut().for_each(|stage| stage.clock = Clock::ProcessCpu);
+    let told = changes(fixtures::run(), head).text();
+    let line = |words: &str| told.lines().find(|line| line.contains(words)).expect(&told);
+    assert!(line("no longer measured").contains("(device lost)"));
+    assert!(line("measured in another way").contains(&format!("scene {scene} → elsewhere")));
+    assert!(line("not compared: another clock").contains("(13 not compared"), "{told}");
+}
+
+#[test]
+fn no_comparison_takes_more_than_sixty_lines() {
+    let mut random = Pcg64::seed_from_u64(3);
+    let [mut base, mut head] = [fixtures::run(), fixtures::run()];
+    for cell in fixtures::cells(&mut head) {
+        let drop = random.random::<f64>() < 0.2;
+        let Some(measured) = cell.measured_mut() else { continue };
+        measured.allocated_bytes += 1;
+        for stage in &mut measured.stages {
+            let factor = (4.0 * random.random::<f64>()).exp();
+            stage.samples_ns.iter_mut().for_each(|ns| *ns *= factor);
+            stage.time = estimate(&stage.samples_ns);
+            (stage.work.photons, stage.work.fragments) = (1, 1);
+        }
+        if drop {
+            cell.cell += " elsewhere";
+        }
+    }
+    base[0].try_as_run_mut().unwrap().adapter.host_threads = 99;
+    let told = changes(base, head).text();
+    assert!(told.lines().count() <= 60, "{told}");
+    assert!(told.contains("… and "), "{told}");
+}

@@ -1,0 +1,184 @@
+//! Verdicts on modelled runs: frame times, other processes and pauses by a clock that is made up.
+
+use rand::rngs::StdRng;
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+
+use super::*;
+use fathom_experiments::fixtures;
+use fathom_record::{Cell, MachineState, Record};
+
+const CELLS: usize = 24;
+const VISIT_S: f64 = 0.25;
+
+/// A machine at a moment.
+#[derive(Clone, Copy)]
+struct State {
+    /// How many times longer than at rest frames take.
+    slower: f64,
+    others: Option<f32>,
+}
+
+const AT_REST: State = State { slower: 1.0, others: Some(0.03) };
+
+/// A run in which cells are visited in turn, in an order drawn anew each round. At rest a frame's time scatters by this share.
+struct Model {
+    minutes: f64,
+    scatter: f64,
+    seed: u64,
+}
+
+const QUIET: Model = Model { minutes: 4.0, scatter: 0.025, seed: 1 };
+
+impl Model {
+    fn records(&self, mut state: impl FnMut(f64) -> State) -> Vec<Record> {
+        let mut random = StdRng::seed_from_u64(self.seed);
+        let mut cells = vec![FrameRecord::default(); CELLS];
+        let mut order: Vec<usize> = (0..CELLS).collect();
+        for visit in 0..(self.minutes * 60.0 / VISIT_S) as usize {
+            if visit % CELLS == 0 {
+                order.shuffle(&mut random);
+            }
+            let at_s = visit as f64 * VISIT_S;
+            let State { slower, others } = state(at_s);
+            let normal = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+            let frame = &mut cells[order[visit % CELLS]];
+            frame.sampled_at_s.push(1.7e9 + at_s);
+            frame.untimed_samples_ns.push(4e7 * slower * (self.scatter * normal).exp());
+            frame.machine.extend(others.map(|others| MachineState {
+                others_load: Some(others),
+                steal: Some(0.0),
+                ..MachineState::default()
+            }));
+        }
+        let mut records = fixtures::run();
+        let mut timed = 0;
+        records.retain(|record| {
+            let cell = record.try_as_cell_ref();
+            timed += usize::from(cell.is_some());
+            cell.is_none_or(|cell| timed <= CELLS && cell.measured().is_some())
+        });
+        let measured = fixtures::cells(&mut records).filter_map(Cell::measured_mut);
+        for (measured, mut frame) in measured.zip(cells) {
+            frame.untimed = statistics::estimate(&frame.untimed_samples_ns);
+            measured.frame = frame;
+        }
+        records
+    }
+
+    fn verdict(&self, state: impl FnMut(f64) -> State) -> RunVerdict {
+        RunVerdict::of(&ReportView::new(&self.records(state), None)).unwrap()
+    }
+}
+
+/// A process on another core works and rests in turns of 0.1 to 2 s; while it works, frames take so many times longer.
+fn beside(slower: f64, told: bool, seed: u64) -> impl FnMut(f64) -> State {
+    let mut random = StdRng::seed_from_u64(seed);
+    let (mut works, mut turn_ends_s) = (false, 0.0);
+    move |at_s| {
+        while turn_ends_s <= at_s {
+            turn_ends_s += random.random_range(0.1..2.0);
+            works = !works;
+        }
+        let others = told.then_some(if works { 1.03 } else { 0.03 });
+        State { slower: if works { slower } else { 1.0 }, others }
+    }
+}
+
+#[test]
+fn a_run_on_a_machine_at_rest_is_quiet() {
+    for seed in 0..10 {
+        let verdict = Model { seed, ..QUIET }.verdict(|_| AT_REST);
+        assert_eq!(verdict.noise, Noise::Quiet, "{seed}: {verdict:?}");
+        assert!(verdict.headline().starts_with("quiet run: "), "{}", verdict.headline());
+        assert!(verdict.headline().ends_with(" % of 24 cells reached ±2 %"));
+        assert_eq!((verdict.tone(), verdict.advice().len()), (Tone::Good, 0));
+    }
+}
+
+/// By its load where records hold it, though frames do not become longer; else by what it does to them.
+#[test]
+fn a_run_beside_a_process_that_works_and_rests_is_noisy() {
+    for seed in 0..10 {
+        let by_load = QUIET.verdict(beside(1.0, true, seed));
+        assert_eq!(by_load.noise, Noise::Noisy, "{seed}: {by_load:?}");
+        assert_eq!(by_load.advice(), ["close other programs"]);
+        let by_times = QUIET.verdict(beside(1.2, false, seed));
+        assert_eq!(by_times.noise, Noise::Noisy, "{seed}: {by_times:?}");
+        assert_eq!(by_times.advice()[0], "use a quieter machine");
+        assert_eq!(by_times.tone(), Tone::Open);
+        assert!(by_times.lines()[1].contains("load and steal time not recorded"));
+    }
+}
+
+#[test]
+fn stolen_time_makes_a_run_noisy() {
+    let mut records = QUIET.records(|_| AT_REST);
+    for measured in fixtures::cells(&mut records).filter_map(Cell::measured_mut) {
+        measured.frame.machine.iter_mut().for_each(|state| state.steal = Some(0.02));
+    }
+    let verdict = RunVerdict::of(&ReportView::new(&records, None)).unwrap();
+    assert_eq!(verdict.noise, Noise::Noisy);
+    assert!(verdict.lines()[1].contains("steal time 2.00 % of a core"), "{:?}", verdict.lines());
+}
+
+/// A cell that has too few samples is no sign of noise.
+#[test]
+fn a_short_run_is_quiet_and_asks_for_samples() {
+    let verdict = Model { minutes: 0.7, ..QUIET }.verdict(|_| AT_REST);
+    assert_eq!((verdict.noise, verdict.tone()), (Noise::Quiet, Tone::Neutral), "{verdict:?}");
+    assert_eq!(verdict.advice(), ["add samples with `fathom run --resume --budget 10m`"]);
+}
+
+#[test]
+fn a_drift_is_told_where_it_matters() {
+    let at = |per_minute: f64| {
+        let slower = move |at_s: f64| (per_minute * at_s / 60.0).exp();
+        let verdict = QUIET.verdict(|at_s| State { slower: slower(at_s), ..AT_REST });
+        let drift = verdict.drift.unwrap().per_minute;
+        let [low, high] = drift.ends();
+        // Three standard errors rather than two: four truths are tried.
+        let reach = 0.75 * (high - low);
+        assert!((drift.median - per_minute).abs() < reach && reach < 0.01, "{drift:?}");
+        verdict
+    };
+    for per_minute in [-0.039, 0.02] {
+        let verdict = at(per_minute);
+        assert_eq!(verdict.noise, Noise::Drifting, "{verdict:?}");
+        assert!(verdict.advice()[0].contains("early and late cells"));
+        assert!(verdict.lines()[1].contains(" % a minute ("), "{:?}", verdict.lines());
+    }
+    for per_minute in [0.0, 0.002] {
+        assert_eq!(at(per_minute).noise, Noise::Quiet);
+    }
+}
+
+/// The interval of a drift allows for noise that lasts for seconds.
+#[test]
+fn noise_with_a_memory_is_seldom_taken_for_a_drift() {
+    let is_told = |seed: &u64| {
+        let verdict = Model { seed: *seed, ..QUIET }.verdict(beside(1.2, true, *seed));
+        verdict.drift.unwrap().exceeds(0.0)
+    };
+    let told = (0..100).filter(is_told).count();
+    // 5 are expected, and more than 10 are once in 90 times.
+    assert!(told <= 10, "{told}");
+}
+
+#[test]
+fn what_changed_in_a_pause_is_no_drift() {
+    let records =
+        QUIET.records(|at_s| State { slower: if at_s < 120.0 { 1.0 } else { 1.1 }, ..AT_REST });
+    let drift = |pause_s: f64| {
+        let mut records = records.clone();
+        for measured in fixtures::cells(&mut records).filter_map(Cell::measured_mut) {
+            let later =
+                measured.frame.sampled_at_s.iter_mut().filter(|at_s| **at_s >= 1.7e9 + 120.0);
+            later.for_each(|at_s| *at_s += pause_s);
+        }
+        RunVerdict::of(&ReportView::new(&records, None)).unwrap().drift.unwrap()
+    };
+    assert!(drift(0.0).exceeds(0.02));
+    let paused = drift(3_600.0);
+    assert!(!paused.exceeds(0.02) && (1.9..2.1).contains(&paused.minutes), "{paused:?}");
+}

@@ -1,0 +1,102 @@
+//! Charts of the page and plots can be read: series differ, and labels lie whole and apart.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::browser::{Browser, Display, NARROW, WIDE};
+
+/// Faults of all charts that are shown, in words. Series differ in the computed colours or in the outline of their marks.
+const FAULTS: &str = r#"
+    document.querySelectorAll('details').forEach((details) => { details.open = true; });
+    const faults = [];
+    const root = document.documentElement;
+    const isShown = (element) => element.getClientRects().length > 0;
+    const charts = root.tagName === 'svg' ? [root] : [...document.querySelectorAll('svg.chart')];
+    const words = (element) => element.textContent.trim();
+    const parts = (a, b) => [Math.min(a.right, b.right) - Math.max(a.left, b.left),
+                             Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top)];
+    const isOutside = (a, b) => a.left < b.left - 1 || a.right > b.right + 1 || a.top < b.top - 1 || a.bottom > b.bottom + 1;
+    for (const chart of charts.filter(isShown)) {
+      const told = (fault) => faults.push(`${chart.getAttribute('aria-label') ?? document.URL.split('/').pop()}: ${fault}`);
+      const looks = new Map();
+      for (const series of chart.querySelectorAll('[data-series]')) {
+        const mark = series.querySelector('path.mark');
+        if (!mark) continue;
+        const { fill, stroke } = getComputedStyle(mark);
+        const look = [fill, stroke, mark.getAttribute('d').replace(/^M[-\d. ]+/, '')].join();
+        if (looks.has(look)) told(`${looks.get(look)} and ${series.dataset.series} look the same`);
+        looks.set(look, series.dataset.series);
+      }
+      const texts = [...chart.querySelectorAll('text')].filter((text) => words(text) && isShown(text));
+      const boxes = texts.map((text) => text.getBoundingClientRect());
+      const frame = chart.getBoundingClientRect();
+      texts.forEach((text, index) => {
+        if (words(text).endsWith('…')) told(`"${words(text)}" is cut`);
+        if (isOutside(boxes[index], frame)) told(`"${words(text)}" lies outside`);
+        texts.slice(0, index).forEach((other, before) => {
+          const [across, down] = parts(boxes[index], boxes[before]);
+          if (across > 1 && down > 2) told(`"${words(text)}" lies over "${words(other)}"`);
+        });
+      });
+    }
+    for (const bars of document.querySelectorAll('.chart-bars *')) {
+      if (getComputedStyle(bars).overflowX === 'visible' || !isShown(bars)) continue;
+      const walk = document.createTreeWalker(bars, NodeFilter.SHOW_TEXT);
+      while (walk.nextNode()) {
+        const range = document.createRange();
+        range.selectNodeContents(walk.currentNode);
+        const [text, frame] = [range.getBoundingClientRect(), bars.getBoundingClientRect()];
+        const [across, down] = parts(text, frame);
+        if (across > 1 && down > 1 && isOutside(text, frame)) faults.push(`"${words(walk.currentNode)}" is cut in a bar`);
+      }
+    }
+"#;
+
+fn faults(browser: &Browser) -> Value {
+    browser.eval(&format!("{FAULTS} return faults"))
+}
+
+pub fn can_be_read(browser: &Browser, page: &Path) {
+    for display in [WIDE, NARROW] {
+        browser.show(page, display);
+        assert_eq!(faults(browser), json!([]), "{display:?}");
+    }
+    what_must_be_found(browser);
+    let of_plot = |plot: PathBuf| {
+        browser.show(&plot, Display { width_px: 1000, ..WIDE });
+        faults(browser).as_array().unwrap().clone()
+    };
+    let of_plots: Vec<Value> = plots(page).into_iter().flat_map(of_plot).collect();
+    assert_eq!(of_plots, Vec::<Value>::new());
+}
+
+/// The same series twice, a label that is moved out of its chart, one on another, one that is cut, and a part of a bar that is too short.
+fn what_must_be_found(browser: &Browser) {
+    browser.eval(
+        "const series = document.querySelector('svg.chart [data-series]');
+         series.after(series.cloneNode(true));
+         const [first, second, third] = document.querySelectorAll('svg.chart .axis text');
+         first.setAttribute('x', -500);
+         second.after(second.cloneNode(true));
+         third.textContent = 'sha…';
+         const part = document.createElement('div');
+         part.style.cssText = 'overflow:hidden;width:30px;white-space:nowrap';
+         part.textContent = 'a name that is longer than its part';
+         document.querySelector('.chart-bars').append(part)",
+    );
+    let found = faults(browser).to_string();
+    for fault in ["look the same", "lies outside", "lies over", "is cut\"", "is cut in a bar"] {
+        assert!(found.contains(fault), "{fault}: {found}");
+    }
+}
+
+/// The plots beside the page.
+fn plots(page: &Path) -> Vec<PathBuf> {
+    let files = std::fs::read_dir(page.parent().unwrap()).unwrap();
+    let files = files.map(|file| file.unwrap().path());
+    let plots: Vec<PathBuf> =
+        files.filter(|file| file.extension().is_some_and(|ending| ending == "svg")).collect();
+    assert!(plots.len() > 30, "{plots:?}");
+    plots
+}
