@@ -1,6 +1,6 @@
 // defs: CONSERVING=0, OCCLUSION=0, WATER=0
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
-#import fathom::frame::{frame, view_depth_m, world_at}
+#import fathom::uniforms::{frame, view_depth_m, world_at}
 #import fathom::screen
 #import fathom::shading
 #import fathom::water

@@ -1,6 +1,6 @@
 // defs: SHOW_OCCLUSION=0
 // Deferred direct light with shadows, and ambient light times visibility: VAO §6.
-#import fathom::frame::{frame, world_at}
+#import fathom::uniforms::{frame, world_at}
 #import fathom::screen
 #import fathom::shading
 

@@ -2,7 +2,7 @@
 //
 // Objects are drawn back to front, each first by the faces that look away: instance 0, then by those that look here: instance 1.
 // Light is that of `ao/compose` without shadow and occlusion.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::shading
 #import fathom::surface::{Material, SceneVertex, albedo}
 

@@ -1,7 +1,7 @@
 // Multi-tap low-pass with a kernel rotated per pixel: UW §3.5. Taps on another surface than the pixel's do not count: UW has no such
 // test, and light then spreads over silhouettes.
 #import fathom::disc::{rotation, turned_tap}
-#import fathom::frame::{view_depth_m}
+#import fathom::uniforms::{view_depth_m}
 #import fathom::screen
 #import fathom::surface_plane::{beyond_plane_m, depth_texel, plane_at}
 

@@ -2,7 +2,7 @@
 // The light's grid as triangles whose corners are photons: a caustic mesh. The light that enters through a triangle of the water's surface
 // lands in the triangle of its refracted corners, so that irradiance is flux over area (Nishita and Nakamae 1994, "Method of Displaying
 // Optical Effects within Water using Accumulation Buffer"; Wallace 2010, "WebGL Water").
-#import fathom::frame::{frame, view_depth_m}
+#import fathom::uniforms::{frame, view_depth_m}
 #import fathom::photon::{Photon}
 #import fathom::screen
 #if FRESNEL == 1

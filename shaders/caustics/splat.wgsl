@@ -8,7 +8,7 @@
 #import fathom::screen
 #import fathom::splat::{Splat, Square, square}
 #if SURFACE == 1
-#import fathom::frame::{device_depth_at, frame, view_depth_m}
+#import fathom::uniforms::{device_depth_at, frame, view_depth_m}
 #endif
 
 @group(1) @binding(0) var<uniform> settings: Splat;

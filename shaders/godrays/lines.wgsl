@@ -1,6 +1,6 @@
 // defs: CONSERVING=0, FRESNEL=0, WATER=0
 // A wide line from water entry to hit for each photon, added up: UW §3.4.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::photon::{Photon, angular_weight, entered}
 #import fathom::screen
 

@@ -6,7 +6,7 @@
 // line. Directions in it are angles θ from the one to the eye, dω = sin θ dθ dψ, and their cosine with the normal is
 // toward · cos θ + aside · sin θ. VAO Eq. 1 is A = 1/π ∫∫ ρ cos dω, cut at the horizon: what lies below is integrated in
 // closed form (part 1), what lies above is sampled with rays (part 2).
-#import fathom::frame::{frame, view_depth_m, world_at}
+#import fathom::uniforms::{frame, view_depth_m, world_at}
 #import fathom::random::{pcg, unit}
 #import fathom::screen
 #import fathom::sphere::{tangent_frame}

@@ -1,6 +1,6 @@
 // Every fragment into the list of its pixel, in any order: one pass over the triangles. Yang et al., Real-Time Concurrent Linked List
 // Construction on the GPU, 2010, §3. The alternative to peeling that SPT §6 hopes for.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::fragment_list::{Node}
 #import fathom::surface::{Material, SceneVertex}
 #import fathom::surface_texel::{packed}

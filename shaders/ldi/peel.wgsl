@@ -1,7 +1,7 @@
 // defs: FIRST=1
 // One layer of the layered depth image: the nearest surface behind the layer before. Everitt, Interactive Order-Independent
 // Transparency, 2001, as SPT §2.2 uses it.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::surface::{Material, SceneVertex}
 #import fathom::surface_texel::{channels, packed}
 

@@ -2,7 +2,7 @@
 // defs: CONSERVING=0, FRESNEL=0, WATER=0
 #import fathom::dispatch
 #import fathom::estimator::{Trace, follow}
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::photon::{
     MISSED, Photon, Ray, angular_weight, divide, in_mask, light_direction, meet_water, transmittance
 }

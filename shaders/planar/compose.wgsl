@@ -1,7 +1,7 @@
 // defs: MAP=0
 // The picture: what the camera sees, its pool lit by the illumination map, all of it by the sky. SPT §1.1, Fig. 2.
 // MAP 1: the illumination map of the floor in its place.
-#import fathom::frame::{frame, world_at}
+#import fathom::uniforms::{frame, world_at}
 #import fathom::pool::{NONE, Pool, face_at, place}
 #import fathom::screen
 #import fathom::shading::{PI, WATER_TINT, ambient, direct, display, fog, lambert, sky, water_path_m}

@@ -1,6 +1,6 @@
 // defs: FRESNEL=0, WATER=0
 // Each photon meets the first inner face of the pool, and is a point of one texel in the illumination map: SPT §1.1, Fig. 2.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::photon::{angular_weight, light_direction, transmittance}
 #import fathom::pool::{FACES, NONE, Pool, meet, place, texel_area_m2}
 #import fathom::transfer::{NEVER, Transfer}

@@ -1,6 +1,6 @@
 // The picture: what the camera sees, through glass by its exit rays. A ray is looked up in an environment: SPT §4, "this information in
 // turn can either be used to look up an environment map or to retrace the refracted view-rays".
-#import fathom::frame::{frame, world_at}
+#import fathom::uniforms::{frame, world_at}
 #import fathom::screen
 #import fathom::shading::{SKY_SHARE, display, lambert, to_light}
 

@@ -2,7 +2,7 @@
 // The picture with the water's surface: lines of sight are refracted and reflected there, and followed in screen space through what the
 // camera sees without the water: SPT §4, Fig. 10 and 13. "This is an approximation that can only simulate the refraction of light from
 // underwater objects that are visible to the viewer in the absence of the water surface."
-#import fathom::frame::{frame, world_at}
+#import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{texel_of}
 #import fathom::screen
 #import fathom::screen_ray::{Walk, hit, segment}

@@ -3,7 +3,7 @@
 // is found in the (n + 1)-th depth layer." A ray is walked pixel by pixel until it is behind the next layer or before the current one.
 //
 // Defs: SURFACE 0 compares depths texel by texel, as the paper does; SURFACE 1 holds the ray against the tangent planes of the layers.
-#import fathom::frame::{frame, view_depth_m, world_at}
+#import fathom::uniforms::{frame, view_depth_m, world_at}
 #import fathom::layers::{surface_at}
 #import fathom::optics
 #import fathom::refraction::{Exit, NO_EXIT}

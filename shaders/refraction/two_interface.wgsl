@@ -2,7 +2,7 @@
 // Refraction through two interfaces, approximated: Wyman, An Approximate Image-Space Approach for Interactive Refraction, 2005, as SPT
 // §1.1 tells it. SIDE 0 draws the farthest surface, SIDE 1 the nearest, and finds each pixel's way through the object as a mean of two
 // distances: along the line of sight, and along the normal, which is stored for each vertex.
-#import fathom::frame::{frame, view_depth_m, world_at}
+#import fathom::uniforms::{frame, view_depth_m, world_at}
 #import fathom::optics
 #import fathom::refraction::{Exit}
 #import fathom::surface::{Material, SceneVertex}

@@ -1,5 +1,5 @@
 // Albedo, normal, specular coefficient and depth from the camera in one multi-target pass: UW §3.2, VAO §6.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::surface::{Material, SceneVertex, albedo}
 
 @group(1) @binding(0) var<storage, read> materials: array<Material>;

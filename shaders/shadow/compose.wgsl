@@ -1,6 +1,6 @@
 // defs: WATER=0
 // The picture: what the camera sees, lit where its ray to the light meets nothing, and by the sky.
-#import fathom::frame::{frame, world_at}
+#import fathom::uniforms::{frame, world_at}
 #import fathom::photon::{Photon}
 #import fathom::screen
 #import fathom::shading::{PI, SKY_SHARE, display, lambert, sky, to_light}

@@ -1,5 +1,5 @@
 // Scene depth from the light, UW §3 step 2a.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 
 @vertex
 fn vertex(@location(0) position_m: vec3<f32>) -> @builtin(position) vec4<f32> {

@@ -1,6 +1,6 @@
 // Water surface as the light sees it first, UW §3 step 2b: photons that land elsewhere never enter the water.
 // defs: WATER=0
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::water
 
 struct Mask {

@@ -1,6 +1,6 @@
 // defs: WATER=0
 // A line from start to hit for each photon, fading with the way through the medium, added up: SPT §3.2.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::photon::{Photon}
 
 struct Shafts {

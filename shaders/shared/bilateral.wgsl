@@ -3,7 +3,7 @@
 #define_import_path fathom::bilateral
 
 #import fathom::disc::{GOLDEN_ANGLE}
-#import fathom::frame::{frame, view_depth_m}
+#import fathom::uniforms::{frame, view_depth_m}
 #import fathom::screen::{texel_behind}
 
 struct Filter {

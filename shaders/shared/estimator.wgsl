@@ -1,7 +1,7 @@
 // Where photons under water land: the refracted ray against the light's depth map, UW §3.3.
 #define_import_path fathom::estimator
 
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::photon::{MISSED, OUTSIDE, Photon, divide, in_mask, light_ray, meet_water}
 #import fathom::random::{pcg}
 #import fathom::water

@@ -1,7 +1,7 @@
 // What layered depth holds at a place.
 #define_import_path fathom::layers
 
-#import fathom::frame::{frame, view_depth_m}
+#import fathom::uniforms::{frame, view_depth_m}
 #import fathom::surface_texel::{unpacked}
 
 // Unit normal and optics of a layer's texel.

@@ -1,7 +1,7 @@
 // Photons from the light to the water, and what they carry into it: UW §3.3. Where they land: fathom::estimator.
 #define_import_path fathom::photon
 
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::water
 
 struct Photon {

@@ -3,7 +3,7 @@
 // at −z, row 0 of a wall at its upper border. Host twin: src/stages/pool.rs.
 #define_import_path fathom::pool
 
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 
 struct Pool {
     // Depth of the floor under the resting water, metres.

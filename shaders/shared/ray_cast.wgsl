@@ -1,7 +1,7 @@
 // What the stages that cast view rays through a scalar field share: settings, rays, look. Host twin: src/stages/ray_cast.rs.
 #define_import_path fathom::ray_cast
 
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::random::{pcg}
 #import fathom::scalar_field::{through_box}
 #import fathom::shading::{to_light}

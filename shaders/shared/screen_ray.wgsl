@@ -8,7 +8,7 @@
 // tolerance and asks in addition whether the ray is inside a closed object, between two consecutive layers: SPT §5.
 #define_import_path fathom::screen_ray
 
-#import fathom::frame::{frame, world_at, view_depth_m}
+#import fathom::uniforms::{frame, world_at, view_depth_m}
 #import fathom::layers::{surface_at}
 #import fathom::optics
 #import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_on_its_way}

@@ -1,7 +1,7 @@
 // Light that does not come by photons: sky, sun above the water, ambient, and the water's own colour (fog).
 #define_import_path fathom::shading
 
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 
 const PI: f32 = 3.14159265;
 // Share of the light's irradiance that arrives from the sky; a clear sky gives 10 to 20 %.

@@ -1,10 +1,10 @@
 // The square that a photon covers in the caustics buffer: UW §3.3.
 #define_import_path fathom::splat
 
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::photon::{Photon, angular_weight, entered}
 #if SURFACE == 1
-#import fathom::frame::{view_depth_m}
+#import fathom::uniforms::{view_depth_m}
 #import fathom::surface_plane::{depth_texel, plane_at}
 #endif
 

@@ -3,7 +3,7 @@
 #define_import_path fathom::surface_plane
 
 #import fathom::bilateral::{slope_along}
-#import fathom::frame::{view_depth_m}
+#import fathom::uniforms::{view_depth_m}
 #import fathom::screen::{texel_behind}
 
 struct SurfacePlane {

@@ -2,7 +2,7 @@
 // 1: a list of waves; 2: a height map.
 #define_import_path fathom::water
 
-#import fathom::frame::{frame, water_texels}
+#import fathom::uniforms::{frame, water_texels}
 
 #if WATER == 0
 // (n, ∂n/∂u, ∂n/∂v) at a place in tile units, bilinear, periodic.

@@ -1,7 +1,7 @@
 // defs: DRY=0, SHAFTS=0
 // The picture: what the camera sees, lit by the sprites and by the sky, with shafts of light over it. DRY 1 gives the radiance of what is
 // seen without the water before it.
-#import fathom::frame::{frame, world_at}
+#import fathom::uniforms::{frame, world_at}
 #import fathom::screen
 #import fathom::shading::{SHAFT_TINT, WATER_TINT, ambient, direct, display, fog, lambert, sky, water_path_m}
 

@@ -1,6 +1,6 @@
 // defs: WATER=0
 // A sprite in the receiver's tangent plane for each photon that has landed: SPT §3.1, Eq. 1.
-#import fathom::frame::{frame, world_at}
+#import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{surface_near, texel_of}
 #import fathom::photon::{Photon}
 

@@ -1,6 +1,6 @@
 // defs: TEST=1, WATER=0
 // Photons that have met a mirror or glass go on from there: SPT §2.3. Those that have met anything else, or nothing, have ended.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::layers::{surface_near}
 #import fathom::optics
 #import fathom::photon::{Photon, ON_ITS_WAY}

@@ -2,7 +2,7 @@
 // The transfer map: where each photon of the light's grid enters the water, and its refracted direction. SPT §2: "single
 // refractions, for instance at a water surface". Beside it each photon's share of the flux that one in the middle of the light carries.
 #import fathom::dispatch::place
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::photon::{angular_weight, in_mask, light_ray, meet_water, transmittance}
 #import fathom::transfer::{FIRST, NEVER, Transfer}
 #import fathom::water

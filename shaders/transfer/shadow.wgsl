@@ -1,7 +1,7 @@
 // defs: WATER=0
 // A ray from each pixel's surface back to the light: SPT §5, "for every pixel being covered by the receiver, a photon is traced
 // backward to the light source". Surfaces that face away from the light have none.
-#import fathom::frame::{frame, world_at}
+#import fathom::uniforms::{frame, world_at}
 #import fathom::shading::{to_light}
 #import fathom::transfer::{FIRST, NEVER, Transfer}
 

@@ -1,5 +1,5 @@
 // Full voxels as cubes, seen from the camera. VAO Fig. 2.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::screen::{corner}
 #import fathom::voxels::{Grid, index_of, to_cells}
 

@@ -1,5 +1,5 @@
 // What lies beyond the water, drawn from the camera: UW §3 step 4.
-#import fathom::frame::{frame}
+#import fathom::uniforms::{frame}
 #import fathom::surface::{Material, SceneVertex}
 #import fathom::lit_scene::{Varying, kept, radiance}
 #import fathom::shading

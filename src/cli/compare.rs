@@ -13,18 +13,21 @@ use crate::compare::launch::{Waiting, WorkerStart};
 use crate::compare::tables;
 use crate::gates::changes::Changes;
 use crate::gates::files::{self, RunFile};
+use crate::gates::schedule::MORE_PAIRS;
 use crate::gates::store::{self, StoredComparison};
 use crate::gates::verdict::Verdicts;
 use crate::harness::catalog::Catalog;
-use crate::record::comparison::{GateSettings, Side};
+use crate::record::comparison::{self, Gate, GateSettings, Side};
 use crate::record::output::{FolderKind, Taken};
 use crate::report::ReportView;
-use crate::{exporters, folder, private, tell};
+use crate::{exporters, folder, private, tell, text};
 use anyhow::Context;
 
 use super::CompareArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
 
+/// That the gates take on all cells with the defaults on two cores (`docs/ci.md`).
+const MOST_MINUTES: f64 = 8.0;
 /// The format that is printed where none is asked for.
 pub const TEXT: &str = "text";
 /// Where GitHub Actions takes Markdown for a job's page.
@@ -33,6 +36,9 @@ const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
     if let Some(folder) = &args.replay {
         return tell(folder, &args.format, false);
+    }
+    if args.dry_run {
+        return dry_run(catalog, &args);
     }
     if let [base, head] = args.records.as_slice() {
         return two_runs(&args, [base, head]);
@@ -65,16 +71,59 @@ fn settings(args: &CompareArgs) -> GateSettings {
     }
 }
 
+/// What would be compared, by nothing but reading.
+fn dry_run(catalog: &Catalog, args: &CompareArgs) -> Outcome {
+    let gates = gates(catalog, args)?;
+    let place = args.base.as_ref().map(|revision| base_place(catalog, revision)).transpose()?;
+    let settings = settings(args);
+    let rows = gates
+        .configurations
+        .iter()
+        .map(|of| [of.id.clone(), of.pipeline.clone(), of.scene.clone(), of.stages.join(" ")]);
+    let rows: Vec<_> = rows.collect();
+    text::columns(&rows).iter().for_each(|row| tell::answer(text::line(&format!("  {row}"))));
+    let asked: Vec<String> = settings.gates.iter().map(ToString::to_string).collect();
+    let cells = gates.cells().len();
+    tell::answer(format!("{cells} cells, by the gates {}", asked.join(", ")));
+    if settings.gates.contains(&Gate::Time) {
+        let GateSettings { launches, pairs, .. } = settings;
+        tell::answer(format!(
+            "{launches} launches of {pairs} pairs of each cell; as many launches of up to {} pairs for cells that these leave open",
+            MORE_PAIRS * pairs
+        ));
+    }
+    let all = Gates::load(args.cells_file.as_deref(), catalog.gates)?.cells().len();
+    let work = f64::from(settings.launches * settings.pairs) * cells as f64;
+    let usual = f64::from(comparison::LAUNCHES * comparison::PAIRS) * all as f64;
+    let minutes = (MOST_MINUTES * work / usual).ceil();
+    tell::answer(format!("measuring takes up to about {minutes} minutes on two cores"));
+    if let (Some(revision), Some(place)) = (&args.base, place) {
+        let build = if place.program.is_file() {
+            "kept from an earlier comparison"
+        } else {
+            "to be built, which takes 2 to 5 minutes on two cores"
+        };
+        tell::answer(format!("base {revision}: {build}"));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn base_place(catalog: &Catalog, revision: &str) -> anyhow::Result<build::Place> {
+    let folder = std::env::current_dir().context("there is no current folder")?;
+    build::Place::of(&folder, catalog.program, revision)
+}
+
+fn gates(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Gates> {
+    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
+    args.cells.as_deref().map_or(Ok(gates.clone()), |filter| gates.filtered(filter))
+}
+
 fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
-    // A wrong selection is told before minutes are spent on building.
-    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
-    if let Some(filter) = &args.cells {
-        gates.filtered(filter)?;
-    }
+    // A wrong selection is told before minutes are spent on building, and so is a revision that there is not.
+    gates(catalog, args)?;
     if let Some(revision) = &args.base {
-        let folder = std::env::current_dir().context("there is no current folder")?;
-        build::commit(&build::repository(&folder)?, revision)?;
+        base_place(catalog, revision)?;
     }
     if let Some(folder) = &args.out {
         flow::taken(folder, args.resume)?;
@@ -161,7 +210,8 @@ fn two_runs(args: &CompareArgs, files: [&PathBuf; 2]) -> Outcome {
     let views = [&base, &head].map(|file| ReportView::new(&file.reading.records, None));
     let comparison = StoredComparison::read(&folder)?;
     let verdicts = Verdicts::of(&comparison);
-    let changes = Changes::of(&verdicts, [&views[0], &views[1]]);
+    let paths = [files[0].as_path(), files[1].as_path()];
+    let changes = Changes::of(&verdicts, [&views[0], &views[1]], paths);
     let status = verdicts.status;
     tell::answer(format!("{status} (status {}): {}", status as u8, changes.text()));
     write(&folder, &verdicts, true)

@@ -2,6 +2,7 @@
 
 mod commands;
 mod compare;
+mod doctor;
 mod export;
 mod fleet;
 mod history;
@@ -48,6 +49,7 @@ pub fn main(catalog: &Catalog) -> ExitCode {
 fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
     match command {
         Command::Run(args) => commands::run(catalog, args),
+        Command::Doctor { json, adapter } => doctor::doctor(catalog, json, &adapter),
         Command::List(args) => list::list(catalog, &args),
         Command::Audit { json, adapter } => commands::audit(catalog, json, &adapter),
         Command::Ceilings { json, adapter } => commands::ceilings(catalog, json, &adapter),
@@ -84,6 +86,7 @@ fn quiet_driver_layers() {
     version,
     about,
     after_help = "Examples:\n  \
+          fathom doctor                           is this machine fit to measure on?\n  \
           fathom run                              measure everything, then open the page that it names\n  \
           fathom run uw-default --set view.width=400\n  \
           fathom compare --base HEAD~1            did a stage become slower?\n  \
@@ -117,6 +120,18 @@ impl Cli {
 pub enum Command {
     /// Measure experiments; write records, tables, plots and pictures
     Run(RunArgs),
+    /// Check whether this machine is fit to measure on: adapter, clock, load, precision to expect, assets, tools
+    #[command(
+        after_help = "Takes about half a minute. Exit status: 0 nothing stands in the way of a run; 1 a warning says what its times \
+            would suffer from; 2 no run is possible."
+    )]
+    Doctor {
+        /// Answer in JSON
+        #[arg(long)]
+        json: bool,
+        #[command(flatten)]
+        adapter: AdapterArgs,
+    },
     /// List what there is
     List(ListArgs),
     /// Check the clocks that `run` uses on this adapter against the host clock
@@ -468,6 +483,9 @@ pub struct CompareArgs {
     /// Tell the comparison stored in a folder again
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
+    /// Say what would be built and measured, and how long it takes; do nothing
+    #[arg(long, conflicts_with_all = ["records", "replay"])]
+    pub dry_run: bool,
     /// What to print; files of every other format are written in any case
     #[arg(long, default_value = compare::TEXT, value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
     pub format: String,

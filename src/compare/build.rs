@@ -37,22 +37,39 @@ pub fn revision(
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<PathBuf> {
-    let repository = repository(folder)?;
-    let commit = commit(&repository, revision)?;
-    let cache = repository.join(CACHE);
-    let way = way(&compiler(&repository)?, |name| std::env::var_os(name));
-    let kept = cache.join("builds").join(format!("{commit}-{way}"));
-    let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
+    let Place { repository, commit, program } = Place::of(folder, target, revision)?;
     if !program.is_file() {
+        let cache = repository.join(CACHE);
+        let kept = program.parent().unwrap_or(&cache);
         let worktree = Worktree::add(&repository, &cache, &commit)?;
         let source = worktree.path.join(printed(&mut git(folder, ["rev-parse", "--show-prefix"]))?);
         let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
         let folders = (source, &*cache.join("target"));
         let built = compile(folders, target, revision, &[], interrupted, progress)?;
         keep(&built, &program)?;
-        forget_old(&cache.join("builds"), &kept);
+        forget_old(&cache.join("builds"), kept);
     }
     Ok(program)
+}
+
+/// Where the build of a revision is kept.
+pub struct Place {
+    repository: PathBuf,
+    commit: String,
+    /// There only once it was built.
+    pub program: PathBuf,
+}
+
+impl Place {
+    /// An error outside of a repository, and where it holds no such revision.
+    pub fn of(folder: &Path, target: CargoTarget, revision: &str) -> Result<Self> {
+        let repository = repository(folder)?;
+        let commit = commit(&repository, revision)?;
+        let way = way(&compiler(&repository)?, |name| std::env::var_os(name));
+        let kept = repository.join(CACHE).join("builds").join(format!("{commit}-{way}"));
+        let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
+        Ok(Self { repository, commit, program })
+    }
 }
 
 /// What the compiler used in a folder says of itself.

@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_folder_gives_what_it_lists_and_nothing_else() {
-        assert!(SHADERS.text("shared/frame.wgsl").unwrap().contains("#define_import_path"));
+        assert!(SHADERS.text("shared/uniforms.wgsl").unwrap().contains("#define_import_path"));
         for path in ["", "shared", "none.wgsl", "./compose.wgsl", "../Cargo.toml", "/etc/passwd"] {
             assert!(SHADERS.file(path).is_none(), "{path}");
         }

@@ -66,6 +66,8 @@ pub struct Ruling {
     pub n: Option<usize>,
     /// The figures that decided, the furthest outside its band or the nearest to its bound first. Empty where it was not run.
     pub deciding: Vec<RuledFigure>,
+    /// The claim's other comparisons, each with its own verdict.
+    pub others: Vec<RuledFigure>,
     /// The publication's value of these figures, where it gives one.
     pub published: Option<f64>,
 }
@@ -80,6 +82,7 @@ impl Ruling {
             reason,
             n: None,
             deciding: Vec::new(),
+            others: Vec::new(),
             published: claim.published(),
         }
     }
@@ -165,15 +168,14 @@ fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
         }
     }
     let n = comparisons.iter().filter_map(Comparison::n).min();
-    let judged = comparison::judge(&comparisons);
-    let Judgement { verdict, reason, deciding } = match judged {
-        Some(found) if not_run.is_empty() || found.verdict < Verdict::NotRun => found,
-        _ => {
-            Judgement { verdict: Verdict::NotRun, reason: not_run.join("; "), deciding: Vec::new() }
+    match comparison::judge(&comparisons) {
+        Some(Judgement { verdict, reason, deciding, others })
+            if not_run.is_empty() || verdict < Verdict::NotRun =>
+        {
+            Ruling { verdict, n, deciding, others, ..Ruling::not_run(claim, reason) }
         }
-    };
-    let (id, text) = (claim.id.clone(), claim.text.clone());
-    Ruling { id, text, verdict, reason, n, deciding, published: claim.published() }
+        _ => Ruling { n, ..Ruling::not_run(claim, not_run.join("; ")) },
+    }
 }
 
 /// The comparisons of each group of cells that differ in the claim's axis only.

@@ -203,7 +203,7 @@ fn underwater(params: &Value, random: &mut Pcg64) -> Vec<StageRecord> {
     };
     let slow = if dynamic { 1.4 } else { 1.0 };
     let (fenced, stamped) = (Clock::FencedHost, Clock::Timestamp);
-    stage("frame", Clock::Host, 0.02, Work::default());
+    stage("uniforms", Clock::Host, 0.02, Work::default());
     stage("shadow/depth", stamped, 2.1, work(0.0, 262_144.0));
     stage("shadow/mask", stamped, 0.6, work(0.0, 262_144.0));
     stage("scene/gbuffer", stamped, 0.5 + pixels * 1.6e-5, work(0.0, pixels));

@@ -131,6 +131,9 @@ pub struct Axis {
     pub sets: Vec<String>,
     /// What to write beside it in tables and plots, with its unit; the name where absent.
     pub title: Option<String>,
+    /// Its values change what is computed, not how: the errors of cells along it are of different tasks.
+    #[serde(default)]
+    pub task: bool,
     pub values: Option<Vec<Value>>,
     pub quick: Option<Vec<Value>>,
     pub paper: Option<Vec<Value>>,
@@ -406,6 +409,11 @@ impl Experiment {
     /// Whether the values of an axis have no order: some of them sets a name, such as a scene or a method.
     pub fn is_category(&self, axis: &str) -> bool {
         self.axes().any(|one| one.name == axis && one.is_category())
+    }
+
+    /// Whether the values of the axis change what is computed, rather than how.
+    pub fn is_task(&self, axis: &str) -> bool {
+        self.axes().any(|one| one.name == axis && one.task)
     }
 
     /// All axes of all sweeps; a name may come more than once.

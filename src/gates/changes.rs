@@ -5,6 +5,8 @@ mod cells;
 mod claims;
 mod times;
 
+use std::path::{Path, PathBuf};
+
 use indexmap::IndexMap;
 use itertools::Itertools;
 use maud::{Markup, html};
@@ -78,10 +80,12 @@ impl Changes {
         let lines = lines.into_iter().map(Record::from);
         let comparison = StoredComparison::from_records(lines).expect("a header stands first");
         let views = [base, head].map(|file| ReportView::new(&file.reading.records, None));
-        Ok(Self::of(&Verdicts::of(&comparison), [&views[0], &views[1]]))
+        let paths = [&base.path, &head.path].map(PathBuf::as_path);
+        Ok(Self::of(&Verdicts::of(&comparison), [&views[0], &views[1]], paths))
     }
 
-    pub fn of(verdicts: &Verdicts<'_>, views: [&ReportView<'_>; 2]) -> Self {
+    /// Of runs that lie there.
+    pub fn of(verdicts: &Verdicts<'_>, views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Self {
         let cells = Cells::of(views);
         let skipped = verdicts.comparison.header.skipped.iter();
         let untimed =
@@ -101,7 +105,7 @@ impl Changes {
                 claims_block(views),
                 times_block(&times, views),
                 exact_block(verdicts),
-                machine_block(verdicts, views),
+                machine_block(views, paths),
                 cells_block(&cells),
             ],
         }
@@ -234,9 +238,12 @@ fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Block {
     let is_default = |time: &&TimeChange<'_>| {
         default.is_some_and(|cell| cell_name(cell) == cell_name(time.cell))
     };
-    if let Some(frame) = times.frames().find(is_default) {
-        lead.push(format!("default frame ({}): {}", cell_name(frame.cell), in_ms(frame)));
-    }
+    lead.extend(default.map(|cell| match times.frames().find(is_default) {
+        Some(frame) => format!("default frame ({}): {}", cell_name(cell), in_ms(frame)),
+        None => {
+            format!("default frame ({}): not measured in the same way in both", cell_name(cell))
+        }
+    }));
     if times.common.is_some() {
         lead.push(chance_words(times));
     }
@@ -301,7 +308,10 @@ fn exact_block(verdicts: &Verdicts<'_>) -> Block {
         [word.to_owned(), counted(cells, "cell"), rows::changed(most), place]
     };
     let rows = groups.iter().map(row).collect_vec();
-    let mut lead = vec![exact_headline(verdicts)];
+    let mut lead = vec![match rows.len() {
+        0 => "no figure differs".to_owned(),
+        count => format!("in some cell another value of {}", counted(count, "figure")),
+    }];
     let faults = verdicts.faults.iter().map(rows::fault).collect_vec();
     if let Some(first) = faults.first() {
         lead.push(format!("{}, such as: {first}", counted(faults.len(), "missing figure")));
@@ -311,8 +321,7 @@ fn exact_block(verdicts: &Verdicts<'_>) -> Block {
 }
 
 /// What of machine, program and conditions differs.
-fn machine_block(verdicts: &Verdicts<'_>, views: [&ReportView<'_>; 2]) -> Block {
-    let header = &verdicts.comparison.header;
+fn machine_block(views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Block {
     let [base, head] = views.map(|view| view.run().map(identity).unwrap_or_default());
     let differing = base.iter().zip(&head).filter(|(base, head)| base != head);
     let row = |((name, base), (_, head)): (&(&str, String), &(&str, String))| {
@@ -321,10 +330,8 @@ fn machine_block(verdicts: &Verdicts<'_>, views: [&ReportView<'_>; 2]) -> Block 
     let rows = differing.map(row).collect_vec();
     let started = |view: &ReportView<'_>| view.run().map_or("", |run| &run.started_at).to_owned();
     let [from, to] = views.map(started);
-    let mut lead = vec![format!(
-        "{}, started {from} → {}, started {to}",
-        header.base.label, header.head.label
-    )];
+    let [base_path, head_path] = paths.map(Path::display);
+    let mut lead = vec![format!("{base_path}, started {from} → {head_path}, started {to}")];
     if rows.is_empty() {
         lead.push(format!("the same {}", base.iter().map(|(name, _)| name).join(", ")));
     }

@@ -4,7 +4,7 @@ use fathom_record::comparison::CellId;
 
 /// The second measurement has up to so many times the rounds of the first, as far as it takes no longer than that. With 64
 /// pairs instead of 16 the figures of launches of `scene/gbuffer` scattered by 1.1 to 2.0 % instead of 2.6 to 3.8 % (llvmpipe).
-const MORE_PAIRS: u32 = 4;
+pub const MORE_PAIRS: u32 = 4;
 
 /// What the gate measures.
 #[derive(Clone, Debug)]

@@ -174,7 +174,7 @@ fn drawing(
             @let [low, high] = value.ends().map(|end| y.px_within(end));
             @let told = told(stored, series, point);
             line.whisker.run x1=(x(at as f64)) x2=(x(at as f64)) y1=(low) y2=(high) {}
-            circle.mark.ink cx=(x(at as f64)) cy=(y.px_within(value.median)) r="2.5" data-tip=(told) { title { (told) } }
+            circle.mark.ink cx=(x(at as f64)) cy=(y.px_within(value.median)) r="2.5" { title { (told) } }
         }
     })
 }

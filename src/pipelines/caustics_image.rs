@@ -13,7 +13,7 @@ use fathom_reference::image::Image;
 use fathom_reference::kept::Content;
 use fathom_reference::photon_map::{Lighting, PhotonMap};
 use fathom_scene::{Object, Optics};
-use fathom_stages::frame::View;
+use fathom_stages::uniforms::View;
 
 /// Name of the error that asks for the photon map.
 pub const IMAGE_ERROR: &str = "caustics_image_error";

@@ -5,10 +5,10 @@ use super::settings::{Compose, Filter, Shadow, VIEWPORT};
 use fathom_gpu::{GpuError, StageInfo};
 use fathom_scene::Scene;
 use fathom_stages::bilateral;
-use fathom_stages::frame::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
+use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{ao, post, scene, shadow};
 
 /// The stages before the occlusion buffer.

@@ -10,7 +10,6 @@ use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use fathom_gpu::GpuError;
 use fathom_scene::{Bounds, Scene};
-use fathom_stages::frame::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
@@ -23,6 +22,7 @@ use fathom_stages::shafts::blur;
 use fathom_stages::shafts::lines;
 use fathom_stages::sprites::compose::{self, Composed};
 use fathom_stages::sprites::draw::{self, Sprite};
+use fathom_stages::uniforms::{Shared, View};
 
 pub use parameters::Params;
 

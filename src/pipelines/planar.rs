@@ -14,13 +14,13 @@ use super::settings::{self, VIEWPORT};
 use fathom_gpu::GpuError;
 use fathom_reference::pool::Basin;
 use fathom_scene::Scene;
-use fathom_stages::frame::View;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::planar::compose;
 use fathom_stages::planar::points;
 use fathom_stages::scene;
 use fathom_stages::screen_ray::Transfers;
+use fathom_stages::uniforms::View;
 
 pub use parameters::Params;
 

@@ -18,13 +18,13 @@ use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile};
-use fathom_stages::frame::{Shared, View};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
 use fathom_stages::refraction::trace::{self, Surface};
 use fathom_stages::refraction::two_interface;
 use fathom_stages::screen_ray::{WalkUniforms, walk_uniforms};
+use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{refraction, scene};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

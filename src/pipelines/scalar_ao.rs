@@ -14,11 +14,11 @@ use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_record::Work;
 use fathom_scene::{Camera, Scene, Volume};
 use fathom_stages::Stage;
-use fathom_stages::frame::Shared;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::ray_cast::Cast;
 use fathom_stages::scalar;
 use fathom_stages::scalar_field::ScalarField;
+use fathom_stages::uniforms::Shared;
 
 pub use parameters::{Gather, Law, Mode, Params, Scalar, Stop};
 

@@ -8,13 +8,13 @@ use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError};
-use fathom_stages::frame::Shared;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Resources, linear_workgroups};
 use fathom_stages::photon::Photons;
 use fathom_stages::screen_ray::{self, FragmentLists, HitTest, Layers, Rays, Walking, group_each};
 use fathom_stages::transfer::bounce;
 use fathom_stages::transfer::map::{self, Map};
+use fathom_stages::uniforms::Shared;
 use fathom_stages::{StageInfo, ldi, rays, shadow};
 
 settings! {

@@ -16,7 +16,7 @@ use fathom_stages::kit::Resources;
 pub use fathom_stages::marching::{Attenuation, R_MAX_SHARE};
 use fathom_stages::scene::deform::{self, Motion};
 use fathom_stages::transfer::map::MapUniforms;
-use fathom_stages::{Stage, frame};
+use fathom_stages::{Stage, uniforms};
 
 settings! {
     /// Pixels of the main viewport. Where a pipeline gives no other: 600 × 600, as in VAO Fig. 8.
@@ -237,8 +237,8 @@ pub fn deform(
 }
 
 /// What a pipeline shows its stages where none of them looks photons up in the light's depth.
-pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> frame::View {
-    frame::View {
+pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> uniforms::View {
+    uniforms::View {
         camera: camera.clone(),
         light: light.clone(),
         water: scene.water.clone(),
@@ -249,9 +249,9 @@ pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> frame
 }
 
 /// What the stages of a frame share, written by its first stage.
-pub fn begin(resources: &Resources<'_>, view: &frame::View) -> frame::Shared {
-    let shared = frame::Shared::new(resources, view);
-    resources.push(frame::new(view.clone(), &shared));
+pub fn begin(resources: &Resources<'_>, view: &uniforms::View) -> uniforms::Shared {
+    let shared = uniforms::Shared::new(resources, view);
+    resources.push(uniforms::new(view.clone(), &shared));
     shared
 }
 
@@ -353,7 +353,7 @@ settings! {
 
 impl Filter {
     /// For a buffer of `source_px` texels of a view.
-    pub fn uniforms(&self, view: &frame::View, source_px: [u32; 2]) -> BilateralUniforms {
+    pub fn uniforms(&self, view: &uniforms::View, source_px: [u32; 2]) -> BilateralUniforms {
         BilateralUniforms {
             size_px: view.size_px.as_vec2(),
             source_px: Vec2::from(source_px.map(|side| side as f32)),
@@ -392,7 +392,7 @@ settings! {
 }
 
 impl Compose {
-    pub fn uniforms(&self, view: &frame::View) -> LightingUniforms {
+    pub fn uniforms(&self, view: &uniforms::View) -> LightingUniforms {
         LightingUniforms {
             size_px: view.size_px.as_vec2(),
             exposure: self.exposure as f32,

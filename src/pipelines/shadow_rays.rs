@@ -14,11 +14,11 @@ use fathom_gpu::{Gpu, GpuError, read_buffer};
 use fathom_reference::quantities::{StoredPhoton, stored_photons};
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, Light, LightKind, Scene, SceneFile};
-use fathom_stages::frame::View;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::{MISSED, Photons};
 use fathom_stages::screen_ray::Rays;
+use fathom_stages::uniforms::View;
 use fathom_stages::{scene, shadow, transfer};
 
 settings! {

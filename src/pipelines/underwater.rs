@@ -20,7 +20,6 @@ use fathom_scene::Scene;
 use fathom_stages::caustics::mesh::{self, MeshUniforms};
 use fathom_stages::caustics::splat::{self, PointSize, SplatUniforms};
 use fathom_stages::compose::{self, ComposeUniforms, Composed};
-use fathom_stages::frame::{Shared, View};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::godrays::lines::LinesUniforms;
 use fathom_stages::kit::Resources;
@@ -28,6 +27,7 @@ use fathom_stages::lit_scene;
 use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
 use fathom_stages::photon::{self, Photons, TraceUniforms};
 use fathom_stages::splatting::{PHOTONS_PER_INSTANCE, Sums};
+use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{Stage, caustics, godrays, scene, shadow, water};
 
 pub use grid::PhotonGrid;

@@ -8,9 +8,9 @@ use super::{Drawing, Parameters, Pipeline, named};
 use fathom_base::parameter::ParamError;
 use fathom_gpu::{Gpu, GpuError, Stage, read_buffer, texture_bytes};
 use fathom_scene::{Camera, Light, Scene, SceneFile};
-use fathom_stages::frame::Shared;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
+use fathom_stages::uniforms::Shared;
 use fathom_stages::voxel::view;
 use fathom_stages::voxels::Voxels;
 

@@ -9,7 +9,7 @@
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 use strum::Display;
 
@@ -358,6 +358,7 @@ impl Measured {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageRecord {
     /// The stage's name: `FAMILY/STEM`.
+    #[serde(deserialize_with = "current_name")]
     pub stage: Name,
     pub clock: Clock,
     /// Nanoseconds, frame by frame. In a fenced stage none is below its `resolution_ns`: a sample of that value says "at most".
@@ -377,6 +378,12 @@ pub struct StageRecord {
     /// How near it comes to the adapter's limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ceiling: Option<CeilingShare>,
+}
+
+/// Reads a stage's name; earlier versions called `uniforms` `frame`.
+fn current_name<'de, D: Deserializer<'de>>(from: D) -> Result<Name, D::Error> {
+    let name = Name::deserialize(from)?;
+    Ok(if name.as_str() == "frame" { "uniforms".into() } else { name })
 }
 
 impl StageRecord {

@@ -147,7 +147,7 @@ mod tests {
     fn the_order_of_names_does_not_matter_and_what_is_unknown_is_grey() {
         let [forth, back] = [StageColors::new(STAGES), StageColors::new(STAGES.into_iter().rev())];
         assert!(STAGES.iter().all(|stage| forth.of(stage) == back.of(stage)));
-        assert_eq!(forth.of("frame"), NEUTRAL);
+        assert_eq!(forth.of("uniforms"), NEUTRAL);
     }
 
     #[test]

@@ -22,7 +22,7 @@ pub mod svg;
 #[cfg(test)]
 mod testing;
 mod timed;
-mod trust;
+pub mod trust;
 mod view;
 
 pub use bencher::EXPORTER as BENCHER;

@@ -151,7 +151,7 @@ impl Series<'_> {
             g data-series=(self.name) {
                 @for ([x, y], [low, high], tip) in placed {
                     @if low - high > 1.0 { line.whisker x1=(x) x2=(x) y1=(low) y2=(high) style={ "stroke:" (self.color) } {} }
-                    path.mark d=(shape.path([x, y])) style={ "fill:" (fill) ";stroke:" (self.color) } data-tip=[tip] {
+                    path.mark d=(shape.path([x, y])) style={ "fill:" (fill) ";stroke:" (self.color) } {
                         @if let Some(tip) = tip { title { (tip) } }
                     }
                 }

@@ -1,7 +1,7 @@
 //! Charts as SVG: axes, and marks that tell their exact value.
 //!
-//! On the page a mark has a `<title>` for readers without script, and `data-tip` for the page's script, which shows it under the
-//! pointer and walks over the marks of a chart by the arrow keys.
+//! On the page a mark has a `<title>`. The page's script shows it under the pointer and walks over the marks of a chart by the
+//! arrow keys.
 
 use maud::{Markup, html};
 

@@ -147,8 +147,14 @@ impl Places {
         status(Some(path), format!("fetched from {}", asset.source))
     }
 
-    /// What to do about an absent asset that only the user can bring.
+    /// What to do about an absent asset.
     fn wanted(&self, asset: &Asset) -> String {
+        if !matches!(asset.source, Source::ByHand) {
+            return format!(
+                "absent: `fathom fetch {}` gets it from the {}",
+                asset.name, asset.source
+            );
+        }
         let folder = match &self.cache {
             Some(cache) => cache.display().to_string(),
             None => "the folder that FATHOM_CACHE names".to_owned(),
@@ -232,6 +238,18 @@ pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, String>> {
         return ASSETS.iter().map(|asset| places.fetch(asset)).collect();
     }
     names.iter().map(|name| named(name.as_ref()).and_then(|asset| places.fetch(asset))).collect()
+}
+
+/// Where each asset is, or how to get it; nothing is fetched.
+pub fn look_up() -> Vec<Result<AssetStatus, String>> {
+    let places = Places::of_this_machine();
+    let status = |asset| {
+        let found = places.locate(asset)?;
+        let (path, origin) = found
+            .map_or_else(|| (None, places.wanted(asset)), |(path, origin)| (Some(path), origin));
+        Ok(AssetStatus { asset, path, origin })
+    };
+    ASSETS.iter().map(status).collect()
 }
 
 #[cfg(test)]

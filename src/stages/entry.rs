@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::frame::water_turns;
+use super::uniforms::water_turns;
 use fathom_scene::{LightFrame, Water, WaterModel, shortest_wave_m};
 
 /// Largest slope of the water times the tangent of the ray's angle to the vertical at which Newton's method is enough. At 1 a ray can touch

@@ -9,7 +9,6 @@ pub mod caustics;
 pub mod compose;
 pub mod counters;
 mod entry;
-pub mod frame;
 pub mod gbuffer;
 pub mod geometry;
 pub mod godrays;
@@ -39,6 +38,7 @@ pub mod slices;
 pub mod splatting;
 pub mod sprites;
 pub mod transfer;
+pub mod uniforms;
 pub mod voxel;
 pub mod voxels;
 pub mod water;
@@ -47,7 +47,7 @@ pub use fathom_gpu::{Column, Output, OutputData, ReadRow, Stage, StageInfo};
 
 /// Every stage, in frame order. Adding a stage adds one line.
 pub const REGISTRY: &[StageInfo] = &[
-    frame::INFO,
+    uniforms::INFO,
     scene::deform::INFO,
     voxel::clear::INFO,
     voxel::slicemap::INFO_X,

@@ -4,8 +4,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use super::frame::View;
 use super::kit::{Resource, square_workgroups};
+use super::uniforms::View;
 use crate::prelude::*;
 use fathom_scene::LightKind;
 

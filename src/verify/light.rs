@@ -1,4 +1,4 @@
-//! `frame`, `shadow/depth` and `shadow/mask` against the look-at rule and rays from the light.
+//! `uniforms`, `shadow/depth` and `shadow/mask` against the look-at rule and rays from the light.
 
 use crate::prelude::*;
 
@@ -16,7 +16,7 @@ const CELLS: u32 = 128;
 
 pub fn cases() -> Vec<Case> {
     vec![
-        Case::new("frame", "look-at of the light", look_at),
+        Case::new("uniforms", "look-at of the light", look_at),
         Case::new("shadow/depth", "depth along the light", shadow_depth),
         Case::new("shadow/mask", "water seen from the light", shadow_mask),
     ]

@@ -18,7 +18,6 @@ pub use fathom_scene::{
     Bounds, Camera, Grid, LightFrame, LightKind, Mesh, Object, Optics, Scene, SceneFile, Volume,
     Water, WaterModel,
 };
-pub use fathom_stages::frame::{Shared, View};
 pub use fathom_stages::gbuffer::GbufferTextures;
 pub use fathom_stages::geometry::{Geometry, Part};
 pub use fathom_stages::kit::linear_workgroups;
@@ -28,5 +27,6 @@ pub use fathom_stages::screen_ray::*;
 pub use fathom_stages::shadow;
 pub use fathom_stages::splatting::PHOTONS_PER_INSTANCE;
 pub use fathom_stages::transfer::map::{self, MapUniforms};
+pub use fathom_stages::uniforms::{Shared, View};
 pub use fathom_stages::voxels::Voxels;
 pub use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec2, Vec3};

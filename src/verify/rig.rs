@@ -16,12 +16,12 @@ use fathom_reference::photons::place_in_grid;
 use fathom_reference::quantities::{StoredPhoton, stored_photons};
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Scene};
-use fathom_stages::frame::{Shared, View};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::photon::{Photon, Photons};
 use fathom_stages::scene::gbuffer;
+use fathom_stages::uniforms::{Shared, View};
 
 /// The device, what is made on it, and the stage that a case judges.
 pub struct Rig<'g> {

@@ -104,7 +104,7 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     let Reply::Prepared { stages, .. } = prepared else { panic!("{prepared:?}") };
     let kinds: Vec<_> = stages.iter().map(|stage| (stage.name.as_str(), stage.kind)).collect();
     use fathom::record::PassKind::{Compute, Host, Render};
-    assert_eq!(kinds[0], ("frame", Host));
+    assert_eq!(kinds[0], ("uniforms", Host));
     assert!(kinds.contains(&("caustics/trace", Compute)) && kinds.contains(&("compose", Render)));
 
     let Ok(Reply::Sample { ns, .. }) = ask(sample("plane", "caustics/splat", 3)) else {
@@ -117,7 +117,7 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     };
     for (request, reason, absent) in [
         (sample("plan", "compose", 1), "`plan` is not prepared", false),
-        (sample("plane", "compos", 1), "has no stage `compos`; it has frame, ", true),
+        (sample("plane", "compos", 1), "has no stage `compos`; it has uniforms, ", true),
         (sample("plane", "compose", 0), "frames must lie in 1…", false),
         (prepare("caustics.gird", 1), "did you mean `caustics.grid`", true),
         (prepare("view.width", 1_000_000), "", false),

@@ -117,7 +117,7 @@ fn geometry_moves_and_its_volume_with_it() {
         draw_small(&gpu, "crates", &set)
     };
     let [start, later] = [at(0.0), at(0.5)];
-    assert_eq!(start.stages()[..2], ["frame", "scene/deform"]);
+    assert_eq!(start.stages()[..2], ["uniforms", "scene/deform"]);
     assert_ne!(start.visibility(&gpu).data, later.visibility(&gpu).data);
 }
 

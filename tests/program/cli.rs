@@ -191,6 +191,37 @@ fn a_listing_takes_the_options_that_apply_to_it() {
     assert!(stages("voxelize").contains(&"voxel/overlap".to_owned()));
 }
 
+/// How fit this machine is changes from hour to hour; that the status follows from the findings does not.
+#[test]
+fn a_doctor_tells_what_it_found_and_its_status_follows() {
+    let place = Place::new();
+    let output = place.fathom("doctor --json --quiet").output().unwrap();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let findings = report["findings"].as_array().unwrap();
+    for subject in ["adapter", "clock", "precision", "asset", "shader cache", "valgrind"] {
+        assert!(
+            findings.iter().any(|finding| finding["subject"] == subject),
+            "{subject}: {report}"
+        );
+    }
+    let has_warning = findings.iter().any(|finding| finding["level"] == "warning");
+    assert_eq!(output.status.code(), Some(has_warning.into()), "{report}");
+    assert!(names(&place.path("")).is_empty());
+
+    let told = place.fathom("doctor").env("WGPU_BACKEND", "dx12").ends(2);
+    holds(&told.out, &["fault", "apt-get install libvulkan1 mesa-vulkan-drivers"]);
+}
+
+#[test]
+fn a_dry_comparison_says_what_it_would_do_and_does_nothing() {
+    let place = Place::new();
+    let told = place.fathom("compare --base-bin x --cells caustics/trace --dry-run").answer();
+    holds(&told, &["cells, by the gates exact, instructions, time", "20 launches of 16 pairs"]);
+    place.fathom("compare --base HEAD --dry-run").refused("is in no git repository");
+    place.fathom("compare --base HEAD").refused("is in no git repository");
+    assert!(names(&place.path("")).is_empty());
+}
+
 /// A run of the default frame into the folder `out`.
 fn run(place: &Place, options: &str) -> Command {
     let words = "run uw-default --no-ceilings --budget 10m --precision 1 --seed 1 --out out";

@@ -77,19 +77,22 @@ impl Comparison {
         }
     }
 
-    fn ruled(&self) -> RuledFigure {
+    /// As one of so many comparisons: with the interval that gave the verdict.
+    fn ruled(&self, verdict: Verdict, of: usize) -> RuledFigure {
+        let of = if verdict == Verdict::Contradicted { of } else { 1 };
         RuledFigure {
+            verdict,
             name: self.name.clone(),
             value: self.figure.value(),
-            interval: self.figure.interval(ALPHA),
+            interval: self.figure.interval(ALPHA / of as f64),
             band: self.band,
             n: self.n(),
         }
     }
 
-    /// `slope 1.020 (0.990 – 1.050), n = 16 against 0.900 – 1.100`
-    fn text(&self) -> String {
-        let ruled = self.ruled();
+    /// `slope 1.020 (0.990 – 1.050 for the claim), n = 16 against 0.900 – 1.100`
+    fn text(&self, verdict: Verdict, of: usize) -> String {
+        let ruled = self.ruled(verdict, of);
         let n = ruled.n.map_or_else(String::new, |n| format!(", n = {n}"));
         format!("{} {}{n} against {}", self.name, ruled.text(), ruled.asked())
     }
@@ -140,10 +143,13 @@ impl Comparison {
 /// A figure that decided a claim's verdict, and the band that it must lie in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RuledFigure {
+    /// On this comparison alone.
+    pub verdict: Verdict,
     /// What it is of, such as `lists / peel`.
     pub name: String,
     pub value: f64,
-    /// At the level of a verdict: see [`super::LOOKS`]. None of too few samples; without width where the figure is exact.
+    /// At the level of the verdict, so wider than one of 95 %: see [`super::LOOKS`]. Of a contradicted claim it is also widened for
+    /// the number of its comparisons. None of too few samples; without width where the figure is exact.
     pub interval: Option<Interval>,
     /// Infinite where one side is free.
     pub band: Interval,
@@ -164,12 +170,15 @@ impl RuledFigure {
         if factor > 0.0 { factor.max(1.0 / factor) } else { f64::INFINITY }
     }
 
-    /// `1.383 (1.301 – 1.462)`
+    /// `1.383 (1.301 – 1.462 for the claim)`: plots and other tables show the same figure's interval of 95 %.
     pub fn text(&self) -> String {
         let value = number(self.value);
-        match self.interval {
-            Some(Interval { low, high }) if low < high || self.n.is_some() => {
-                format!("{value} ({} – {})", number(low), number(high))
+        match self.interval.map(|i| [i.low, i.high]) {
+            Some(ends) if self.n.is_some() => {
+                format!("{value} ({} for the claim)", ends.map(number).join(" – "))
+            }
+            Some(ends) if ends[0] < ends[1] => {
+                format!("{value} ({})", ends.map(number).join(" – "))
             }
             _ => value,
         }
@@ -193,18 +202,21 @@ pub(super) struct Judgement {
     pub reason: String,
     /// The figures that decided, the furthest outside or nearest to its bound first.
     pub deciding: Vec<RuledFigure>,
+    /// The other comparisons, in their order.
+    pub others: Vec<RuledFigure>,
 }
 
 /// The verdict on all comparisons of a claim, and the figures that decided; none where there is nothing to compare.
 pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judgement> {
     let verdicts = comparisons.iter().map(|comparison| comparison.verdict(comparisons.len()));
     let verdict = verdicts.clone().min()?;
-    let mut deciding: Vec<&Comparison> =
-        comparisons.iter().zip(verdicts).filter(|(_, v)| *v == verdict).map(|(c, _)| c).collect();
+    let (deciding, others): (Vec<_>, Vec<_>) =
+        comparisons.iter().zip(verdicts).partition(|(_, v)| *v == verdict);
+    let mut deciding: Vec<&Comparison> = deciding.into_iter().map(|(c, _)| c).collect();
     deciding.sort_by(|a, b| a.inside().total_cmp(&b.inside()));
     let named = if verdict == Verdict::Contradicted { MOST_NAMED } else { 1 };
     let told = deciding.iter().take(named).map(|comparison| {
-        let told = comparison.text();
+        let told = comparison.text(verdict, comparisons.len());
         match verdict {
             Verdict::Inconclusive => {
                 format!("{told}: {}", comparison.settled_by(comparisons.len()))
@@ -219,8 +231,9 @@ pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judgement> {
         (all, some, _) => format!(" ({some} of {all} comparisons)"),
     };
     let reason = told + &count;
-    let deciding = deciding.into_iter().map(Comparison::ruled).collect();
-    Some(Judgement { verdict, reason, deciding })
+    let deciding = deciding.into_iter().map(|c| c.ruled(verdict, comparisons.len())).collect();
+    let others = others.into_iter().map(|(c, verdict)| c.ruled(verdict, comparisons.len()));
+    Some(Judgement { verdict, reason, deciding, others: others.collect() })
 }
 
 /// Three decimals, or three digits of what is small.

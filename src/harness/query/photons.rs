@@ -16,10 +16,10 @@ use fathom_pipelines::underwater::{self, Intensity, Params, Underwater, photon_q
 use fathom_reference::photons::{Landing, entering, land_ray};
 use fathom_reference::rays::Tracer;
 use fathom_scene::{LightFrame, LightKind};
-use fathom_stages::frame::View;
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::{MISSED, OUTSIDE};
 use fathom_stages::photons::query::{self, Answer};
+use fathom_stages::uniforms::View;
 
 /// Columns that a file of starts must have, and those that it may have.
 const PLACE: [&str; 3] = ["x", "y", "z"];

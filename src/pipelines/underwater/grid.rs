@@ -5,8 +5,8 @@ use glam::{DVec3, Vec2};
 use super::SubdivisionMode;
 use fathom_base::parameter::ParamError;
 use fathom_scene::LightFrame;
-use fathom_stages::frame::View;
 use fathom_stages::photon::{PhotonEstimator, TraceUniforms};
+use fathom_stages::uniforms::View;
 
 /// Steps of regula falsi: enough to find an edge of the light's depth within a quarter of a texel in a step of four.
 const SECANT_ITERATIONS: u32 = 8;

@@ -10,12 +10,12 @@ use crate::{Built, Pipeline};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_reference::godray::covered_px;
 use fathom_scene::Scene;
-use fathom_stages::frame::Shared;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{Buffer, Resources, When};
 use fathom_stages::photon::{MISSED, OUTSIDE, Photon, PhotonEstimator, Photons};
 use fathom_stages::photons::query::{self, Answer, Start};
 use fathom_stages::shadow;
+use fathom_stages::uniforms::Shared;
 
 impl Underwater {
     /// Pixels that the lines of godrays cover in their buffer, each line's counted, hidden or not.

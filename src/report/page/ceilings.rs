@@ -5,8 +5,9 @@ use maud::{Markup, html};
 
 use super::parts::{numbers, table, words};
 use super::{Fold, Page, PageRun, PageSection};
-use crate::ceilings::{Bound, bounds};
+use crate::ceilings::{self, Bound, bounds};
 use crate::format::{percent, si, three};
+use crate::plots;
 use fathom_record::ceilings::{Basis, Ceiling, CeilingShare};
 
 pub const SECTION: PageSection = PageSection {
@@ -49,6 +50,20 @@ fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
             details { summary { (folded.len()) " more stages" } (shares(page, folded)) }
         }
         details { summary { "The limits" } (limits(run)) }
+        @for pipeline in ceilings::rooflines(run.view).keys() { (roofline(run, pipeline)) }
+    }
+}
+
+/// Room for the pipeline's roofline, which the script draws when it is opened.
+fn roofline(run: &PageRun<'_>, pipeline: &str) -> Markup {
+    let about = format!("Roofline of {pipeline}");
+    html! {
+        details.plot.script-only {
+            summary { (about) }
+            div.scroll tabindex="0" role="region" aria-label=(about) {
+                div.drawing role="img" aria-label=(about) data-run=(run.label) data-plot=(plots::roofline_file(pipeline)) {}
+            }
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use super::{Fold, Page, PageSection};
 use crate::axis::{Axis, ScaleKind, tenth};
 use crate::format::{three, trim_zeros};
 use fathom_experiments::schema::Claim;
-use fathom_experiments::{RuledFigure, Ruling, Verdict};
+use fathom_experiments::{LOOKS, RuledFigure, Ruling, Verdict};
 use fathom_record::Interval;
 
 pub const SECTION: PageSection = PageSection {
@@ -65,7 +65,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             "A claim is supported where the interval of its figure lies inside the band, contradicted where it lies outside, and "
             "inconclusive else. The dot is the measured figure, the line its interval, the shaded part the claim's band"
             @if published { ", the diamond the published figure" }
-            ". "
+            ". The interval for the claim is wider than the 95 % interval of the same figure in plots and other tables: a run looks at its "
+            "samples up to " (LOOKS) " times, and a claim that compares several figures could fail by chance in each. "
             a href="#experiments" { "Experiments" } " has the plots."
         }
         @if !open.is_empty() { (table_of(page, &open, "Claims that are not supported")) }
@@ -80,7 +81,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 
 fn table_of(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Markup {
     let heads = html! {
-        (words(&["Verdict", "Claim"])) (numbers(&["Measured (interval)"])) (words(&["Against its band"])) (numbers(&["Band", "Published"]))
+        (words(&["Verdict", "Claim"])) (numbers(&["Measured (interval for the claim)"])) (words(&["Against its band"])) (numbers(&["Band", "Published"]))
     };
     table(about, "claims", &heads, &html! { @for row in rows { (row_markup(page, row)) } })
 }
@@ -119,7 +120,7 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
                         a.source href={ "#plot-" (row.experiment) } title=(row.title) { (row.experiment) }
                     }
                     @if page.is_overlay() { " " span.run { (page.runs[*place].label) } }
-                    details { summary { "why" } p { (ruling.reason) } }
+                    details { summary { "why" } p { (ruling.reason) } (comparisons(ruling)) }
                 }
                 @match ruling.deciding.first() {
                     Some(deciding) => {
@@ -133,6 +134,19 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
             }
         }
     }
+}
+
+/// Every comparison of a claim that has several.
+fn comparisons(ruling: &Ruling) -> Markup {
+    let all = ruling.deciding.iter().chain(&ruling.others);
+    let heads =
+        html! { (words(&["Verdict", "Comparison"])) (numbers(&["Measured (interval)", "Band"])) };
+    let rows = html! {
+        @for figure in all.clone() {
+            tr { td.(Tone::of(figure.verdict).class()) { (figure.verdict) } td { (figure.name) } td.number { (text(figure)) } td.number { (asked(figure.band)) } }
+        }
+    };
+    html! { @if all.count() > 1 { (table("Comparisons", "", &heads, &rows)) } }
 }
 
 /// A verdict, told by a word, a mark and a colour.
@@ -193,6 +207,28 @@ fn picture(axis: &Axis, deciding: &RuledFigure, published: Option<f64>) -> Marku
             }
             line.interval x1=(from) x2=(to) y1=(middle) y2=(middle) {}
             circle.value cx=(at) cy=(middle) r="4" {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn why_lists_every_comparison_with_its_own_verdict() {
+        let view = testing::view();
+        let sections = view.sections.iter();
+        let rulings = sections.flat_map(|section| section.rulings());
+        let mixed = rulings.filter(|ruling| !ruling.others.is_empty()).collect::<Vec<_>>();
+        assert!(!mixed.is_empty());
+        for ruling in mixed {
+            let html = comparisons(ruling).into_string();
+            let rows = ruling.deciding.len() + ruling.others.len();
+            assert_eq!(html.matches("<tr>").count(), rows + 1, "{html}");
+            assert!(ruling.deciding.iter().all(|figure| figure.verdict == ruling.verdict));
+            assert!(ruling.others.iter().all(|figure| figure.verdict > ruling.verdict));
         }
     }
 }

@@ -1,5 +1,6 @@
 //! What the page's script reads: the samples of every cell and the plots, compressed.
 
+use std::borrow::Cow;
 use std::io::BufWriter;
 
 use base64::Engine as _;
@@ -11,6 +12,7 @@ use super::{Page, PageRun};
 use crate::axis::tenth;
 use crate::colors::StageColors;
 use crate::format::NS_PER_MS;
+use crate::plots::rooflines;
 use crate::{ReportView, Section};
 use fathom_record::{Cell, Measured};
 
@@ -33,11 +35,11 @@ struct RunData<'a> {
     plots: Vec<PlotData<'a>>,
 }
 
-/// Of an experiment.
+/// Of an experiment, by its id, or a roofline, by the name of its file.
 #[derive(Serialize)]
 struct PlotData<'a> {
-    experiment: &'a str,
-    svg: &'a str,
+    name: Cow<'a, str>,
+    svg: Cow<'a, str>,
 }
 
 /// Of a measured cell. Times are milliseconds; samples of one frame have the same index.
@@ -97,9 +99,13 @@ fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
         .fold(f64::INFINITY, f64::min);
     let cells = Cells { view: run.view, started_s };
     let plot = |section: &'a Section<'a>| {
-        Some(PlotData { experiment: section.id, svg: section.figure().svg.as_deref()? })
+        Some(PlotData { name: section.id.into(), svg: section.figure().svg.as_deref()?.into() })
     };
-    let plots = run.view.sections.iter().filter_map(plot).collect();
+    let plots = run.view.sections.iter().filter_map(plot);
+    let rooflines = rooflines(run.view).into_iter().filter_map(|file| {
+        Some(PlotData { name: file.name.into(), svg: String::from_utf8(file.bytes).ok()?.into() })
+    });
+    let plots = plots.chain(rooflines).collect();
     RunData { label: &run.label, cells, plots }
 }
 

@@ -82,7 +82,7 @@ fn how_far(run: &PageRun<'_>) -> Markup {
             @let advice = verdict.advice();
             p { (verdict.tone().chip(&verdict.headline())) }
             dl.figures {
-                @for (about, words) in verdict.figures() { dt { (about) } dd { (words) } }
+                @for (about, words) in verdict.figures() { div { dt { (about) } dd { (words) } } }
             }
             @if !advice.is_empty() { p { b { "What to do: " } (advice.join("; ")) "." } }
         }

@@ -28,7 +28,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         return None;
     }
     Some(html! {
-        p.lead { "What was done in each experiment, after which publication, with its plot." }
+        p.lead { "What was done in each experiment, after which publication, with its plot. Intervals in plots are of 95 %; those of claims are wider." }
         @for id in ids { (experiment(page, id)) }
     })
 }

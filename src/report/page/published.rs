@@ -7,12 +7,9 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use super::parts::{numbers, setting_words, table, words};
-use super::scaling::runs;
 use super::{Fold, Page, PageRun, PageSection};
 use crate::Section;
-use crate::axis::{Axis, ScaleKind};
 use crate::format::three;
-use crate::svg::{Shape, chart, x_axis, y_axis};
 use fathom_experiments::schema::{Comparison, Published};
 use fathom_experiments::{RuledFigure, fits, flatten, fps};
 use fathom_record::Estimate;
@@ -25,13 +22,6 @@ pub const SECTION: PageSection = PageSection {
     write,
 };
 
-/// Of a chart, pixels.
-const SIDE_PX: f64 = 340.0;
-const LEFT_PX: f64 = 52.0;
-const RIGHT_PX: f64 = 326.0;
-const TOP_PX: f64 = 30.0;
-const BOTTOM_PX: f64 = 296.0;
-
 /// A published figure and the measured one.
 struct Pair {
     /// Place of the run on the page.
@@ -41,18 +31,6 @@ struct Pair {
     /// Of the interval; the figure twice where there is none.
     ends: [f64; 2],
     what: String,
-}
-
-impl Pair {
-    fn tip(&self, page: &Page<'_>) -> String {
-        format!(
-            "{}{}: measured {}, published {}",
-            page.naming(self.run, ", "),
-            self.what,
-            three(self.measured),
-            three(self.published)
-        )
-    }
 }
 
 fn write(page: &Page<'_>) -> Option<Markup> {
@@ -70,15 +48,11 @@ fn write(page: &Page<'_>) -> Option<Markup> {
                 "Nothing that was published can be compared with this run: no claim states a published ratio, and no two published "
                 "frame rates of an experiment are of sizes that were measured."
             } @else {
-                "A mark on the diagonal agrees with the publication; above it the measured figure is larger. Lines are intervals. "
-                "Both axes are logarithmic."
+                "The last column is 1 where a figure agrees with the publication. Intervals stand in brackets."
             }
         }
-        div.grid.charts {
-            (scatter(page, "ratios, slopes and shares", &ratios))
-            (scatter(page, "frames per second", &rates))
-        }
-        (pairs_table(page, &ratios))
+        (pairs_table(page, "Published and measured ratios", &ratios))
+        (pairs_table(page, "Published and measured frames per second", &rates))
         @if !listed.is_empty() { (rates_table(page, &listed)) }
     })
 }
@@ -180,40 +154,12 @@ fn in_words(conditions: &[Condition]) -> String {
     setting_words(conditions.iter().map(|(path, value)| (path, value)))
 }
 
-/// Measured against published figures, with the line on which both are the same.
-fn scatter(page: &Page<'_>, what: &str, pairs: &[Pair]) -> Markup {
-    let values = || pairs.iter().flat_map(|pair| [pair.published, pair.measured]);
-    let across = Axis::fit(ScaleKind::Log, values(), [LEFT_PX, RIGHT_PX]);
-    let up = Axis::fit(ScaleKind::Log, values(), [BOTTOM_PX, TOP_PX]);
-    let (Some(across), Some(up)) = (across, up) else { return html! {} };
-    let content = html! {
-        (x_axis(&across, [TOP_PX, BOTTOM_PX], &format!("Published, {what}")))
-        (y_axis(&up, [LEFT_PX, RIGHT_PX], &format!("Measured, {what}")))
-        line.diagonal x1=(LEFT_PX) y1=(BOTTOM_PX) x2=(RIGHT_PX) y2=(TOP_PX) {}
-        @for pair in pairs {
-            @if let (Some(x), Some(y)) = (across.px(pair.published), up.px(pair.measured)) {
-                g.mark data-tip=(pair.tip(page)) {
-                    line.whisker x1=(x) x2=(x) y1=(up.px_within(pair.ends[0])) y2=(up.px_within(pair.ends[1])) {}
-                    path.ink d=(Shape::of(pair.run).path([x, y])) { title { (pair.tip(page)) } }
-                }
-            }
-        }
-    };
-    html! {
-        figure {
-            (chart([SIDE_PX, SIDE_PX], &format!("Measured against published {what}"), &content))
-            figcaption { @if page.is_overlay() { (runs(page)) } }
-        }
-    }
-}
-
-/// The exact numbers of the marks.
-fn pairs_table(page: &Page<'_>, pairs: &[Pair]) -> Markup {
+fn pairs_table(page: &Page<'_>, about: &str, pairs: &[Pair]) -> Markup {
     let heads = html! {
         (page.run_head()) (words(&["What"])) (numbers(&["Published", "Measured (interval)", "Measured / published"]))
     };
     let rows = html! { @for pair in pairs { (pair_row(page, pair)) } };
-    html! { @if !pairs.is_empty() { (table("Published and measured ratios", "", &heads, &rows)) } }
+    html! { @if !pairs.is_empty() { h3 { (about) } (table(about, "", &heads, &rows)) } }
 }
 
 fn pair_row(page: &Page<'_>, pair: &Pair) -> Markup {
@@ -316,7 +262,7 @@ mod tests {
                 let rates = rates(0, &page.runs[0]);
                 assert_eq!(rates.is_empty(), software);
                 let text = write(page).unwrap().into_string();
-                assert_eq!(text.contains("Measured, frames per second"), !software);
+                assert_eq!(text.contains("measured frames per second"), !software);
                 assert!(text.contains("GeForce GTX 260"));
             });
         }

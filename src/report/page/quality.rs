@@ -14,7 +14,7 @@ use crate::axis::{Axis, ScaleKind};
 use crate::format::{NS_PER_MS, three};
 use crate::svg::{self, Paint, Shape};
 use fathom_experiments::words::{Unit, figure as figure_words};
-use fathom_experiments::{flatten, label_text};
+use fathom_experiments::{Experiment, label_text};
 use fathom_record::{Cell, ErrorFigure, Estimate, Measured};
 
 pub const SECTION: PageSection = PageSection {
@@ -25,8 +25,8 @@ pub const SECTION: PageSection = PageSection {
     write,
 };
 
-/// The limit that a reader finds first: 20 frames per second.
-const LIMIT_MS: f64 = 50.0;
+/// The limit that a reader finds first, as a multiple of the time of the task's fastest setting: tasks differ in how long they take.
+const LIMIT: f64 = 2.0;
 /// Fewer settings are told in the table alone.
 const LEAST_CHARTED: usize = 4;
 /// Tasks with fewer settings are folded.
@@ -39,21 +39,16 @@ const SIZE_PX: [f64; 2] = [324.0, 196.0];
 const X_PX: [f64; 2] = [48.0, 310.0];
 const Y_PX: [f64; 2] = [170.0, 10.0];
 
-/// Groups of parameters that say what is computed rather than how: they change the reference or the work that every setting has.
-const TASK_GROUPS: [&str; 7] =
-    ["view", "camera", "light", "water", "animation", "objects", "floor_depth_m"];
-/// The same among parameters of a method, by the last part of their paths: the reference of occlusion depends on them.
-const TASK_LEAVES: [&str; 3] = ["r_max_m", "r_max_share", "attenuation"];
-
 /// Cells whose errors can be compared.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Task<'a> {
     experiment: &'a str,
     scene: &'a str,
-    /// Names of the axes that differ between its cells.
+    size_px: Option<[u64; 2]>,
+    /// The axes that change what is computed, with their values.
+    given: Vec<(&'a str, String)>,
+    /// Names of the others, along which its settings differ.
     axes: Vec<&'a str>,
-    /// The parameters of [`TASK_GROUPS`] and [`TASK_LEAVES`] and their values.
-    params: String,
 }
 
 /// A cell as the run at that place of the page timed it.
@@ -94,13 +89,13 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         comparisons.iter().enumerate().partition(|(_, one)| one.count() >= LEAST_TOLD);
     Some(html! {
         p.lead {
-            "Settings are compared where they solve the same task: the same experiment and axes, scene, view, size, light and water, and "
-            "the same error against the same reference. Of the errors that differ by a tenth or more, the one of the last stage is "
-            "shown. The best setting has the least error of those whose median frame time is at most the limit; of equal errors "
-            "the fastest."
+            "Settings are compared where they solve the same task: the same experiment, scene and size, and the same error against the "
+            "same reference. Of the errors that differ by a tenth or more, the one of the last stage is shown. The best setting has the "
+            "least error of those within the limit, which is a multiple of the fastest setting's median frame time; of equal errors the "
+            "fastest."
         }
         div.controls.script-only {
-            label { "At most " input #quality-limit type="number" min="0" step="any" value=(LIMIT_MS) size="6"; " ms per frame" }
+            label { "At most " input #quality-limit type="number" min="1" step="0.1" value=(LIMIT) size="4"; " × the time of the fastest setting" }
         }
         (best_settings(page, &told))
         @if !folded.is_empty() {
@@ -118,7 +113,7 @@ fn best_settings(page: &Page<'_>, comparisons: &[(usize, &Comparison<'_>)]) -> M
     let heads = html! {
         (page.run_head())
         (words(&["Task"]))
-        th scope="col" { "Best setting of at most " span.quality-limit { (three(LIMIT_MS)) } " ms" }
+        th scope="col" { "Best setting within " span.quality-limit { (LIMIT) } " × the fastest" }
         (words(&["Its error and time"]))
         (numbers(&["Settings"]))
     };
@@ -130,8 +125,15 @@ fn best_settings(page: &Page<'_>, comparisons: &[(usize, &Comparison<'_>)]) -> M
 fn comparisons<'a>(page: &Page<'a>) -> Vec<Comparison<'a>> {
     let mut tasks = IndexMap::<Task<'a>, Vec<Timed<'a>>>::new();
     for (place, run) in page.runs.iter().enumerate() {
-        for (cell, measured) in run.view.timed() {
-            tasks.entry(task(cell)).or_default().push((place, cell, measured));
+        for section in &run.view.sections {
+            // Texts of earlier versions do not mark the axes of a task.
+            let builtin = Experiment::builtin_ids().contains(&section.id.to_owned());
+            let builtin = builtin.then(|| Experiment::load(section.id).ok()).flatten();
+            let defined = || section.experiment.iter().chain(&builtin);
+            for (cell, measured) in section.timed() {
+                let task = task(cell, |axis| defined().any(|one| one.is_task(axis)));
+                tasks.entry(task).or_default().push((place, cell, measured));
+            }
         }
     }
     let mut compared: Vec<Comparison<'a>> =
@@ -145,27 +147,21 @@ fn comparisons<'a>(page: &Page<'a>) -> Vec<Comparison<'a>> {
     compared
 }
 
-fn task(cell: &Cell) -> Task<'_> {
-    let leaves = flatten(&cell.params.to_map());
-    let of_task = leaves.iter().filter(|(path, _)| is_of_task(path));
-    let mut params = of_task.map(|(path, value)| format!("{}={}", last(path), label_text(value)));
-    let axes = cell.axes.keys().map(String::as_str).filter(|axis| !is_of_task(axis));
+fn task(cell: &Cell, is_given: impl Fn(&str) -> bool) -> Task<'_> {
+    let axes = cell.axes.iter().map(|(axis, value)| (axis.as_str(), label_text(value)));
+    let (given, others): (Vec<_>, Vec<_>) = axes.partition(|(axis, _)| is_given(axis));
     Task {
         experiment: &cell.experiment,
         scene: &cell.scene,
-        axes: axes.collect(),
-        params: params.join(";"),
+        size_px: size_px(cell),
+        given,
+        axes: others.into_iter().map(|(axis, _)| axis).collect(),
     }
 }
 
-fn is_of_task(path: &str) -> bool {
-    let group = path.split('.').next().unwrap_or(path);
-    path == "scene" || TASK_GROUPS.contains(&group) || TASK_LEAVES.contains(&last(path))
-}
-
-/// `r_max_m` of `ao.r_max_m`: methods that are compared have groups of their own.
-fn last(path: &str) -> &str {
-    path.rsplit('.').next().unwrap_or(path)
+fn size_px(cell: &Cell) -> Option<[u64; 2]> {
+    let side = |name: &str| cell.params.get("view")?.get(name).and_then(Value::as_u64);
+    Some([side("width")?, side("height")?])
 }
 
 fn error_of<'a>(measured: &'a Measured, name: &str) -> Option<&'a ErrorFigure> {
@@ -196,15 +192,14 @@ fn varying<'a>(cells: &[Timed<'a>]) -> BTreeSet<&'a str> {
 }
 
 fn conditions(cell: &Cell, varying: &BTreeSet<&str>) -> String {
-    let side = |name: &str| cell.params.get("view")?.get(name).and_then(Value::as_u64);
-    let sides = side("width").zip(side("height"));
+    let sides = size_px(cell);
     let is_told = |value: &Value| {
-        let size = sides.map(|(width, height)| format!("{width}x{height}"));
+        let size = sides.map(|[width, height]| format!("{width}x{height}"));
         value.as_str().is_some_and(|text| text == cell.scene || Some(text) == size.as_deref())
     };
     let axes = cell.axes.iter();
     let shared = axes.filter(|(name, value)| !varying.contains(name.as_str()) && !is_told(value));
-    let size = sides.map(|(width, height)| format!("{width} × {height} px"));
+    let size = sides.map(|[width, height]| format!("{width} × {height} px"));
     let parts = [Some(cell.scene.clone()), size, Some(setting_words(shared))];
     parts.into_iter().flatten().filter(|part| !part.is_empty()).join(", ")
 }
@@ -270,19 +265,18 @@ impl<'a> Comparison<'a> {
         self.settings.iter().filter(move |setting| setting.run == run)
     }
 
-    /// The least error within the limit; of equal ones the fastest.
-    fn best(&self, run: usize, limit_ms: f64) -> Option<&Setting<'a>> {
-        let within = self.of_run(run).filter(|setting| setting.time_ms.median <= limit_ms);
+    fn fastest_ms(&self, run: usize) -> f64 {
+        self.of_run(run).map(|setting| setting.time_ms.median).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The least error within this multiple of the fastest setting's time; of equal ones the fastest.
+    fn best(&self, run: usize, limit: f64) -> Option<&Setting<'a>> {
+        let most_ms = limit * self.fastest_ms(run);
+        let within = self.of_run(run).filter(|setting| setting.time_ms.median <= most_ms);
         within.min_by(|a, b| {
             let by_time = || a.time_ms.median.total_cmp(&b.time_ms.median);
             a.error.total_cmp(&b.error).then_with(by_time)
         })
-    }
-
-    /// Why there is no best setting.
-    fn none(&self, run: usize) -> String {
-        let times = self.of_run(run).map(|setting| setting.time_ms.median);
-        format!("none: the fastest takes {} ms", three(times.fold(f64::INFINITY, f64::min)))
     }
 }
 
@@ -319,7 +313,7 @@ fn rows(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
     let charted = one.is_charted();
     html! {
         @for (index, run) in one.runs().enumerate() {
-            @let best = one.best(run, LIMIT_MS);
+            @let best = one.best(run, LIMIT);
             tr data-comparison=(place) data-run=(run) {
                 @if page.is_overlay() { td { (page.runs[run].label) } }
                 th scope="row" {
@@ -329,7 +323,7 @@ fn rows(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
                         @else { span.source { (one.experiment) } }
                     }
                 }
-                td.best-setting { @match best { Some(best) => { b { (best.words) } } None => { span.faint { (one.none(run)) } } } }
+                td.best-setting { @if let Some(best) = best { b { (best.words) } } }
                 td.best-figures { @if let Some(best) = best { (best.figures()) } }
                 td.number { (one.of_run(run).count()) }
             }
@@ -363,12 +357,7 @@ fn figure(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
                 p.best data-run=(run) {
                     @if page.is_overlay() { (Shape::of(run).symbol()) " " (page.runs[run].label) ": " }
                     span.best-words {
-                        "Best of at most " (three(LIMIT_MS)) " ms: "
-                        @match one.best(run, LIMIT_MS) {
-                            Some(best) => { (best.words) ": " (best.figures()) }
-                            None => { (one.none(run)) }
-                        }
-                        "."
+                        @if let Some(best) = one.best(run, LIMIT) { "Best within the limit: " (best.words) ": " (best.figures()) "." }
                     }
                 }
                 (front_table(one, run))
@@ -392,7 +381,6 @@ fn front_table(one: &Comparison<'_>, run: usize) -> Markup {
 /// else; the best within the limit is ringed.
 fn scatter(page: &Page<'_>, one: &Comparison<'_>, x: &Axis, y: &Axis) -> Markup {
     let [x_low, x_high] = x.coordinates();
-    let limit = x.px_within(LIMIT_MS);
     let place = |setting: &Setting<'_>| Some([x.px(setting.time_ms.median)?, y.px(setting.error)?]);
     let front = |run| {
         let places = one.of_run(run).filter(|setting| setting.front).filter_map(place);
@@ -402,7 +390,7 @@ fn scatter(page: &Page<'_>, one: &Comparison<'_>, x: &Axis, y: &Axis) -> Markup 
         all.map(|[x, y]| format!("{x},{y}")).join(" ")
     };
     let is_best = |setting: &Setting<'_>| {
-        one.best(setting.run, LIMIT_MS).is_some_and(|best| std::ptr::eq(best, setting))
+        one.best(setting.run, LIMIT).is_some_and(|best| std::ptr::eq(best, setting))
     };
     let fill = |setting: &Setting<'_>| {
         if setting.front { Paint::Accent.css() } else { "var(--ground)".to_owned() }
@@ -410,12 +398,15 @@ fn scatter(page: &Page<'_>, one: &Comparison<'_>, x: &Axis, y: &Axis) -> Markup 
     html! {
         (svg::x_axis(x, [Y_PX[1], Y_PX[0]], ""))
         (svg::y_axis(y, X_PX, ""))
-        @for run in one.runs() { polyline.front points=(front(run)) {} }
-        line.limit x1=(limit) x2=(limit) y1=(Y_PX[1]) y2=(Y_PX[0]) data-low=(x_low) data-high=(x_high)
-            data-log=(x.kind == ScaleKind::Log) data-left=(X_PX[0]) data-right=(X_PX[1]) {}
+        @for run in one.runs() {
+            polyline.front points=(front(run)) {}
+            @let limit = x.px_within(LIMIT * one.fastest_ms(run));
+            line.limit x1=(limit) x2=(limit) y1=(Y_PX[1]) y2=(Y_PX[0]) data-low=(x_low) data-high=(x_high)
+                data-log=(x.kind == ScaleKind::Log) data-left=(X_PX[0]) data-right=(X_PX[1]) data-fastest=(one.fastest_ms(run)) {}
+        }
         @for (setting, at) in one.settings.iter().filter_map(|setting| Some((setting, place(setting)?))) {
             @let tip = setting.tip(page);
-            path.mark.setting.best[is_best(setting)] d=(Shape::of(setting.run).path(at)) style={ "fill:" (fill(setting)) } data-tip=(tip)
+            path.mark.setting.best[is_best(setting)] d=(Shape::of(setting.run).path(at)) style={ "fill:" (fill(setting)) }
                 data-setting=(setting.words) data-run=(setting.run) data-ms=(setting.time_ms.median)
                 data-error=(setting.error) data-figures=(setting.figures()) { title { (tip) } }
         }
@@ -462,11 +453,11 @@ mod tests {
         let compared = comparisons(&page(&[&view]));
         let [one] = compared.as_slice() else { panic!("{} comparisons", compared.len()) };
         let best_at = |limit| one.best(0, limit).map(|best| best.time_ms.median);
-        assert_eq!(best_at(LIMIT_MS), Some(50.0));
-        assert_eq!(best_at(5.0), None);
+        // Times are 10, 20, … ms.
+        assert_eq!([best_at(LIMIT), best_at(5.0)], [Some(20.0), Some(50.0)]);
         assert!(one.settings.iter().all(|setting| setting.front));
         let html = write(&page(&[&view])).unwrap().into_string();
-        assert!(html.contains("RMS error of occlusion 0.200 in 50.0 ms"), "{html}");
+        assert!(html.contains("RMS error of occlusion 0.500 in 20.0 ms"), "{html}");
         assert_eq!(html.matches("setting best").count(), 1);
     }
 
@@ -486,6 +477,14 @@ mod tests {
         for one in comparisons(&page(&[&view])) {
             let scenes = one.settings.iter().map(|setting| setting.cell.scene.as_str()).unique();
             assert_eq!(scenes.count(), 1);
+        }
+        // An axis that the experiment marks as part of the task divides its cells: the number of crates.
+        let objects = self::records("vao-objects", trade);
+        let view = ReportView::new(&objects, None);
+        let compared = comparisons(&page(&[&view]));
+        assert!(!compared.is_empty());
+        for one in compared {
+            assert!(one.settings.iter().map(|setting| &setting.cell.axes["crates"]).all_equal());
         }
         // Each cell has its own viewport: there is nothing to compare.
         let sizes = self::records("uw-viewport", trade);
@@ -508,8 +507,8 @@ mod tests {
         ];
         let views = [&ReportView::new(&slow, None), &ReportView::new(&fast, None)];
         let compared = comparisons(&page(&views));
-        let bests = [0, 1].map(|run| compared[0].best(run, LIMIT_MS).unwrap().time_ms.median);
-        assert_eq!(bests, [40.0, 50.0]);
+        let bests = [0, 1].map(|run| compared[0].best(run, LIMIT).unwrap().time_ms.median);
+        assert_eq!(bests, [40.0, 20.0]);
         let html = write(&page(&views)).unwrap().into_string();
         assert!(html.contains("● one: ") && html.contains("■ two: "));
     }

@@ -69,7 +69,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     }
     Some(html! {
         p.lead {
-            "Points are medians with their 95 % intervals. Lines join the points of an axis of numbers; scenes and other categories "
+            "Points and exponents are medians with their 95 % intervals. Lines join the points of an axis of numbers; scenes and other categories "
             "are not joined. On logarithmic charts the dashed line is the fitted power law, y ∝ x to the exponent that stands below "
             "the chart; dotted lines have the slope 1: twice the work takes twice the time. † No exponent: too few cells, or in most "
             "of them a fixed part is more than 10 % of the time; the mark tells how much."

@@ -52,6 +52,9 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         div.controls.script-only {
             label { "Cell " select #waterfall-cell disabled {} }
             label { "Frame " input #waterfall-frame type="range" min="0" value="0" disabled; }
+            label { "Zoom " input #waterfall-zoom type="range" min="0" max="6" step="0.25" value="0"; }
+            label { "Place " input #waterfall-from type="range" min="0" max="100" value="0"; }
+            output #waterfall-shown {}
         }
         (waterfall(page, run, default))
     })
@@ -189,7 +192,7 @@ fn step_markup(step: &Step) -> Markup {
             span.step-track {
                 @if step.length > 0.0 {
                     span.step-bar.mark data-tip={ (step.name) ": " (step.text) }
-                        style={ "left:" (step.start) "%;width:" (step.length) "%;background:" (step.color) } {}
+                        style={ "--start:" (step.start) ";--length:" (step.length) ";background:" (step.color) } {}
                 }
             }
             span.step-time { (step.text) }

@@ -30,8 +30,8 @@ const RIGHT_PX: f64 = 326.0;
 const TOP_PX: f64 = 30.0;
 const BOTTOM_PX: f64 = 196.0;
 
-/// Cells that a strip shows: more cannot be told apart in its height.
-const MOST_CELLS: usize = 160;
+/// Cells of a strip that a mark names, those with the largest figures.
+const MOST_NAMED: usize = 30;
 /// Samples that are drawn over time.
 const MOST_SAMPLES: usize = 2_000;
 /// Spans of time whose median is a mark.
@@ -161,14 +161,13 @@ fn share_mark(cell: &Cell, share: f64) -> StripMark {
     StripMark { value, ends: [value; 2], tip: format!("{}: {} %", name(cell), three(value)) }
 }
 
-/// The cells' figures in order of size, one above the other; of many cells those with the largest.
+/// The figures of all cells in order of size, one above the other.
 fn strip(title: &str, about: &str, marks: Vec<StripMark>) -> Markup {
     let all = marks.len();
     let mut marks: Vec<StripMark> =
         marks.into_iter().filter(|mark| mark.value.is_finite()).collect();
     let left_out = all - marks.len();
     marks.sort_by(|a, b| b.value.total_cmp(&a.value));
-    marks.truncate(MOST_CELLS);
     let ends = marks.iter().flat_map(|mark| mark.ends).chain(marks.iter().map(|mark| mark.value));
     let Some(axis) = Axis::fit(ScaleKind::Linear, ends, [LEFT_PX, RIGHT_PX]) else {
         return html! {};
@@ -178,31 +177,32 @@ fn strip(title: &str, about: &str, marks: Vec<StripMark>) -> Markup {
     let px = |value: f64| axis.px_within(value);
     let content = html! {
         (x_axis(&axis, [TOP_PX, BOTTOM_PX], title))
-        @for (rank, mark) in marks.iter().enumerate() {
-            g.mark data-tip=(mark.tip) {
+        path.cloud d=(squares(marks.iter().enumerate().skip(MOST_NAMED).map(|(rank, mark)| [px(mark.value), y(rank)]))) {}
+        @for (rank, mark) in marks.iter().enumerate().take(MOST_NAMED) {
+            g.mark {
+                title { (mark.tip) }
                 @if mark.ends[0] < mark.ends[1] {
                     line.whisker x1=(px(mark.ends[0])) x2=(px(mark.ends[1])) y1=(y(rank)) y2=(y(rank)) {}
                 }
-                circle.ink cx=(px(mark.value)) cy=(y(rank)) r="2.5" { title { (mark.tip) } }
+                circle.ink cx=(px(mark.value)) cy=(y(rank)) r="2.5" {}
             }
         }
     };
     html! {
         figure {
             (chart([WIDTH_PX, HEIGHT_PX], about, &content))
-            figcaption { (counted(marks.len(), all)) (without_interval(left_out)) }
+            figcaption { (counted(marks.len())) (without_interval(left_out)) }
         }
     }
 }
 
-fn counted(shown: usize, all: usize) -> String {
-    if shown == all {
-        format!("A dot per cell, n = {all}, in order of size.")
+fn counted(cells: usize) -> String {
+    let named = if cells > MOST_NAMED {
+        format!(" The {MOST_NAMED} largest name their cell.")
     } else {
-        format!(
-            "A dot per cell in order of size: {shown} of {all} cells, those with the largest values."
-        )
-    }
+        String::new()
+    };
+    format!("A dot per cell, n = {cells}, in order of size.{named}")
 }
 
 fn without_interval(cells: usize) -> String {
@@ -230,8 +230,9 @@ fn over_time(samples: &[TimedSample]) -> Markup {
         (y_axis(&vertical, [LEFT_PX, RIGHT_PX], "Frame time off its cell's median (%)"))
         path.cloud d=(squares(cloud)) {}
         @for span in spans(samples, last.at_s) {
-            circle.mark.median cx=(horizontal.px_within(span.at_s / 60.0)) cy=(vertical.px_within(span.off)) r="4"
-                data-tip=(span.tip()) { title { (span.tip()) } }
+            circle.mark.median cx=(horizontal.px_within(span.at_s / 60.0)) cy=(vertical.px_within(span.off)) r="4" {
+                title { (span.tip()) }
+            }
         }
     };
     html! {
@@ -404,13 +405,14 @@ mod tests {
     }
 
     #[test]
-    fn strips_are_cut_at_the_largest_and_say_so() {
+    fn a_strip_has_every_cell_and_names_the_largest() {
         let mut records = fixtures::run();
         let cell = fixtures::cells(&mut records).next().unwrap();
         let marks = (0..400).map(|i| share_mark(cell, f64::from(i) / 100.0));
         let text = strip("x (%)", "x", marks.collect()).into_string();
-        assert_eq!(text.matches("<circle").count(), MOST_CELLS);
-        assert!(text.contains("160 of 400 cells") && text.contains(": 399 %"), "{text}");
+        assert_eq!(text.matches("<circle").count(), MOST_NAMED);
+        assert_eq!(text.matches("h2v2h-2z").count(), 400 - MOST_NAMED);
+        assert!(text.contains("n = 400") && text.contains(": 399 %"), "{text}");
     }
 
     #[test]

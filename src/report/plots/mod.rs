@@ -28,7 +28,7 @@ use fathom_experiments::Measure;
 use fathom_experiments::schema::{Experiment, Plot, PlotKind, Published};
 use fathom_record::Cell;
 
-pub use roofline::EXPORTER as ROOFLINES;
+pub use roofline::{EXPORTER as ROOFLINES, export as rooflines, file_name as roofline_file};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "plots",

@@ -41,7 +41,10 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
     let items = rows.iter().zip((0..count).rev()).flat_map(|(row, at)| row.items(at, &scale));
     let axis = names::short_axis(over, input.experiment);
     (count > 0).then(|| BarChart {
-        x_title: format!("{axis}: {}, ratio", sides.map(label_text).join(" over ")),
+        x_title: format!(
+            "{axis}: {}, ratio with its 95 % interval",
+            sides.map(label_text).join(" over ")
+        ),
         items: items.chain([Item::Line([(1.0, 0.0), (1.0, count as f64)], 1)]).collect(),
         scale: scale.clone(),
         rows_px: count as u32 * ROW_PX,

@@ -32,11 +32,16 @@ const LABEL_PX: (i32, i32) = (6, 16);
 /// Between the places of a line that labels must not cover.
 const LINE_STEP_PX: i32 = 4;
 
-fn export(view: &ReportView<'_>) -> Vec<Artifact> {
+/// Name of the roofline's file.
+pub fn file_name(pipeline: &str) -> String {
+    format!("roofline-{}.svg", text::file_stem(pipeline))
+}
+
+pub fn export(view: &ReportView<'_>) -> Vec<Artifact> {
     let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
     let files = rooflines(view).into_iter().filter_map(|(pipeline, roofline)| {
         let svg = Chart::new(&roofline)?.svg(pipeline, adapter, &view.colors);
-        Some(Artifact::of(format!("roofline-{}.svg", text::file_stem(pipeline)), svg))
+        Some(Artifact::of(file_name(pipeline), svg))
     });
     files.collect()
 }

@@ -41,7 +41,8 @@ pub fn claims(view: &ReportView<'_>, text: &mut String) {
     if claims.is_empty() {
         return;
     }
-    *text += "## Claims\n\n";
+    *text += "## Claims\n\nAn interval for the claim is wider than the 95 % interval of the same figure in plots and other tables: it allows \
+              for several looks at the samples and, where the claim is contradicted, for its number of comparisons.\n\n";
     let of = |verdict: Verdict| -> Vec<RuledClaim<'_, '_>> {
         claims.iter().copied().filter(|claim| claim.ruling.verdict == verdict).collect()
     };

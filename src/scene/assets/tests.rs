@@ -12,6 +12,7 @@ const ABC: Asset = Asset {
     file: "abc.txt",
     sha256: "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
     source: Source::Debian { package: "abc-data", path: "/usr/share/abc.txt" },
+    licence: "MIT",
     content: Content::Mesh,
     stand_in: ("knot", &[]),
 };

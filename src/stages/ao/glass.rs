@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use crate::frame::View;
 use crate::geometry::Geometry;
 use crate::prelude::*;
+use crate::uniforms::View;
 use fathom_scene::Scene;
 
 pub const INFO: StageInfo = StageInfo {

@@ -73,7 +73,30 @@
     addEventListener("beforeprint", whole);
     show();
 
-    /* The stages of a row's cell, below it. */
+    /* A dot per sample, between the least and the largest, and a line at the median. */
+    const strip = (samples) => {
+      const [width, height] = [220, 18];
+      const [low, high] = [Math.min(...samples), Math.max(...samples)];
+      const x = (value) => 4 + (high > low ? (value - low) / (high - low) : 0.5) * (width - 8);
+      const middle = x(fathom.median(samples));
+      return fathom.element("svg", { width, height, class: "strip", role: "img", "aria-label": `${samples.length} samples` },
+        ...samples.map((value) => fathom.element("circle", { cx: x(value), cy: height / 2, r: 3 })),
+        fathom.element("line", { x1: middle, x2: middle, y1: 1, y2: height - 1 }));
+    };
+    const line = (name, samples, clock, below) => {
+      const known = samples.length > 0 && below === undefined;
+      const number = (text) => fathom.element("td", { class: "number" }, text);
+      return fathom.element("tr", {},
+        fathom.element("td", {}, name),
+        number(known ? fathom.three(fathom.median(samples)) : below === undefined ? "–" : `< ${fathom.three(below)}`),
+        number(known ? fathom.three(Math.min(...samples)) : ""),
+        fathom.element("td", {}, known ? strip(samples) : ""),
+        number(known ? fathom.three(Math.max(...samples)) : ""),
+        number(samples.length),
+        fathom.element("td", {}, clock));
+    };
+
+    /* The stages of a row's cell with their samples, below it. */
     const details = async (row) => {
       const open = row.nextElementSibling?.classList.contains("detail");
       fathom.all("tr.detail", cells).forEach((detail) => detail.remove());
@@ -81,12 +104,14 @@
       const { runs } = await fathom.data();
       const [run, index] = row.dataset.at.split(" ").map(Number);
       const cell = runs[run].cells[index];
-      const lines = cell.stages.map(({ stage, clock, samples, below }) => fathom.element("tr", {},
-        fathom.element("td", {}, stage),
-        fathom.element("td", { class: "number" }, below === undefined ? fathom.three(fathom.median(samples)) : `< ${fathom.three(below)}`),
-        fathom.element("td", {}, clock)));
-      const table = fathom.element("table", {}, fathom.element("tbody", {}, ...lines));
-      const holder = fathom.element("td", { colspan: row.cells.length }, "Stages, median ms and clock", table);
+      const lines = [line("frame, untimed", cell.untimed, ""), line("frame, timed by stage", cell.envelope, ""),
+        ...cell.stages.map(({ stage, clock, samples, below }) => line(stage, samples, clock, below))];
+      const heads = ["Stage", "Median (ms)", "Least", "Samples", "Largest", "n", "Clock"];
+      const table = fathom.element("table", {},
+        fathom.element("thead", {}, fathom.element("tr", {}, ...heads.map((head) => fathom.element("th", { scope: "col" }, head)))),
+        fathom.element("tbody", {}, ...lines));
+      fathom.nameCells(table);
+      const holder = fathom.element("td", { colspan: row.cells.length }, table);
       row.after(fathom.element("tr", { class: "detail" }, holder));
     };
     cells.tBodies[0].addEventListener("click", (event) => {

@@ -45,6 +45,12 @@ fathom.median = (samples) => {
   return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
 };
 
+/* A mark's title is what the pointer and the keyboard show: the browser would show it a second time. */
+fathom.all("svg .mark > title").forEach((title) => {
+  title.parentElement.dataset.tip = title.textContent;
+  title.remove();
+});
+
 {
   const tip = document.getElementById("tip");
   let shown = null;
@@ -172,7 +178,7 @@ addEventListener("beforeprint", () => fathom.all("details[data-print=true]").for
 
 /* In a narrow window a row of a table is a block, and each cell names its column. */
 {
-  const name = (table) => {
+  fathom.nameCells = (table) => {
     const heads = table.tHead ? [...table.tHead.rows[0].cells].map((head) => head.textContent) : [];
     for (const row of table.tBodies[0]?.rows ?? []) {
       let column = 0;
@@ -184,7 +190,7 @@ addEventListener("beforeprint", () => fathom.all("details[data-print=true]").for
   };
   const narrow = matchMedia("(max-width: 600px)");
   fathom.isNarrow = () => narrow.matches;
-  const update = () => { if (narrow.matches) fathom.all("table").forEach(name); };
+  const update = () => { if (narrow.matches) fathom.all("table").forEach(fathom.nameCells); };
   narrow.addEventListener("change", update);
   update();
 }

@@ -5,7 +5,7 @@
     const root = holder.attachShadow({ mode: "open" });
     const { runs } = await fathom.data();
     const run = runs.find((run) => run.label === holder.dataset.run);
-    const plot = run?.plots.find((plot) => plot.experiment === holder.dataset.plot);
+    const plot = run?.plots.find((plot) => plot.name === holder.dataset.plot);
     if (!plot) return;
     const drawing = new DOMParser().parseFromString(plot.svg, "image/svg+xml");
     /* A root of its own keeps the drawing's style sheet from the page. */

@@ -13,8 +13,8 @@
     const track = fathom.element("span", { class: "step-track" });
     if (length > 0) {
       const bar = fathom.element("span", { class: "step-bar mark", "data-tip": `${name}: ${text}` });
-      bar.style.left = `${start}%`;
-      bar.style.width = `${length}%`;
+      bar.style.setProperty("--start", start);
+      bar.style.setProperty("--length", length);
       bar.style.background = color;
       track.append(bar);
     }
@@ -52,6 +52,17 @@
   const waterfall = document.getElementById("waterfall");
   const choice = document.getElementById("waterfall-cell");
   const slider = document.getElementById("waterfall-frame");
+  const zoom = document.getElementById("waterfall-zoom");
+  const from = document.getElementById("waterfall-from");
+  /* The part of the frame that is shown. */
+  const look = () => {
+    const factor = 2 ** Number(zoom.value);
+    const first = (Number(from.value) / 100) * (100 - 100 / factor);
+    waterfall.style.setProperty("--zoom", factor);
+    waterfall.style.setProperty("--from", first);
+    document.getElementById("waterfall-shown").textContent =
+      `${fathom.three(first)} to ${fathom.three(first + 100 / factor)} % of the frame`;
+  };
   const start = async () => {
     const { runs, colors } = await fathom.data();
     const timed = runs.flatMap((run) => run.cells.filter((cell) => cell.untimed.length > 0).map((cell) => ({ run, cell })));
@@ -85,6 +96,7 @@
       show();
     });
     slider.addEventListener("input", show);
+    [zoom, from].forEach((control) => control.addEventListener("input", look));
     [choice, slider].forEach((control) => { control.dataset.first = control.value; });
     fathom.restore();
   };

@@ -20,7 +20,7 @@ const MAX_PIXELS: u64 = 180_000_000;
 const MOST_SIDE_PX: u32 = 480;
 /// Of WebP, 0 … 100. Pictures of errors are noise, which takes the most bytes and needs the least detail.
 const QUALITY: f32 = 70.0;
-const QUALITY_OF_ERRORS: f32 = 50.0;
+const QUALITY_OF_ERRORS: f32 = 40.0;
 /// All pictures of a page, bytes before base64: with them a page of 2,000 cells stays below 5 MB.
 const MAX_EMBEDDED: usize = 480 << 10;
 

@@ -1,5 +1,5 @@
-// What every stage of a frame shares: cameras, light, water. Host twin: src/stages/frame.rs.
-#define_import_path fathom::frame
+// What every stage of a frame shares: cameras, light, water. Host twin: src/stages/uniforms.rs.
+#define_import_path fathom::uniforms
 
 struct Frame {
     camera_view_projection: mat4x4<f32>,

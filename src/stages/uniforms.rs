@@ -1,4 +1,4 @@
-//! `frame`: the light follows the camera, and the shared uniforms are written. UW §3.1.
+//! `uniforms`: the light follows the camera, and the shared uniforms are written. UW §3.1.
 
 use encase::ShaderType;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
@@ -10,7 +10,7 @@ use crate::prelude::*;
 use fathom_scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
 
 pub const INFO: StageInfo = StageInfo {
-    name: "frame",
+    name: "uniforms",
     about: "CPU: fits the light's frustum to the camera's and writes the shared uniforms",
     source: "UW §3.1",
 };
@@ -19,7 +19,7 @@ pub const INFO: StageInfo = StageInfo {
 const NOISE_SIZE: u32 = 256;
 
 shader_struct! {
-    /// `Frame` in `shaders/shared/frame.wgsl`.
+    /// `Frame` in `shaders/shared/uniforms.wgsl`.
     pub struct FrameUniforms {
         pub camera_view_projection: Mat4,
         pub camera_inverse: Mat4,
@@ -177,7 +177,7 @@ pub struct Shared {
 
 impl Shared {
     pub fn new(resources: &Resources<'_>, view: &View) -> Self {
-        let uniforms = resources.uniform("frame", &view.uniforms());
+        let uniforms = resources.uniform("uniforms", &view.uniforms());
         let texels = water_texels(resources, &view.water);
         Self {
             group: Group::new(&[&uniforms, &texels]),
