@@ -130,7 +130,11 @@ pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportErro
         return put(folder, of_comparison(&Verdicts::of(&comparison)));
     }
     let left_out = LeftOut::lines(&folder.join(RECORDS), &reading.damaged);
-    let view = ReportView { left_out, ..ReportView::new(&reading.records, Some(folder)) };
+    write_view(folder, &ReportView { left_out, ..ReportView::new(&reading.records, Some(folder)) })
+}
+
+/// Writes the files of a run beside its records, and gives their paths.
+pub fn write_view(folder: &Path, view: &ReportView<'_>) -> Result<Vec<PathBuf>, ExportError> {
     let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
     let put = |exporter: &RunExporter| match exporter.export {
         OfRun::Rows(rows) => {
@@ -138,14 +142,14 @@ pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportErro
             let fault = |source| ExportError::Write { path: path.clone(), source };
             let write = |file: &mut File| {
                 let mut file = BufWriter::new(file);
-                rows(&view, &mut file)?;
+                rows(view, &mut file)?;
                 file.flush()
             };
             let opened = Folder::make(folder).map_err(fault)?;
             opened.write_with(exporter.file, write).map_err(fault)?;
             Ok(vec![path])
         }
-        _ => put(folder, exporter.run(&view, &FrameChoice::default())?.files()),
+        _ => put(folder, exporter.run(view, &FrameChoice::default())?.files()),
     };
     written.map(put).flatten_ok().collect()
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use crate::compare::worker;
 use crate::folder::{self, Folder};
@@ -20,7 +21,7 @@ use crate::harness::{
 };
 use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Clock, PassKind, Reading};
+use crate::record::{Clock, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
 use crate::scene::assets::{self, AssetStatus};
 use crate::{exporters, private, quiet, record, tell, text};
@@ -44,6 +45,7 @@ pub static INTERRUPT: AtomicBool = AtomicBool::new(false);
 pub type Outcome = anyhow::Result<ExitCode>;
 
 pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
+    let start = Instant::now();
     if Gpu::chosen(&gpu_options(catalog, &args.adapter))?.software {
         quiet::begin_again();
     }
@@ -52,7 +54,7 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         catalog: catalog.clone(),
         gpu: gpu_options(catalog, &args.adapter),
         profile: args.profile,
-        budget_s: args.budget,
+        budget_s: args.budget.map(|budget| budget.as_secs_f64()),
         precision: args.precision,
         out: args.out.clone(),
         resume: args.resume,
@@ -61,7 +63,14 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         request: request(args),
         command: private::command(),
     };
-    let summary = run::run(&options, &INTERRUPT)?;
+    let mut report = |folder: &Path, records: &[Record], standing: Standing| {
+        let view =
+            ReportView { standing: Some(standing), ..ReportView::new(records, Some(folder)) };
+        if let Err(error) = exporters::write_view(folder, &view) {
+            tell::note(format!("error: no report yet: {error}"));
+        }
+    };
+    let summary = run::run(&options, start, &mut report, &INTERRUPT)?;
     let output = OutputFolder { folder: summary.out.clone() };
     let reading = record::read(&output.records())?;
     let in_short = report::in_short(&ReportView::new(&reading.records, Some(&output.folder)));
@@ -126,10 +135,16 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
 }
 
 fn print_summary(summary: &Summary) {
-    let Summary { counts: Counts { measured, skipped, failed }, kept, end, .. } = summary;
+    let Summary { counts: Counts { measured, skipped, failed, over_budget }, kept, end, .. } =
+        summary;
     tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
+    if *over_budget > 0 {
+        tell::done(format!(
+            "{over_budget} cells {OVER_BUDGET}; `fathom run --resume` goes on with them"
+        ));
+    }
     let ratio = end.measuring_wall_s / end.measured_gpu_s;
     let ratio = (end.measured_gpu_s > 0.0).then(|| format!(" (ratio {ratio:.2})"));
     tell::done(format!(

@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Instant;
 
 use anyhow::Context;
 use serde::Serialize;
@@ -126,7 +127,7 @@ fn measured(catalog: &Catalog, args: &AdapterArgs) -> anyhow::Result<Vec<Record>
         no_ceilings: true,
         ..Options::default()
     };
-    let summary = run::run(&options, &INTERRUPT)?;
+    let summary = run::run(&options, Instant::now(), &mut |_, _, _| {}, &INTERRUPT)?;
     Ok(record::read(&OutputFolder { folder: summary.out }.records())?.records)
 }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::commands::{Outcome, ended};
 use crate::harness::merge::{self, Merged, OfAdapter, Staging};
 use crate::harness::outcome::Counts;
+use crate::record::OVER_BUDGET;
 use crate::record::{Damaged, Reading};
 use crate::{exporters, tell, text};
 
@@ -54,10 +55,11 @@ fn names(groups: &[OfAdapter]) -> Vec<Option<String>> {
 }
 
 fn tell_of(merged: &Merged, folder: &Path) {
-    let Counts { measured, skipped, failed } = merged.counts;
+    let Counts { measured, skipped, failed, over_budget } = merged.counts;
     let missing = merged.missing.len();
     tell::done(format!(
-        "{}: {measured} cells measured, {skipped} skipped, {failed} failed, {missing} missing",
+        "{}: {measured} cells measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}, \
+         {missing} missing",
         text::line(&merged.adapter.name)
     ));
     named(merged.absent.iter().map(|part| format!("shard {part} is not there")));

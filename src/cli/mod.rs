@@ -12,10 +12,12 @@ mod shells;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use crate::experiments::{parse_axis, parse_set};
 use crate::exporters::OF_COMPARISONS;
 use crate::harness::catalog::Catalog;
+use crate::record::calendar;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use crate::record::schema::LineKind;
 use crate::record::{Part, Profile};
@@ -263,16 +265,17 @@ pub struct RunArgs {
     /// Measure only part I of N of the cells; `fathom merge` joins the parts
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Part>,
-    /// Time for all cells together, of a shard for its own, seconds
-    #[arg(long, value_name = "SECONDS")]
-    pub budget: Option<f64>,
+    /// Time of the whole command, of a shard's for its own: `90s`, `5m`, `1h30m`, or a number of seconds. Cells that it leaves are
+    /// listed, and `--resume` measures them [default: at most 4 minutes quick, 30 paper]
+    #[arg(long, value_name = "TIME", value_parser = calendar::duration)]
+    pub budget: Option<Duration>,
     /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]
     #[arg(long, value_name = "SHARE")]
     pub precision: Option<f64>,
     /// Folder to write to [default: a new one in reports/out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Measure only what the folder's records lack [default folder: the latest in reports/out]
+    /// Measure what the folder's records lack, and go on with cells and claims that need more samples [default folder: the latest in reports/out]
     #[arg(long)]
     pub resume: bool,
     /// Seed of the order of cells and frames [default: drawn, and recorded]

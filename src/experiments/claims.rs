@@ -100,16 +100,31 @@ impl Experiment {
         self.claim.iter().map(|claim| rule(claim, &concerned(claim, cells), software)).collect()
     }
 
-    /// Names of the cells whose further samples could settle a claim that is open.
-    pub fn unsettled<'a>(&self, cells: &[&'a Cell], software: bool) -> Vec<&'a str> {
-        let open = self.claim.iter().filter_map(|claim| {
+    /// Which claims are settled by these cells, and which are open.
+    pub fn standing<'a>(&self, cells: &[&'a Cell], software: bool) -> Standing<'a> {
+        let mut standing = Standing::default();
+        for claim in &self.claim {
             let cells = concerned(claim, cells);
             let ruling = rule(claim, &cells, software);
-            let open = ruling.verdict == Verdict::Inconclusive && ruling.n.is_some();
-            open.then_some(cells)
-        });
-        open.flatten().map(|cell| cell.cell.as_str()).collect()
+            match ruling.verdict {
+                Verdict::Supported | Verdict::Contradicted => standing.settled += 1,
+                Verdict::Inconclusive if ruling.n.is_some() => {
+                    standing.open.push(cells.into_iter().map(|cell| cell.cell.as_str()).collect());
+                }
+                Verdict::Inconclusive | Verdict::NotRun => {}
+            }
+        }
+        standing
     }
+}
+
+/// How far the claims of an experiment are.
+#[derive(Debug, Default)]
+pub struct Standing<'a> {
+    /// Claims that are supported or contradicted.
+    pub settled: usize,
+    /// Of each claim that is open the names of the cells whose further samples could settle it.
+    pub open: Vec<Vec<&'a str>>,
 }
 
 /// The cells that a claim speaks of.

@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 
 use super::claims::{by_other_axes, compared};
 use super::measure::fits_with;
-use super::schema::{Experiment, PlotKind};
+use super::schema::{Claim, Experiment, PlotKind};
 use super::{CellPlan, schema::Plot};
 use fathom_record::Cell;
 
@@ -29,6 +29,13 @@ impl Experiment {
             }
         }
         sets.groups()
+    }
+
+    /// How many claims speak of cells of this group of [`units`](Self::units).
+    pub fn claims_on(&self, plans: &[CellPlan], unit: &[usize]) -> usize {
+        let speaks =
+            |claim: &&Claim| fitting(plans, &claim.filter).iter().any(|i| unit.contains(i));
+        self.claim.iter().filter(speaks).count()
     }
 
     /// Orders cells of this experiment so that times which a claim compares can be measured next to each other. Each chain holds the

@@ -14,7 +14,9 @@ use fathom_record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonHeader, ConfigurationFigures, ExactFigures, Fault,
     Gate, GateSettings, Side, SideEnvironment, Skip, UnpairedSamples,
 };
-use fathom_record::{Adapter, Cell, Measured, Outcome, Reading, Record, RecordError, Run};
+use fathom_record::{
+    Adapter, Cell, Measured, OVER_BUDGET, Outcome, Reading, Record, RecordError, Run,
+};
 
 /// Cells that a note names before it breaks off.
 const MOST_NAMED: usize = 5;
@@ -259,6 +261,7 @@ fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Compared> {
         }
         Outcome::Skipped { reason } => (reason.as_str(), false),
         Outcome::Failed { reason } => (reason.as_str(), true),
+        Outcome::OverBudget => (OVER_BUDGET, false),
     };
     let fault = Fault::new(Gate::Exact, Some(side), Some(cell), reason);
     Some(Compared::Fault(Fault { absent: side == Side::Base && !failed, ..fault }))

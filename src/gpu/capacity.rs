@@ -96,6 +96,11 @@ impl Capacity {
         }
     }
 
+    /// Rough time of a frame on a software adapter, seconds.
+    pub fn frame_time_s(&self, demand: &Demand) -> f64 {
+        demand.work().iter().map(|(_, work)| self.time_s(work)).sum()
+    }
+
     /// Rough time of this work on a software adapter, seconds.
     fn time_s(&self, work: &Work) -> f64 {
         let costs = [

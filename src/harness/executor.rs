@@ -1,6 +1,6 @@
 //! The scheduler's hands on a real device: builds cells, runs their frames, and writes their records.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::path::Path;
 use std::time::{Instant, SystemTime};
@@ -14,10 +14,13 @@ use super::outcome::{Findings, measured};
 use super::plan::{PlannedCell, PlannedExperiment};
 use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
-use super::sample::{Executor, Failure};
+use super::reports::Reports;
+use super::sample::{Executor, Failure, Foreseen};
+use super::schedule::{CellState, Schedule};
 use super::views::Views;
 use super::{MAX_PASSES, picture};
 use fathom_base::folder::Folder;
+use fathom_base::tell;
 use fathom_clock::Samples;
 use fathom_experiments::schema::{Experiment, Pictures};
 use fathom_gpu as gpu;
@@ -102,47 +105,77 @@ impl Session {
     }
 }
 
-/// Executes the cells of one experiment.
-pub struct CellExecutor<'a> {
+/// What is known of an experiment's cells from batch to batch.
+#[derive(Default)]
+pub struct KnownCells {
+    /// The latest record of each cell, by its name; of an earlier run too.
+    pub records: BTreeMap<String, Cell>,
+    /// Of each cell, once it was found out.
+    findings: BTreeMap<usize, Findings>,
+    counters: BTreeMap<usize, Vec<StageCounters>>,
+    /// A picture has been tried.
+    pictured: bool,
+}
+
+impl KnownCells {
+    /// With these records of an earlier run.
+    pub fn of(records: BTreeMap<String, Cell>) -> Self {
+        Self { records, ..Self::default() }
+    }
+}
+
+/// Executes a batch of cells of one experiment.
+pub struct CellExecutor<'a, 'r> {
     session: &'a mut Session,
     experiment: &'a Experiment,
+    /// The experiment's number in the schedule.
+    number: usize,
     /// Quantities and errors that its claims and plots read.
     asked: Vec<String>,
     cells: &'a [PlannedCell],
     /// Of the cells, as the journal calls them.
     names: Vec<CellName>,
-    built: Vec<Option<Built>>,
-    output: &'a mut Output,
-    precision: f64,
-    start: Instant,
-    /// A picture has been tried.
-    pictured: bool,
-    /// Records of the cells that are finished.
-    finished: Vec<Cell>,
+    built: BTreeMap<usize, Built>,
+    output: &'a mut Output<'r>,
+    known: &'a mut KnownCells,
+    schedule: &'a mut Schedule,
 }
 
-/// Where records, samples, pictures and progress go.
-pub struct Output {
+/// Where records, samples, pictures, reports and progress go.
+pub struct Output<'r> {
+    /// When the command began.
+    pub start: Instant,
     pub held: Held,
     pub header: Run,
     pub journal: Journal,
     pub progress: Progress,
+    pub reports: Reports<'r>,
+    /// Everything that the file of records holds.
+    pub records: Vec<Record>,
 }
 
-impl Output {
-    /// Writes the record of a cell that is done before anything is said of it.
-    pub fn finish(&mut self, cell: &Cell) -> Result<(), RecordError> {
-        self.held.writer.write(&Record::Cell(Box::new(cell.clone())))?;
-        self.progress.finished(cell);
+impl Output<'_> {
+    pub fn write(&mut self, record: Record) -> Result<(), RecordError> {
+        self.held.writer.write(&record)?;
+        self.records.push(record);
         Ok(())
+    }
+
+    /// Writes the record of a cell that is done before anything is said of it.
+    pub fn finish(&mut self, cell: Cell) -> Result<(), RecordError> {
+        self.progress.finished(&cell);
+        self.write(Record::Cell(Box::new(cell)))
+    }
+
+    pub fn now_s(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
     }
 }
 
 struct Built {
     pipeline: Box<AnyPipeline>,
-    counters: Vec<StageCounters>,
-    /// Once they have been asked for.
-    found: Option<Findings>,
+    /// Time of its frames, seconds, and how many they are.
+    frames: (f64, u32),
 }
 
 impl Findings {
@@ -167,27 +200,31 @@ impl Findings {
     }
 }
 
-impl<'a> CellExecutor<'a> {
+impl<'a, 'r> CellExecutor<'a, 'r> {
     pub fn new(
         session: &'a mut Session,
-        output: &'a mut Output,
-        PlannedExperiment { experiment, cells }: &'a PlannedExperiment,
-        precision: f64,
+        output: &'a mut Output<'r>,
+        (number, planned): (usize, &'a PlannedExperiment),
+        (known, schedule): (&'a mut KnownCells, &'a mut Schedule),
     ) -> Self {
+        let PlannedExperiment { experiment, cells } = planned;
         let asked = experiment.measures().into_iter().flat_map(|measure| measure.quantities());
         Self {
             session,
             experiment,
+            number,
             asked: asked.map(str::to_owned).collect(),
             cells,
             names: cells.iter().map(|cell| name(&output.header, cell)).collect(),
-            built: cells.iter().map(|_| None).collect(),
+            built: BTreeMap::new(),
             output,
-            precision,
-            start: Instant::now(),
-            pictured: false,
-            finished: Vec::new(),
+            known,
+            schedule,
         }
+    }
+
+    fn state(&mut self, cell: usize) -> &mut CellState {
+        &mut self.schedule.cells[self.number][cell]
     }
 
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
@@ -213,14 +250,20 @@ impl<'a> CellExecutor<'a> {
 
     /// The record of a cell from what was sampled of it up to now. None where its pipeline is gone.
     fn record(&mut self, cell: usize, samples: &Samples) -> Option<Cell> {
-        let mut built = self.built[cell].take()?;
+        let built = self.built.remove(&cell)?;
         let pipeline = built.pipeline.as_ref();
-        let found = built.found.take().unwrap_or_else(|| self.find(cell, pipeline));
-        built.found = Some(found.clone());
-        let measured = measured(samples, pipeline, &built.counters, found, self.precision);
-        let outcome = Outcome::Measured(Box::new(measured));
-        self.built[cell] = Some(built);
-        Some(self.cells[cell].record(outcome))
+        let start = Instant::now();
+        let found = self.known.findings.get(&cell).cloned();
+        let found = found.unwrap_or_else(|| {
+            let found = self.find(cell, pipeline);
+            self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
+            self.known.findings.insert(cell, found.clone());
+            found
+        });
+        let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
+        let measured = measured(samples, pipeline, counters, found, self.schedule.precision);
+        self.built.insert(cell, built);
+        Some(self.cells[cell].record(Outcome::Measured(Box::new(measured))))
     }
 
     fn judge(&mut self, cell: usize) -> Judge<'_> {
@@ -281,7 +324,7 @@ impl<'a> CellExecutor<'a> {
         views: Option<Result<RgbImage>>,
         findings: &mut Findings,
     ) {
-        let later = std::mem::replace(&mut self.pictured, true);
+        let later = std::mem::replace(&mut self.known.pictured, true);
         if later && self.experiment.pictures == Pictures::First {
             return;
         }
@@ -329,12 +372,15 @@ impl<'a> CellExecutor<'a> {
         run: impl FnOnce(&mut FrameTimer, &Gpu, &[&Stage]) -> Result<T, GpuError>,
         ns: impl FnOnce(&T) -> f64,
     ) -> Result<T, Failure> {
-        let Some(built) = &self.built[cell] else {
+        let Some(built) = self.built.get_mut(&cell) else {
             return Err(Failure::Cell("its pipeline was not built".to_owned()));
         };
         let stages = built.pipeline.stages();
         let Session { gpu, timer, spent, .. } = &mut *self.session;
+        let start = Instant::now();
         let frame = run(timer, gpu, &stages)?;
+        built.frames.0 += start.elapsed().as_secs_f64();
+        built.frames.1 += 1;
         spent.frames_ns += ns(&frame);
         self.output.progress.tick();
         Ok(frame)
@@ -359,26 +405,26 @@ impl From<GpuError> for Failure {
     }
 }
 
-impl Executor for CellExecutor<'_> {
+impl Executor for CellExecutor<'_, '_> {
     type Fatal = RecordError;
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
         let PlannedCell { plan, subject, .. } = &self.cells[cell];
         self.output.progress.preparing(plan);
         let Session { gpu, spent, .. } = &mut *self.session;
-        let start = Instant::now();
+        let begun = Instant::now();
         let pipeline = subject.build(gpu)?;
-        let start = spent.since(start, SetUp::Pipelines);
-        let counters = if plan.errors_only {
-            Vec::new()
-        } else {
+        let start = spent.since(begun, SetUp::Pipelines);
+        if !plan.errors_only && !self.known.counters.contains_key(&cell) {
             let counted = gpu::count(gpu, &pipeline.stages(), MAX_PASSES);
-            counted.map_err(GpuError::from)?.unwrap_or_default()
-        };
+            let counted = counted.map_err(GpuError::from)?.unwrap_or_default();
+            self.known.counters.insert(cell, counted);
+        }
         spent.since(start, SetUp::Counting);
         let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
-        self.built[cell] = Some(Built { pipeline, counters, found: None });
+        self.built.insert(cell, Built { pipeline, frames: (0.0, 0) });
+        self.state(cell).seen.prepare_s = Some(begun.elapsed().as_secs_f64());
         Ok(bytes)
     }
 
@@ -394,32 +440,59 @@ impl Executor for CellExecutor<'_> {
         self.frame(cell, |timer, gpu, stages| Ok(timer.untimed(gpu, stages)?), |wall_ns| *wall_ns)
     }
 
-    fn earlier(&mut self, cell: usize) -> Vec<Addition> {
-        self.output.journal.take_earlier(&self.names[cell])
+    fn earlier(&mut self, cell: usize) -> Samples {
+        self.output.journal.taken(&self.names[cell])
     }
 
     fn keep(&mut self, cell: usize, added: Addition) -> Result<(), RecordError> {
         self.output.journal.keep(&self.names[cell], added)
     }
 
-    fn end_round(&mut self) -> Result<(), RecordError> {
-        self.output.journal.write()
+    fn end_round(&mut self, live: &[(usize, &Samples)]) -> Result<(), RecordError> {
+        self.output.journal.write()?;
+        if self.output.reports.is_due() {
+            let sampled = live.iter().filter(|(_, samples)| samples.pairs() > 0);
+            let records = sampled.filter_map(|(cell, samples)| self.record(*cell, samples));
+            let provisional: Vec<Cell> = records.collect();
+            self.output.report(provisional, self.schedule);
+        }
+        Ok(())
     }
 
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), RecordError> {
         // What is found out about a cell may take long.
         self.output.journal.write()?;
+        let pairs = result.as_ref().map_or(0, Samples::pairs);
+        let half_width = result.as_ref().map_or(0.0, Samples::relative_half_width);
         let record = result.and_then(|samples| self.sampled(cell, &samples));
         let failed = record.is_err();
         let record =
             record.unwrap_or_else(|reason| self.cells[cell].record(Outcome::Failed { reason }));
-        self.output.finish(&record)?;
-        self.finished.push(record);
-        self.output.journal.close(&self.names[cell], failed)
+        let frames = self.built.get(&cell).map_or((0.0, 0), |built| built.frames);
+        let state = self.state(cell);
+        (state.recorded, state.out, state.pairs) = (true, failed, pairs);
+        state.half_width = half_width;
+        if frames.1 > 0 {
+            state.seen.pair_s = Some(2.0 * frames.0 / f64::from(frames.1));
+        }
+        let name = &self.names[cell];
+        if !failed {
+            self.known.records.insert(record.cell.clone(), record.clone());
+            return self.output.finish(record);
+        }
+        let before = self.known.records.get(&record.cell).and_then(Cell::measured);
+        if before.is_some() {
+            let Outcome::Failed { reason } = &record.outcome else { return Ok(()) };
+            // What was measured before it failed stands.
+            tell::note(format!("{} {}: not sampled on: {reason}", name.experiment, name.cell));
+        } else {
+            self.output.finish(record)?;
+        }
+        self.output.journal.close(name)
     }
 
     fn release(&mut self, cell: usize) {
-        self.built[cell] = None;
+        self.built.remove(&cell);
         // Freed memory is given back when the device is polled; an error will show at the next frame.
         let _ = self.session.gpu.wait();
     }
@@ -432,22 +505,12 @@ impl Executor for CellExecutor<'_> {
         self.cells[cell].plan.errors_only
     }
 
-    fn unsettled(&mut self, cells: &[(usize, &Samples)]) -> BTreeSet<usize> {
-        if self.experiment.claim.is_empty() {
-            return BTreeSet::new();
-        }
-        let live =
-            cells.iter().filter_map(|(cell, samples)| Some((*cell, self.record(*cell, samples)?)));
-        let live: Vec<(usize, Cell)> = live.collect();
-        let all: Vec<&Cell> =
-            self.finished.iter().chain(live.iter().map(|(_, cell)| cell)).collect();
-        let open = self.experiment.unsettled(&all, self.session.gpu.adapter.software);
-        let is_open = |(_, cell): &&(usize, Cell)| open.contains(&cell.cell.as_str());
-        live.iter().filter(is_open).map(|(cell, _)| *cell).collect()
+    fn foreseen(&self, cell: usize) -> Foreseen {
+        self.schedule.foreseen(self.number, cell)
     }
 
     fn now_s(&self) -> f64 {
-        self.start.elapsed().as_secs_f64()
+        self.output.now_s()
     }
 
     fn machine(&self) -> Option<MachineState> {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use fathom_base::folder;
+use fathom_clock::Samples;
 use fathom_record::{
     Addition, Clocks, LineWriter, Outcome, Record, RecordError, Run, SAMPLES_SCHEMA, SampleLine,
     read_lines,
@@ -25,33 +26,43 @@ pub struct CellName {
     pub cell: String,
 }
 
-/// What an earlier run took of a cell, as far as it counts.
+/// What was taken of a cell, as far as it counts.
 #[derive(Default)]
-struct Earlier {
+struct Taken {
     additions: Vec<Addition>,
+    /// So many of the additions, the first, are of an earlier run.
+    earlier: usize,
     /// Those of the last line.
     clocks: Clocks,
 }
 
-impl Earlier {
+impl Taken {
     fn pairs(&self) -> usize {
         let additions = self.additions.iter();
         additions.filter(|added| added.pair.is_some()).count()
     }
+
+    fn add(&mut self, added: Addition) {
+        if added.afresh {
+            self.additions.clear();
+            self.earlier = 0;
+        }
+        self.additions.push(added);
+    }
 }
 
 /// By the id of the cell.
-type Cells = BTreeMap<String, Earlier>;
+type Cells = BTreeMap<String, Taken>;
 
-/// Writes samples as they are taken, and hands out those of an earlier run.
+/// Writes samples as they are taken, and hands them out to whoever goes on with a cell: this run or the next one. A cell is closed
+/// when nobody is to go on with it.
 pub struct Journal {
     path: PathBuf,
     writer: LineWriter<SampleLine>,
-    earlier: Cells,
+    /// Of the cells that are not closed.
+    open: Cells,
     /// By which samples are taken.
     clocks: Clocks,
-    /// Cells with samples and without a record.
-    open: BTreeSet<String>,
     unwritten: Vec<SampleLine>,
     written: Instant,
     synced: Instant,
@@ -62,13 +73,12 @@ impl Journal {
     pub fn open(path: &Path) -> Result<(Self, Vec<String>), RecordError> {
         let opened = LineWriter::open(path, |_| Ok::<(), RecordError>(()))?;
         let notices = opened.notices();
-        let earlier = by_cell(opened.read.records);
+        let open = by_cell(opened.read.records);
         let now = Instant::now();
         let journal = Self {
             path: path.to_owned(),
             writer: opened.writer,
-            open: earlier.keys().cloned().collect(),
-            earlier,
+            open,
             clocks: Clocks::new(),
             unwritten: Vec::new(),
             written: now,
@@ -77,24 +87,21 @@ impl Journal {
         Ok((journal, notices))
     }
 
-    /// Forgets cells that have a record.
-    pub fn settle(&mut self, ids: impl IntoIterator<Item = String>) {
-        for id in ids {
-            self.open.remove(&id);
-            self.earlier.remove(&id);
-        }
+    /// Whether samples of the cell are here to go on with.
+    pub fn is_open(&self, id: &str) -> bool {
+        self.open.get(id).is_some_and(|taken| taken.pairs() > 0)
     }
 
     /// Pairs of frames that an earlier run took of these cells, and how many of the cells have any.
     pub fn earlier_pairs(&self, ids: &[String]) -> (usize, usize) {
-        let found = ids.iter().filter_map(|id| self.earlier.get(id));
-        let pairs = found.map(Earlier::pairs).filter(|pairs| *pairs > 0);
+        let found = ids.iter().filter_map(|id| self.open.get(id));
+        let pairs = found.map(Taken::pairs).filter(|pairs| *pairs > 0);
         pairs.fold((0, 0), |(pairs, cells), more| (pairs + more, cells + 1))
     }
 
     /// The largest number of a round among the samples of earlier runs.
     pub fn last_round(&self) -> Option<u32> {
-        let additions = self.earlier.values().flat_map(|earlier| &earlier.additions);
+        let additions = self.open.values().flat_map(|taken| &taken.additions);
         additions.filter_map(|added| Some(added.pair.as_ref()?.round)).max()
     }
 
@@ -102,8 +109,8 @@ impl Journal {
     /// now. Samples by different clocks do not go together, and what one audit found sound, the next may not on a busy machine.
     pub fn choose_clocks(&mut self, ids: &[String], found: Clocks) -> &Clocks {
         let mut pairs = BTreeMap::<&Clocks, usize>::new();
-        for earlier in ids.iter().filter_map(|id| self.earlier.get(id)) {
-            *pairs.entry(&earlier.clocks).or_default() += earlier.pairs();
+        for taken in ids.iter().filter_map(|id| self.open.get(id)) {
+            *pairs.entry(&taken.clocks).or_default() += taken.pairs();
         }
         let most = pairs.into_iter().max_by_key(|(_, pairs)| *pairs);
         let most = most.filter(|(_, pairs)| *pairs > 0);
@@ -111,10 +118,11 @@ impl Journal {
         &self.clocks
     }
 
-    /// What an earlier run took of a cell. It is given once.
-    pub fn take_earlier(&mut self, cell: &CellName) -> Vec<Addition> {
-        let earlier = self.earlier.remove(&cell.id);
-        earlier.map_or_else(Vec::new, |earlier| earlier.additions)
+    /// What was taken of a cell before.
+    pub fn taken(&self, cell: &CellName) -> Samples {
+        let Some(taken) = self.open.get(&cell.id) else { return Samples::default() };
+        let earlier_pairs = Samples::of(&taken.additions[..taken.earlier]).pairs();
+        Samples { earlier_pairs, ..Samples::of(&taken.additions) }
     }
 
     fn line(&self, cell: &CellName, added: Addition) -> SampleLine {
@@ -129,7 +137,7 @@ impl Journal {
     }
 
     pub fn keep(&mut self, cell: &CellName, added: Addition) -> Result<(), RecordError> {
-        self.open.insert(cell.id.clone());
+        self.open.entry(cell.id.clone()).or_default().add(added.clone());
         self.unwritten.push(self.line(cell, added));
         if self.written.elapsed() < LONGEST_UNWRITTEN {
             return Ok(());
@@ -150,21 +158,20 @@ impl Journal {
         Ok(())
     }
 
-    /// A cell has its record. One that failed will be measured anew, from nothing.
-    pub fn close(&mut self, cell: &CellName, failed: bool) -> Result<(), RecordError> {
-        if failed && self.open.contains(&cell.id) {
+    /// Nobody is to go on with a cell: it needs no more samples, or it failed and will be measured anew, from nothing.
+    pub fn close(&mut self, cell: &CellName) -> Result<(), RecordError> {
+        if self.open.remove(&cell.id).is_some() {
             self.unwritten.push(self.line(cell, ended()));
             self.write()?;
         }
-        self.open.remove(&cell.id);
         Ok(())
     }
 
-    /// Removes the file if every cell in it has its record.
+    /// Removes the file if every cell in it is closed.
     pub fn end(mut self) -> Result<(), RecordError> {
         self.write()?;
         if self.open.is_empty() {
-            // What stays is read again and found to be settled.
+            // What stays is read again and found to be closed.
             let _ = folder::of(&self.path).and_then(|(folder, name)| folder.remove(name));
             return Ok(());
         }
@@ -176,15 +183,13 @@ impl Journal {
 fn by_cell(lines: Vec<SampleLine>) -> Cells {
     let mut cells = Cells::new();
     for line in lines {
-        let earlier = cells.entry(line.id).or_default();
-        if line.added.afresh {
-            earlier.additions.clear();
-        }
-        earlier.additions.push(line.added);
-        earlier.clocks = line.clocks;
+        let taken = cells.entry(line.id).or_default();
+        taken.add(line.added);
+        taken.earlier = taken.additions.len();
+        taken.clocks = line.clocks;
     }
     // A cell whose last line only ended what was before has nothing left.
-    cells.retain(|_, earlier| earlier.additions.iter().any(|added| *added != ended()));
+    cells.retain(|_, taken| taken.additions.iter().any(|added| *added != ended()));
     cells
 }
 
@@ -202,7 +207,7 @@ pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<usize>, RecordE
     for id in recorded(records) {
         cells.remove(&id);
     }
-    Ok(cells.values().map(Earlier::pairs).collect())
+    Ok(cells.values().map(Taken::pairs).collect())
 }
 
 /// Ids of the cells that were measured.
@@ -260,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_kept_is_handed_out_once_after_the_process_is_gone() {
+    fn what_was_kept_is_handed_out_after_the_process_is_gone() {
         let folder = tempfile::tempdir().unwrap();
         let mut first = journal(&folder);
         let warm_up = Addition {
@@ -276,9 +281,13 @@ mod tests {
         let ids = ["a", "b", "c"].map(str::to_owned);
         assert_eq!(second.last_round(), Some(3));
         assert_eq!(second.earlier_pairs(&ids), (2, 2));
-        assert_eq!(second.take_earlier(&cell("a")), [warm_up, pair(1.0)]);
-        assert_eq!(second.take_earlier(&cell("a")), []);
-        assert_eq!(second.earlier_pairs(&ids), (1, 1));
+        let taken = Samples::of(&[warm_up, pair(1.0)]);
+        assert_eq!(second.taken(&cell("a")), taken);
+        // What this run adds is not of an earlier one.
+        keep(&mut second, [("a", pair(5.0))]);
+        let all = second.taken(&cell("a"));
+        assert_eq!((all.pairs(), all.earlier_pairs), (2, 1));
+        assert_eq!(second.taken(&cell("c")), Samples::default());
     }
 
     #[test]
@@ -295,7 +304,7 @@ mod tests {
         assert_eq!(*second.choose_clocks(&ids, fenced.clone()), stamped);
         let others = ["c".to_owned()];
         assert_eq!(*second.choose_clocks(&others, fenced.clone()), fenced);
-        second.settle(ids.clone());
+        ids.iter().for_each(|id| second.close(&cell(id)).unwrap());
         assert_eq!(*second.choose_clocks(&ids, fenced.clone()), fenced);
     }
 
@@ -308,26 +317,25 @@ mod tests {
             first.keep(&cell("a"), pair(*ns)).unwrap();
         }
         first.write().unwrap();
-        let read = journal(&folder).take_earlier(&cell("a"));
-        assert_eq!(read, numbers.into_iter().map(pair).collect::<Vec<_>>());
+        let read = journal(&folder).taken(&cell("a"));
+        assert_eq!(read.each(|pair| pair.envelope_ns), numbers);
     }
 
     #[test]
-    fn the_file_goes_when_every_cell_has_its_record() {
+    fn the_file_goes_when_nobody_is_to_go_on_with_any_cell() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("samples.jsonl");
         let mut first = journal(&folder);
         for id in ["a", "b", "c"] {
             first.keep(&cell(id), pair(1.0)).unwrap();
         }
-        first.close(&cell("a"), true).unwrap();
+        first.close(&cell("a")).unwrap();
         first.end().unwrap();
         let mut second = journal(&folder);
-        assert_eq!(second.take_earlier(&cell("a")), [], "a failed cell begins anew");
-        second.settle(["b".to_owned()]);
-        assert_eq!(second.take_earlier(&cell("b")), []);
+        assert_eq!(["a", "b", "c", "d"].map(|id| second.is_open(id)), [false, true, true, false]);
+        second.close(&cell("b")).unwrap();
         second.keep(&cell("c"), pair(2.0)).unwrap();
-        second.close(&cell("c"), true).unwrap();
+        second.close(&cell("c")).unwrap();
         second.end().unwrap();
         assert!(!path.exists());
     }
@@ -340,10 +348,10 @@ mod tests {
         keep(&mut first, [("a", pair(1.0)), ("b", pair(2.0))]);
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
-        let (mut second, notices) = Journal::open(&path).unwrap();
+        let (second, notices) = Journal::open(&path).unwrap();
         assert!(notices[0].contains("line 2: torn off"), "{notices:?}");
-        assert_eq!(second.take_earlier(&cell("a")), [pair(1.0)]);
-        assert_eq!(second.take_earlier(&cell("b")), []);
+        assert_eq!(second.taken(&cell("a")), Samples::of(&[pair(1.0)]));
+        assert!(!second.is_open("b"));
         let aside = folder.path().join("samples.damaged-1.jsonl");
         assert_eq!(std::fs::read(aside).unwrap(), bytes[..bytes.len() - 9]);
     }

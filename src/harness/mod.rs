@@ -1,7 +1,7 @@
 //! Runs experiments: plans cells, samples their frames, writes records; renders and dumps single frames; answers at points.
 //!
-//! [`plan`] resolves parameters and checks limits, [`sample`] schedules frames over an
-//! [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
+//! [`plan`] resolves parameters and checks limits, [`schedule`] says which cells come next, [`sample`] schedules their frames over
+//! an [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
 
 mod canvas;
 pub mod catalog;
@@ -20,9 +20,11 @@ pub mod progress;
 pub mod query;
 pub mod render;
 pub mod repetitions;
+pub mod reports;
 pub mod run;
 pub mod sample;
 mod scale;
+pub mod schedule;
 pub mod shard;
 pub mod sheet;
 pub mod subject;

@@ -24,6 +24,8 @@ pub struct Counts {
     pub measured: usize,
     pub skipped: usize,
     pub failed: usize,
+    /// Not run, as the time budget ended.
+    pub over_budget: usize,
 }
 
 impl Counts {
@@ -34,6 +36,7 @@ impl Counts {
                 Outcome::Measured(_) => &mut counts.measured,
                 Outcome::Skipped { .. } => &mut counts.skipped,
                 Outcome::Failed { .. } => &mut counts.failed,
+                Outcome::OverBudget => &mut counts.over_budget,
             } += 1;
         }
         counts

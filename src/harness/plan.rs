@@ -3,7 +3,7 @@
 //! A parameter's value is the last of: the pipeline's default, the scene file's, the experiment's, the
 //! profile's, `--set`'s, the axis's. Axes are never overruled silently: `--set` of a swept parameter is an error.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
@@ -16,10 +16,11 @@ use super::subject::{Subject, SubjectError, Subjects};
 use super::views::View;
 use fathom_base::private;
 use fathom_base::text::{did_you_mean, nearest};
+use fathom_experiments::defaults::{self, Choice};
 use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_gpu::Capacity;
 use fathom_record as record;
-use fathom_record::{Outcome, Part, Profile, resume_key};
+use fathom_record::{Outcome, Params, Part, Profile, resume_key};
 
 /// What to measure.
 #[derive(Clone, Debug, Default)]
@@ -84,6 +85,8 @@ pub struct PlannedExperiment {
 pub struct PlannedCell {
     pub plan: CellPlan,
     pub subject: Subject,
+    /// Of a frame, seconds, from the declared work.
+    pub declared_s: f64,
     /// Beyond what the adapter can take, with the numbers.
     pub skip: Option<String>,
     /// What its result is held against; see [`CellPlan::reference`].
@@ -109,7 +112,7 @@ impl PlannedCell {
         let outcome = match outcome {
             Outcome::Skipped { reason } => Outcome::Skipped { reason: private::words(&reason) },
             Outcome::Failed { reason } => Outcome::Failed { reason: private::words(&reason) },
-            measured @ Outcome::Measured(_) => measured,
+            other @ (Outcome::Measured(_) | Outcome::OverBudget) => other,
         };
         record::Cell { experiment, cell, axes, pipeline, scene, stand_ins, params, outcome }
     }
@@ -174,7 +177,37 @@ fn planned_cell(
         repetitions = Some(PlannedRepetitions { repeated, limit: subject(&runs.limit)? });
     }
     let skip = of_cell.beyond(capacity).map_err(error)?;
-    Ok(PlannedCell { subject: of_cell, skip, reference, views, repetitions, plan })
+    let declared_s = match &skip {
+        Some(_) => 0.0,
+        None => capacity.frame_time_s(&of_cell.plan().map_err(error)?.demand),
+    };
+    Ok(PlannedCell { subject: of_cell, declared_s, skip, reference, views, repetitions, plan })
+}
+
+/// Of each pipeline the cell that is nearest to its defaults, of those that are timed: its experiment's number and its own.
+pub fn first_cells(planned: &[PlannedExperiment]) -> Vec<(usize, usize)> {
+    let mut by_pipeline = BTreeMap::<&str, Vec<((usize, usize), Choice<'_>)>>::new();
+    for (experiment, of) in planned.iter().enumerate() {
+        for (index, cell) in of.cells.iter().enumerate() {
+            let PlannedCell { plan, subject, skip, .. } = cell;
+            if skip.is_none() && !plan.errors_only {
+                let choice = Choice {
+                    swept: !plan.axes.is_empty(),
+                    settings: Some(plan.settings()),
+                    scene: &plan.scene,
+                    params: Params::from(subject.params.clone()).to_map(),
+                };
+                by_pipeline.entry(&plan.pipeline).or_default().push(((experiment, index), choice));
+            }
+        }
+    }
+    let nearest = |cells: Vec<((usize, usize), Choice<'_>)>| {
+        let (places, choices): (Vec<_>, Vec<_>) = cells.into_iter().unzip();
+        let distances = defaults::distances(&choices);
+        let nearest = places.into_iter().zip(distances).min_by_key(|(_, distance)| *distance);
+        nearest.map(|(place, _)| place)
+    };
+    by_pipeline.into_values().filter_map(nearest).collect()
 }
 
 /// Drops the cells that `finished` (resume keys) holds; how many they were.

@@ -1,5 +1,6 @@
-//! What a run says on stderr while it measures: a bar on a terminal, one line per cell elsewhere.
+//! What a run says on stderr while it measures: on a terminal one line that is rewritten, elsewhere a line every now and then.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{IsTerminal, stderr};
 use std::time::{Duration, Instant};
 
@@ -10,28 +11,36 @@ use fathom_base::text;
 use fathom_experiments::CellPlan;
 use fathom_record::{Cell, Outcome};
 
-/// Longest budget that is counted down, seconds: a year. A point in time too far away cannot be told.
-const LONGEST_S: f64 = 365.0 * 86_400.0;
+/// Between two lines where there is no terminal.
+const INTERVAL: Duration = Duration::from_secs(10);
+/// Steps of the bar.
+const STEPS: u64 = 1000;
 
-/// Follows a run over all its cells.
+/// Follows a run over all its cells and claims.
 pub struct Progress {
-    /// Hidden where there is no terminal; it counts the cells there too.
+    /// Hidden where there is no terminal.
     bar: ProgressBar,
-    end: Instant,
+    start: Instant,
+    budget_s: f64,
+    cells: usize,
+    /// Experiment and cell.
+    finished: BTreeSet<(String, String)>,
+    /// Of each experiment, by its number: claims that are settled, of all.
+    claims: BTreeMap<usize, (usize, usize)>,
+    told: Instant,
 }
 
 impl Progress {
-    /// For `total` cells and a time budget in seconds.
-    pub fn new(total: usize, budget_s: f64) -> Self {
+    /// For so many cells and a time budget in seconds from `start` on.
+    pub fn new(cells: usize, start: Instant, budget_s: f64) -> Self {
         let hidden = !stderr().is_terminal();
         let target =
             if hidden { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-        let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cells  {msg}")
+        let style = ProgressStyle::with_template("{bar:20} {msg}")
             .unwrap_or_else(|_| ProgressStyle::default_bar());
-        let bar = ProgressBar::with_draw_target(Some(total as u64), target).with_style(style);
-        let budget = Duration::try_from_secs_f64(budget_s.clamp(0.0, LONGEST_S));
-        let end = Instant::now() + budget.unwrap_or(Duration::ZERO);
-        Self { bar, end }
+        let bar = ProgressBar::with_draw_target(Some(STEPS), target).with_style(style);
+        let (finished, claims) = (BTreeSet::new(), BTreeMap::new());
+        Self { bar, start, budget_s, cells, finished, claims, told: Instant::now() }
     }
 
     /// A cell's pipeline is about to be built.
@@ -43,21 +52,30 @@ impl Progress {
     /// A frame has been rendered.
     pub fn tick(&mut self) {
         if !self.bar.is_hidden() {
-            self.bar.set_message(format!("{}  {}", self.bar.prefix(), self.time_left()));
+            let used = self.start.elapsed().as_secs_f64() / self.budget_s;
+            self.bar.set_position((used.min(1.0) * STEPS as f64) as u64);
+            self.bar.set_message(text::line(&format!("{}  {}", self.line(), self.bar.prefix())));
+        } else if self.told.elapsed() >= INTERVAL {
+            tell::note(self.line());
+            self.told = Instant::now();
         }
     }
 
-    /// A cell has its result.
+    /// A cell has a record. What went wrong is told at once.
     pub fn finished(&mut self, cell: &Cell) {
-        self.bar.inc(1);
-        let name = format!("{} {}", cell.experiment, cell.cell);
-        let result = describe(&cell.outcome);
-        if self.bar.is_hidden() {
-            let (done, total) = (self.bar.position(), self.bar.length().unwrap_or(0));
-            tell::note(format!("[{done}/{total}] {name}: {result}  ({})", self.time_left()));
-        } else {
-            self.bar.println(text::line(&format!("{name}: {result}")));
-        }
+        self.finished.insert((cell.experiment.clone(), cell.cell.clone()));
+        let (what, reason) = match &cell.outcome {
+            Outcome::Measured(_) | Outcome::OverBudget => return,
+            Outcome::Skipped { reason } => ("skipped", reason),
+            Outcome::Failed { reason } => ("failed", reason),
+        };
+        let line = text::line(&format!("{} {}: {what}: {reason}", cell.experiment, cell.cell));
+        if self.bar.is_hidden() { tell::note(line) } else { self.bar.println(line) }
+    }
+
+    /// Of an experiment's claims so many are settled.
+    pub fn settled(&mut self, experiment: usize, settled: usize, claims: usize) {
+        self.claims.insert(experiment, (settled, claims));
     }
 
     /// Clears the bar.
@@ -65,40 +83,51 @@ impl Progress {
         self.bar.finish_and_clear();
     }
 
-    fn time_left(&self) -> String {
-        match self.end.saturating_duration_since(Instant::now()).as_secs() {
-            0 => "past the time budget, on each cell's least frames".to_owned(),
-            left_s => format!("about {}:{:02} min left", left_s / 60, left_s % 60),
+    /// `1:24 of 4:00, 120 of 337 cells, 31 of 91 claims settled`
+    fn line(&self) -> String {
+        let (used, budget) = (clock(self.start.elapsed().as_secs_f64()), clock(self.budget_s));
+        let cells = format!("{} of {} cells", self.finished.len(), self.cells);
+        let sum = |of: fn(&(usize, usize)) -> usize| self.claims.values().map(of).sum::<usize>();
+        match (sum(|claims| claims.0), sum(|claims| claims.1)) {
+            (_, 0) => format!("{used} of {budget}, {cells}"),
+            (settled, all) => {
+                format!("{used} of {budget}, {cells}, {settled} of {all} claims settled")
+            }
         }
     }
 }
 
-/// A cell's result in a few words.
-fn describe(outcome: &Outcome) -> String {
-    match outcome {
-        Outcome::Measured(measured) if !measured.is_timed() => {
-            format!("{} errors, nothing timed", measured.errors.len())
-        }
-        Outcome::Measured(measured) => {
-            let frame = &measured.frame.untimed;
-            let (median_ms, share) = (frame.median * 1e-6, 100.0 * frame.relative_half_width());
-            format!("{median_ms:.3} ms ±{share:.1} % from {} pairs of frames", frame.n)
-        }
-        Outcome::Skipped { reason } => format!("skipped: {reason}"),
-        Outcome::Failed { reason } => format!("failed: {reason}"),
-    }
+/// Minutes and seconds.
+fn clock(seconds: f64) -> String {
+    let whole = seconds as u64;
+    format!("{}:{:02}", whole / 60, whole % 60)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::{Map, json};
 
-    /// A time too far away to be told is a year away.
     #[test]
-    fn any_budget_is_counted_down() {
-        for budget_s in [f64::MIN_POSITIVE, 1e19, f64::MAX] {
-            let progress = Progress::new(1, budget_s);
-            assert!(progress.end <= Instant::now() + Duration::from_secs_f64(LONGEST_S));
-        }
+    fn a_line_tells_time_cells_and_claims() {
+        let mut progress = Progress::new(3, Instant::now(), 240.0);
+        assert_eq!(progress.line(), "0:00 of 4:00, 0 of 3 cells");
+        let cell = |name: &str| Cell {
+            experiment: "e".to_owned(),
+            cell: name.to_owned(),
+            axes: Map::new(),
+            pipeline: "p".to_owned(),
+            scene: "s".to_owned(),
+            stand_ins: Vec::new(),
+            params: json!({}).into(),
+            outcome: Outcome::Measured(Box::default()),
+        };
+        // A cell that is sampled once more is not another cell.
+        ["a", "a", "b"].map(cell).iter().for_each(|cell| progress.finished(cell));
+        progress.settled(0, 1, 2);
+        progress.settled(4, 0, 3);
+        progress.settled(0, 2, 2);
+        assert_eq!(progress.line(), "0:00 of 4:00, 2 of 3 cells, 2 of 5 claims settled");
+        assert_eq!(clock(3_725.0), "62:05");
     }
 }

@@ -1,5 +1,7 @@
-//! `fathom run`: experiments in turn, a record after every cell. Reports are made of the records by whoever wants them.
+//! `fathom run`: batch after batch of cells as [`schedule`](super::schedule) has it, a record after every cell, and every now and
+//! then a report by whoever wants it. All of it, set-up included, takes no more than the time budget.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -7,22 +9,24 @@ use std::time::Instant;
 use anyhow::{Result, bail, ensure};
 
 use super::catalog::Catalog;
-use super::executor::{self, CellExecutor, Output, Session, Spent};
+use super::executor::{self, CellExecutor, KnownCells, Output, Session, Spent};
 use super::journal::Journal;
 use super::outcome::Counts;
-use super::plan::{self, PlannedExperiment, Request};
+use super::plan::{self, PlannedCell, PlannedExperiment, Request};
 use super::progress::Progress;
-use super::sample::{self, Settings};
+use super::reports::{Report, Reports};
+use super::sample::{self, Goal, Settings};
+use super::schedule::{Batch, CellState, OpenClaim, Schedule, Seen, Unit};
 use super::{ceilings, memory, shard};
 use fathom_base::{quiet, tell};
-use fathom_experiments::Experiment;
+use fathom_experiments::{CellPlan, Experiment};
 use fathom_gpu as gpu;
 use fathom_gpu::{Audit, ClockPlan, Gpu};
 use fathom_record as record;
 use fathom_record::calendar;
 use fathom_record::output::Held;
 use fathom_record::{
-    Conditions, Definition, End, Note, NoteKind, Outcome, Part, PassKind, Profile, Record,
+    Cell, Conditions, Definition, End, Note, NoteKind, Outcome, Part, PassKind, Profile, Record,
     RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks, Shard,
 };
 
@@ -30,6 +34,13 @@ use fathom_record::{
 /// which is to stay below 2 GiB.
 const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
 const GPU_GROUP_BYTES: u64 = 2 << 30;
+
+/// Least budget of a run that measures the adapter's limits, which takes 6 s on llvmpipe.
+const LEAST_BUDGET_OF_CEILINGS_S: f64 = 60.0;
+/// What a default budget has for set-up beside the time of its cells.
+const SET_UP_S: f64 = 30.0;
+/// Kept for the last records and the end of the process.
+const LAST_STEPS_S: f64 = 0.2;
 
 /// What to run and how. `None` means the profile's own value.
 #[derive(Clone, Debug, Default)]
@@ -39,7 +50,7 @@ pub struct Options {
     pub request: Request,
     /// By default that of the run to resume, else quick on a software adapter and paper on a GPU.
     pub profile: Option<Profile>,
-    /// Time for all cells together, seconds.
+    /// Time for the whole command, seconds.
     pub budget_s: Option<f64>,
     /// Half the width of the frame time's 95 % interval over its median.
     pub precision: Option<f64>,
@@ -65,10 +76,14 @@ pub struct Summary {
     pub end: End,
 }
 
-/// Measures what `options` ask for and writes records. When `interrupted` is set, what has been
+/// Measures what `options` ask for and writes records, since `start`. When `interrupted` is set, what has been
 /// measured so far is written and the run ends.
-pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary> {
-    let start = Instant::now();
+pub fn run(
+    options: &Options,
+    start: Instant,
+    report: Report<'_>,
+    interrupted: &AtomicBool,
+) -> Result<Summary> {
     check(options)?;
     spread_references();
     let experiments = options.request.load(&options.catalog)?;
@@ -96,30 +111,100 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary> {
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard, ..header(options, &gpu, &audit, profile, seed) };
     header.loop_turns = Some(gpu::loop_turns(&gpu)?);
-    let finished = record::finished(&held.before, &header);
-    let kept = plan::drop_finished(&mut planned, &finished);
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
-    journal.settle(finished.iter().map(|key| SampleLine::id(&header, key)));
+    let mut finished = record::finished(&held.before, &header);
+    let recorded = finished.clone();
+    finished.retain(|key| !journal.is_open(&SampleLine::id(&header, key)));
+    let kept = plan::drop_finished(&mut planned, &finished);
     let ids = ids(&planned, &header);
     let plan = clock_plan(&mut header, audit.plan, &mut journal, &ids);
+    let limits = limits(options, profile, &planned);
     let now = Instant::now();
     if !options.no_ceilings {
-        header.ceilings = ceilings::of_run(&gpu, plan, &header, &held.before)?;
+        header.ceilings = if limits.budget_s >= LEAST_BUDGET_OF_CEILINGS_S {
+            ceilings::of_run(&gpu, plan, &header, &held.before)?
+        } else {
+            let text = "the adapter's limits were not measured: the time budget is too short";
+            header.notes.push(Note::new(NoteKind::NoCeilings, text));
+            Vec::new()
+        };
     }
     spent.since(now, SetUp::Ceilings);
-    let settings = settings(options, profile, &planned, seed, gpu.adapter.software);
+    let known = known(&held.before, &planned);
+    let schedule = schedule(&planned, &known, (&recorded, &journal, &header), limits.precision);
     let total = planned.iter().map(|experiment| experiment.cells.len()).sum();
-    let progress = Progress::new(total, settings.budget_s);
     let mut measurement = Measurement {
-        settings,
-        session: Session::new(gpu, options.gpu.clone(), (plan, header.ceilings.clone()), spent)?,
+        group_bytes: if gpu.adapter.software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
+        seed,
+        limits,
         round: next_round(&held.before, &journal).max(part.map_or(0, Part::first_round)),
-        output: Output { held, header, journal, progress },
+        session: Session::new(gpu, options.gpu.clone(), (plan, header.ceilings.clone()), spent)?,
+        output: Output {
+            start,
+            records: held.before.clone(),
+            held,
+            header,
+            journal,
+            progress: Progress::new(total, start, limits.budget_s),
+            reports: Reports::new(report, limits.budget_s),
+        },
+        planned: &planned,
+        known,
+        schedule,
         interrupted,
     };
     measurement.begin(&damage, &ids)?;
-    measurement.measure(&planned)?;
-    measurement.end(start, kept)
+    measurement.measure()?;
+    measurement.end(kept)
+}
+
+/// The latest record of each cell of each experiment, of earlier runs.
+fn known(before: &[Record], planned: &[PlannedExperiment]) -> Vec<KnownCells> {
+    let of = |planned: &PlannedExperiment| {
+        let cells = before.iter().filter_map(Record::try_as_cell_ref);
+        let own = cells.filter(|cell| cell.experiment == planned.experiment.id);
+        KnownCells::of(own.map(|cell| (cell.cell.clone(), Cell::clone(cell))).collect())
+    };
+    planned.iter().map(of).collect()
+}
+
+/// `recorded` are the resume keys of the cells that an earlier run of these conditions has measured.
+fn schedule(
+    planned: &[PlannedExperiment],
+    known: &[KnownCells],
+    (recorded, journal, header): (&BTreeSet<String>, &Journal, &Run),
+    precision: f64,
+) -> Schedule {
+    let state = |cell: &PlannedCell, known: &KnownCells| {
+        let before = known.records.get(&cell.plan.cell).and_then(Cell::measured);
+        let before = before.filter(|_| recorded.contains(&cell.resume_key()));
+        CellState {
+            pipeline: cell.plan.pipeline.clone(),
+            declared_s: cell.declared_s,
+            untimed: cell.plan.errors_only,
+            recorded: before.is_some() || cell.skip.is_some(),
+            out: cell.skip.is_some(),
+            pairs: journal.taken(&executor::name(header, cell)).pairs(),
+            half_width: before.map_or(0.0, |m| m.frame.untimed.relative_half_width()),
+            seen: Seen::default(),
+        }
+    };
+    let states = planned
+        .iter()
+        .zip(known)
+        .map(|(planned, known)| planned.cells.iter().map(|cell| state(cell, known)).collect());
+    let units = planned.iter().enumerate().flat_map(|(experiment, planned)| {
+        let plans: Vec<CellPlan> = planned.cells.iter().map(|cell| cell.plan.clone()).collect();
+        let units = planned.experiment.units(&plans).into_iter();
+        let unit = |cells: Vec<usize>| {
+            let claims = planned.experiment.claims_on(&plans, &cells);
+            Unit { experiment, cells, claims }
+        };
+        units.map(unit).collect::<Vec<_>>()
+    });
+    let (cells, units) = (states.collect(), units.collect());
+    let first = plan::first_cells(planned);
+    Schedule { cells, units, first, open: Vec::new(), precision }
 }
 
 /// A folder is gone on with as the part of the run that it was begun as.
@@ -179,11 +264,8 @@ fn clock_plan(
 }
 
 fn check(options: &Options) -> Result<()> {
-    let given = [("--budget", options.budget_s), ("--precision", options.precision)];
-    for (name, value) in given {
-        let value = value.unwrap_or(1.0);
-        ensure!(value.is_finite() && value > 0.0, "{name} must be a positive number, not {value}");
-    }
+    let value = options.precision.unwrap_or(1.0);
+    ensure!(value.is_finite() && value > 0.0, "--precision must be a positive number, not {value}");
     Ok(())
 }
 
@@ -221,25 +303,24 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
     }
 }
 
-fn settings(
-    options: &Options,
-    profile: Profile,
-    planned: &[PlannedExperiment],
-    seed: u64,
-    software: bool,
-) -> Settings {
+/// When a run ends.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    /// Half the width of the frame time's 95 % interval over its median.
+    precision: f64,
+    /// Of the whole command.
+    budget_s: f64,
+}
+
+fn limits(options: &Options, profile: Profile, planned: &[PlannedExperiment]) -> Limits {
     let (per_cell_s, most_s): (f64, f64) = match profile {
-        // All experiments within eight minutes, set-up included.
-        Profile::Quick => (6.0, 500.0),
+        Profile::Quick => (6.0, 240.0),
         Profile::Paper => (20.0, 1_800.0),
     };
     let cells: f64 = planned.iter().map(weight).sum();
-    Settings {
+    Limits {
         precision: options.precision.unwrap_or(profile.precision()),
-        budget_s: options.budget_s.unwrap_or((cells * per_cell_s).min(most_s)),
-        first_round: 0,
-        group_bytes: if software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
-        seed,
+        budget_s: options.budget_s.unwrap_or((SET_UP_S + cells * per_cell_s).min(most_s)),
     }
 }
 
@@ -252,8 +333,14 @@ fn weight(planned: &PlannedExperiment) -> f64 {
 
 struct Measurement<'a> {
     session: Session,
-    output: Output,
-    settings: Settings,
+    output: Output<'a>,
+    limits: Limits,
+    group_bytes: u64,
+    seed: u64,
+    planned: &'a [PlannedExperiment],
+    /// Of each experiment.
+    known: Vec<KnownCells>,
+    schedule: Schedule,
     /// Number of the next round of samples.
     round: u32,
     interrupted: &'a AtomicBool,
@@ -262,8 +349,9 @@ struct Measurement<'a> {
 impl Measurement<'_> {
     /// Writes the header, and says what of an earlier run was damaged and what is gone on with.
     fn begin(&mut self, damage: &[String], ids: &[String]) -> Result<()> {
-        let Output { held, header, journal, .. } = &mut self.output;
-        held.writer.write(&Record::Run(Box::new(header.clone())))?;
+        let header = Record::Run(Box::new(self.output.header.clone()));
+        self.output.write(header)?;
+        let Output { held, journal, .. } = &self.output;
         held.notices.iter().chain(damage).for_each(tell::note);
         let (pairs, cells) = journal.earlier_pairs(ids);
         if pairs > 0 {
@@ -272,79 +360,130 @@ impl Measurement<'_> {
         Ok(())
     }
 
-    fn measure(&mut self, planned: &[PlannedExperiment]) -> Result<()> {
-        let start = Instant::now();
-        let is_shard = self.output.header.shard.is_some();
-        if is_shard {
-            // Merging needs all of them, to tell which cells are missing.
-            planned.iter().try_for_each(|planned| self.define(&planned.experiment))?;
+    fn measure(&mut self) -> Result<()> {
+        let planned = self.planned;
+        planned.iter().try_for_each(|planned| self.define(planned))?;
+        for planned in planned {
+            self.skip(planned)?;
         }
-        let mut weight_left: f64 = planned.iter().map(weight).sum();
-        for (index, planned) in planned.iter().enumerate() {
-            if planned.cells.is_empty() {
+        (0..planned.len()).try_for_each(|experiment| self.look(experiment))?;
+        while !self.interrupted.load(Ordering::Relaxed) {
+            let deadline_s = self.limits.budget_s - self.output.reports.reserve_s() - LAST_STEPS_S;
+            let Some(batch) = self.schedule.next(deadline_s - self.output.now_s()) else { break };
+            if self.report_if_due(&batch) {
                 continue;
             }
-            if self.interrupted.load(Ordering::Relaxed) {
+            let known = self.output.records.len();
+            self.sample(&batch, deadline_s)?;
+            self.look(batch.experiment)?;
+            if self.output.records.len() == known {
                 break;
             }
-            if !is_shard {
-                self.define(&planned.experiment)?;
-            }
-            let left_s = self.settings.budget_s - start.elapsed().as_secs_f64();
-            let settings = Settings {
-                budget_s: (left_s * weight(planned) / weight_left.max(1e-9)).max(0.0),
-                seed: self.settings.seed.wrapping_add(index as u64),
-                first_round: self.round,
-                ..self.settings
-            };
-            self.cells(planned, &settings)?;
-            self.session.gpu.forget_pipelines();
-            weight_left -= weight(planned);
         }
         self.output.progress.end();
+        if !self.interrupted.load(Ordering::Relaxed) {
+            self.tell_not_run()?;
+        }
         Ok(())
     }
 
-    /// Records an experiment's text before its first cell, once.
-    fn define(&mut self, experiment: &Experiment) -> Result<(), RecordError> {
-        let definition = Record::Experiment(Definition {
-            id: experiment.id.clone(),
-            toml: experiment.text.clone(),
-        });
-        if self.output.held.before.contains(&definition) {
-            return Ok(());
+    /// The first report comes after the first visits, unless it would take too much of the budget.
+    fn report_if_due(&mut self, next: &Batch) -> bool {
+        let is_first = next.goal != Goal::FirstVisits && self.output.reports.may_begin();
+        let is_due = is_first || self.output.reports.is_due();
+        if is_due {
+            self.output.report(Vec::new(), &self.schedule);
         }
-        self.output.held.writer.write(&definition)
+        is_due
     }
 
-    /// Records the cells that are skipped, and samples the others.
-    fn cells(&mut self, planned: &PlannedExperiment, settings: &Settings) -> Result<()> {
-        let mut due = Vec::new();
-        for (index, cell) in planned.cells.iter().enumerate() {
-            match cell.skip.clone() {
-                None => due.push(index),
-                Some(reason) => self.output.finish(&cell.record(Outcome::Skipped { reason }))?,
+    /// Records an experiment's text, once. Merging needs those of all experiments, to tell which cells are missing.
+    fn define(&mut self, planned: &PlannedExperiment) -> Result<(), RecordError> {
+        let Experiment { id, text, .. } = &planned.experiment;
+        let definition = Definition { id: id.clone(), toml: text.clone() };
+        let definition = Record::Experiment(definition);
+        let is_needed = !planned.cells.is_empty() || self.output.header.shard.is_some();
+        if is_needed && !self.output.held.before.contains(&definition) {
+            self.output.write(definition)?;
+        }
+        Ok(())
+    }
+
+    /// Records the cells that are skipped.
+    fn skip(&mut self, planned: &PlannedExperiment) -> Result<(), RecordError> {
+        let skipped = planned.cells.iter().filter_map(|cell| {
+            let reason = cell.skip.clone()?;
+            Some(cell.record(Outcome::Skipped { reason }))
+        });
+        skipped.collect::<Vec<_>>().into_iter().try_for_each(|cell| self.output.finish(cell))
+    }
+
+    fn sample(&mut self, batch: &Batch, deadline_s: f64) -> Result<()> {
+        let settings = Settings {
+            goal: batch.goal,
+            precision: self.limits.precision,
+            deadline_s,
+            at_least_one: !self.schedule.has_measured(),
+            group_bytes: self.group_bytes,
+            seed: self.seed,
+            first_round: self.round,
+        };
+        let planned = (batch.experiment, &self.planned[batch.experiment]);
+        let known = (&mut self.known[batch.experiment], &mut self.schedule);
+        let mut executor = CellExecutor::new(&mut self.session, &mut self.output, planned, known);
+        self.round = sample::sample(&mut executor, &batch.cells, &settings, self.interrupted)?;
+        self.session.gpu.forget_pipelines();
+        Ok(())
+    }
+
+    /// Looks at the samples of an experiment: which claims are open, and which cells nobody is to go on with.
+    fn look(&mut self, number: usize) -> Result<(), RecordError> {
+        let PlannedExperiment { experiment, cells } = &self.planned[number];
+        let records: Vec<&Cell> = self.known[number].records.values().collect();
+        let standing = experiment.standing(&records, self.session.gpu.adapter.software);
+        self.output.progress.settled(number, standing.settled, experiment.claim.len());
+        let place = |name: &&str| cells.iter().position(|cell| cell.plan.cell == *name);
+        let open = standing.open.iter().map(|names| OpenClaim {
+            experiment: number,
+            cells: names.iter().filter_map(place).collect(),
+        });
+        self.schedule.open.retain(|claim| claim.experiment != number);
+        self.schedule.open.extend(open);
+        for (index, cell) in cells.iter().enumerate() {
+            let recorded = self.schedule.cells[number][index].recorded;
+            if recorded && !self.schedule.is_open(number, index) {
+                self.output.journal.close(&executor::name(&self.output.header, cell))?;
             }
         }
-        let (session, output) = (&mut self.session, &mut self.output);
-        let mut executor = CellExecutor::new(session, output, planned, settings.precision);
-        self.round = sample::sample(&mut executor, &due, settings, self.interrupted)?;
         Ok(())
     }
 
-    fn end(self, start: Instant, kept: usize) -> Result<Summary> {
-        let parts_s = self.session.spent.set_up_s.clone();
+    /// Records the cells that the budget left.
+    fn tell_not_run(&mut self) -> Result<(), RecordError> {
+        for (planned, states) in self.planned.iter().zip(&self.schedule.cells) {
+            let left = planned.cells.iter().zip(states).filter(|(_, state)| !state.recorded);
+            for (cell, _) in left {
+                self.output.finish(cell.record(Outcome::OverBudget))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn end(mut self, kept: usize) -> Result<Summary> {
+        let spent = &mut self.session.spent;
+        spent.set_up_s.insert(SetUp::Reports, self.output.reports.spent_s);
+        let parts_s = spent.set_up_s.clone();
         let set_up_s = parts_s.values().sum();
         let end = End {
-            measuring_wall_s: start.elapsed().as_secs_f64() - set_up_s,
-            measured_gpu_s: self.session.spent.frames_ns * 1e-9,
+            measuring_wall_s: self.output.now_s() - set_up_s,
+            measured_gpu_s: spent.frames_ns * 1e-9,
             set_up_s,
             set_up_parts_s: parts_s,
             peak_memory_bytes: memory::peak_bytes(),
             interrupted: self.interrupted.load(Ordering::Relaxed),
         };
-        let Output { mut held, journal, .. } = self.output;
-        held.writer.write(&Record::End(end.clone()))?;
+        self.output.write(Record::End(end.clone()))?;
+        let Output { held, journal, .. } = self.output;
         journal.end()?;
         let records = record::read(&held.output.records())?.records;
         Ok(summary(held.output.folder, &records, end, kept))
@@ -354,10 +493,13 @@ impl Measurement<'_> {
 /// Counts the cells after the last header.
 fn summary(out: PathBuf, records: &[Record], end: End, kept: usize) -> Summary {
     let since = records.iter().rposition(|record| record.try_as_run_ref().is_some()).unwrap_or(0);
-    let cells = || records[since..].iter().filter_map(Record::try_as_cell_ref).map(Box::as_ref);
-    let skip_reason = cells().find_map(|cell| match &cell.outcome {
+    // Of a cell that was sampled on the latest.
+    let cells = records[since..].iter().filter_map(Record::try_as_cell_ref);
+    let cells: BTreeMap<_, &Cell> =
+        cells.map(|cell| ((&cell.experiment, &cell.cell), cell.as_ref())).collect();
+    let skip_reason = cells.values().find_map(|cell| match &cell.outcome {
         Outcome::Skipped { reason } => Some(reason.clone()),
         _ => None,
     });
-    Summary { out, counts: Counts::of(cells()), skip_reason, kept, end }
+    Summary { out, counts: Counts::of(cells.into_values()), skip_reason, kept, end }
 }

@@ -1,15 +1,15 @@
-//! The scheduler: which cell renders which frame next, and when a cell has seen enough.
+//! Samples one batch of cells: which cell renders which frame next.
 //!
-//! The cells of an experiment are prepared in groups that fit into memory together. Within a group they
+//! The cells of a batch are prepared in groups that fit into memory together. Within a group they
 //! are sampled round-robin, in an order drawn anew each round, so that the machine's drift affects all
 //! of them alike. A visit renders one frame with per-stage timing and one without, in random order: the
 //! ratio of such pairs is the cost of timing.
 //!
-//! Every cell gets the pairs of the first look. Then the scheduler looks at the samples. As long as claims are open,
-//! only the cells of these claims are sampled on, up to the next look; after that the cells whose frame time is not precise yet,
-//! those with the widest intervals first.
-//! A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow for that many looks.
-//! Cells whose times nobody asks for render one frame.
+//! A batch ends when its cells have the pairs of its [`Goal`]. Then somebody looks at the samples and decides what is sampled on
+//! (`harness::schedule`). A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow
+//! for that many looks. Cells whose times nobody asks for render one frame.
+//!
+//! Before each preparation and each visit the scheduler asks whether what is foreseen for it still fits before the deadline.
 //!
 //! What each visit added is handed to [`Executor::keep`], so that a run that ends at any moment can be gone on with:
 //! a cell begins with what [`Executor::earlier`] has of it.
@@ -18,7 +18,7 @@
 
 pub mod visit;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rand::seq::SliceRandom;
@@ -32,15 +32,14 @@ use fathom_record::{Addition, FramePair, MachineState};
 /// Pairs of a cell at which its samples are looked at; each other one is twice the one before. A verdict needs 8 at least, and from
 /// 12 on no interval ends at a single outlier. The end of the time is one more look.
 pub const LOOK_PAIRS: [usize; LOOKS - 1] = [12, 24, 48, 96, 192];
-/// Cells whose interval is at least so wide, as a share of the widest, are sampled on together.
-const WIDE: f64 = 0.5;
-/// Pairs that each cell gets however slow it is.
+/// Pairs that each cell gets before its samples are looked at.
 pub const MIN_PAIRS: usize = LOOK_PAIRS[0];
 /// Pairs after which a cell stops in any case.
 pub const MAX_PAIRS: usize = LOOK_PAIRS[LOOKS - 2];
-/// Time that a cell may take to settle its claims and to become precise even when the budget is used up: short frames cost
-/// hardly anything.
-const FREE_S: f64 = 0.25;
+/// Time of a cell's first visits, seconds: slow frames are fewer then, but no fewer than [`LEAST_FIRST_PAIRS`].
+const FIRST_VISITS_S: f64 = 3.0;
+const LEAST_FIRST_PAIRS: usize = 2;
+
 /// Why a frame could not be rendered.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Failure {
@@ -61,16 +60,16 @@ pub trait Executor {
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure>;
     /// One frame without; its wall time in nanoseconds.
     fn untimed(&mut self, cell: usize) -> Result<f64, Failure>;
-    /// What an earlier run took of this cell and did not finish, in its order. Asked once, before the first frame.
-    fn earlier(&mut self, cell: usize) -> Vec<Addition>;
+    /// What was taken of this cell before. Asked before its first frame.
+    fn earlier(&mut self, cell: usize) -> Samples;
     /// Keeps what a visit added to a cell's samples.
     fn keep(&mut self, cell: usize, added: Addition) -> Result<(), Self::Fatal>;
-    /// All cells were visited: what was kept must outlive this process from now on.
-    fn end_round(&mut self) -> Result<(), Self::Fatal>;
+    /// All cells were visited: what was kept must outlive this process from now on. `live` are the cells with what they have.
+    fn end_round(&mut self, live: &[(usize, &Samples)]) -> Result<(), Self::Fatal>;
     /// Its times are not asked for: one frame is rendered, untimed.
     fn untimed_only(&self, cell: usize) -> bool;
-    /// Of these cells, whose samples are given, those that could settle a claim that is open.
-    fn unsettled(&mut self, cells: &[(usize, &Samples)]) -> BTreeSet<usize>;
+    /// What the cell's next steps will take.
+    fn foreseen(&self, cell: usize) -> Foreseen;
     /// Takes what was sampled of a cell, or why it failed, before [`release`](Self::release).
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), Self::Fatal>;
     /// Frees what [`prepare`](Self::prepare) made; also called for cells that failed.
@@ -87,13 +86,50 @@ pub trait Executor {
     }
 }
 
-/// When to stop.
+/// Seconds that the steps of a cell are expected to take.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Foreseen {
+    pub prepare_s: f64,
+    /// A timed and an untimed frame.
+    pub pair_s: f64,
+    /// Reading its figures, and their errors.
+    pub finish_s: f64,
+}
+
+impl Foreseen {
+    /// All of a cell's first visits.
+    pub fn first_visits_s(&self) -> f64 {
+        let most = (FIRST_VISITS_S / self.pair_s).ceil();
+        self.visit_s((most as usize).clamp(LEAST_FIRST_PAIRS, MIN_PAIRS))
+    }
+
+    /// All of a visit of this many pairs after a warm-up of two frames.
+    pub fn visit_s(&self, pairs: usize) -> f64 {
+        self.prepare_s + self.pair_s * (pairs + 1) as f64 + self.finish_s
+    }
+}
+
+/// How far the cells of a batch are sampled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Goal {
+    /// A first impression of a frame: as the first look, but fewer pairs where frames are slow.
+    FirstVisits,
+    /// The pairs of the first look, in rounds that all cells of the batch have in common.
+    FirstLook,
+    /// The pairs of the look after those that the cells have.
+    NextLook,
+}
+
+/// What and until when to sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
+    pub goal: Goal,
     /// Half the width of the frame time's 95 % interval over its median.
     pub precision: f64,
-    /// Time for all cells of one call, in seconds.
-    pub budget_s: f64,
+    /// Nothing is begun that is not foreseen to be over by then, on the executor's clock, seconds.
+    pub deadline_s: f64,
+    /// One pair of frames is taken of the first cell even if the time is over.
+    pub at_least_one: bool,
     /// Memory that cells prepared at the same time should take together, in bytes. A group is closed
     /// once another cell as large as its largest would exceed this.
     pub group_bytes: u64,
@@ -105,9 +141,11 @@ pub struct Settings {
 
 struct Live {
     samples: Samples,
-    /// Pairs until the next look.
+    /// Pairs to have in the end.
     target: usize,
     spent_s: f64,
+    /// Of the latest pair.
+    pair_s: Option<f64>,
     /// It has rendered frames on this device.
     warm: bool,
     /// Its samples are an earlier run's, and no frame of this run was held against them.
@@ -115,41 +153,53 @@ struct Live {
 }
 
 impl Live {
-    fn new(earlier: &[Addition]) -> Self {
-        let samples = Samples::of(earlier);
+    fn new(samples: Samples) -> Self {
         Self {
-            unconfirmed: samples.pairs() > 0,
-            target: look_after(samples.pairs().saturating_sub(1)).unwrap_or(MAX_PAIRS),
-            spent_s: 0.0,
+            unconfirmed: samples.earlier_pairs > 0,
             samples,
+            target: 0,
+            spent_s: 0.0,
+            pair_s: None,
             warm: false,
         }
     }
 
-    /// Another pair is due: the cell has rendered nothing yet that its figures could be read from, or has too few pairs, or
-    /// is on its way to the next look and there is time.
-    fn wants(&self, time_is_left: bool) -> bool {
+    /// Another pair is due: the cell has rendered nothing yet that its figures could be read from, or has too few pairs.
+    fn wants(&self, goal: Goal) -> bool {
         let pairs = self.samples.pairs();
-        !self.warm || pairs < MIN_PAIRS || self.may_go_on(time_is_left) && pairs < self.target
+        let had_enough = goal == Goal::FirstVisits
+            && self.spent_s > FIRST_VISITS_S
+            && pairs >= LEAST_FIRST_PAIRS;
+        !self.warm || pairs < self.target && !had_enough
     }
 
-    fn may_go_on(&self, time_is_left: bool) -> bool {
-        time_is_left || self.spent_s < FREE_S
-    }
-
-    /// There is enough of it for a record.
+    /// There is enough of it for a record after an interruption.
     fn suffices(&self) -> bool {
         self.warm && self.samples.pairs() >= MIN_PAIRS
     }
 }
 
 /// The first look at more pairs than these.
-fn look_after(pairs: usize) -> Option<usize> {
+pub fn look_after(pairs: usize) -> Option<usize> {
     LOOK_PAIRS.into_iter().find(|look| *look > pairs)
 }
 
-/// Samples `cells` until all claims are settled and all cells precise, or the budget is used up, or `interrupted` is set. Every
-/// cell is handed to [`Executor::finish`], except those that an interruption left with too little: what there is of them was
+/// Pairs that cells are to have in the end that have so many now. Cells of one batch get the same number of new rounds where they
+/// are to be compared by round: with a cell that has none, and from look to look.
+pub fn targets(goal: Goal, pairs: &[usize]) -> Vec<usize> {
+    let next = |pairs: &usize| look_after(*pairs).unwrap_or(*pairs) - pairs;
+    let rounds = pairs.iter().map(next).max().unwrap_or(0);
+    let any_is_new = pairs.contains(&0);
+    let target = |pairs: &usize| match goal {
+        Goal::FirstLook if any_is_new => *pairs + MIN_PAIRS,
+        Goal::FirstVisits | Goal::FirstLook => MIN_PAIRS.max(*pairs),
+        Goal::NextLook => *pairs + rounds,
+    };
+    pairs.iter().map(target).collect()
+}
+
+/// Samples `cells` up to the goal, or the deadline, or until `interrupted` is set. Cells of which anything was sampled are handed
+/// to [`Executor::finish`], except those that an interruption left with too little: what there is of them was
 /// kept. Returns the number of the next round.
 pub fn sample<X: Executor>(
     executor: &mut X,
@@ -157,24 +207,24 @@ pub fn sample<X: Executor>(
     settings: &Settings,
     interrupted: &AtomicBool,
 ) -> Result<u32, X::Fatal> {
-    let end_s = executor.now_s() + settings.budget_s;
     let mut sampler = Sampler {
         executor,
         interrupted,
         settings,
-        random: Pcg64::seed_from_u64(settings.seed),
+        random: Pcg64::seed_from_u64(settings.seed ^ u64::from(settings.first_round)),
         live: BTreeMap::new(),
         round: settings.first_round,
-        end_s,
+        owes_one: settings.at_least_one,
+        late: false,
         hopeless: None,
     };
     let mut waiting = cells;
-    while !waiting.is_empty() && !sampler.interrupted() {
+    while !waiting.is_empty() && !sampler.has_to_end() {
         let prepared = sampler.prepare_group(waiting)?;
-        let share = prepared as f64 / waiting.len() as f64;
-        let now_s = sampler.executor.now_s();
-        sampler.end_s = now_s + (end_s - now_s).max(0.0) * share;
         sampler.sample_group()?;
+        if prepared == 0 {
+            break;
+        }
         waiting = &waiting[prepared..];
     }
     Ok(sampler.round)
@@ -188,8 +238,10 @@ struct Sampler<'a, X: Executor> {
     /// By the number of the cell.
     live: BTreeMap<usize, Live>,
     round: u32,
-    /// When the group's time is over.
-    end_s: f64,
+    /// The first pair of frames is still to be taken, whatever the time.
+    owes_one: bool,
+    /// A visit did not fit before the deadline.
+    late: bool,
     /// Why nothing can be measured any more.
     hopeless: Option<String>,
 }
@@ -199,17 +251,29 @@ impl<X: Executor> Sampler<'_, X> {
         self.interrupted.load(Ordering::Relaxed)
     }
 
-    /// Prepares the first of the waiting cells, as many as fit into memory together, at least one; how many. Cells whose times
+    fn has_to_end(&self) -> bool {
+        self.late || self.interrupted()
+    }
+
+    /// Whether a step of this length, and the rest of all prepared cells after it, fits before the deadline.
+    fn fits(&self, step_s: f64) -> bool {
+        let rest_s: f64 = self.live.keys().map(|cell| self.executor.foreseen(*cell).finish_s).sum();
+        self.owes_one || self.executor.now_s() + step_s + rest_s <= self.settings.deadline_s
+    }
+
+    /// Prepares the first of the waiting cells, as many as fit into memory together, at least one of those that there is time for; how many. Cells whose times
     /// are not asked for are done then.
     fn prepare_group(&mut self, waiting: &[usize]) -> Result<usize, X::Fatal> {
-        let (mut used, mut largest) = (0u64, 0u64);
+        let (mut used, mut largest, mut prepared) = (0u64, 0u64, waiting.len());
         for (done, &cell) in waiting.iter().enumerate() {
             let full = used.saturating_add(largest) > self.settings.group_bytes;
-            if self.interrupted() || (done > 0 && full) {
-                return Ok(done);
+            let foreseen = self.executor.foreseen(cell);
+            if self.interrupted() || (done > 0 && full) || !self.fits(foreseen.visit_s(1)) {
+                prepared = done;
+                break;
             }
             let earlier = self.executor.earlier(cell);
-            self.live.insert(cell, Live::new(&earlier));
+            self.live.insert(cell, Live::new(earlier));
             let mut bytes = 0;
             self.attempt(cell, |sampler| {
                 bytes = sampler.executor.prepare(cell)?;
@@ -217,24 +281,26 @@ impl<X: Executor> Sampler<'_, X> {
             })?;
             if self.executor.untimed_only(cell) {
                 self.attempt(cell, |sampler| sampler.executor.untimed(cell).map(drop))?;
-                self.close_sampled(cell, Stopped::UntimedOnly)?;
+                self.close_sampled(cell)?;
+                self.owes_one = false;
             } else {
                 used = used.saturating_add(bytes);
                 largest = largest.max(bytes);
             }
         }
-        Ok(waiting.len())
+        let pairs: Vec<usize> = self.live.values().map(|live| live.samples.pairs()).collect();
+        for (live, target) in self.live.values_mut().zip(targets(self.settings.goal, &pairs)) {
+            live.target = target;
+        }
+        Ok(prepared)
     }
 
     fn sample_group(&mut self) -> Result<(), X::Fatal> {
-        while !self.interrupted() {
-            let time_is_left = self.executor.now_s() < self.end_s;
-            let wanting = self.live.iter().filter(|(_, live)| live.wants(time_is_left));
+        let goal = self.settings.goal;
+        while !self.has_to_end() {
+            let wanting = self.live.iter().filter(|(_, live)| live.wants(goal));
             let mut round: Vec<usize> = wanting.map(|(cell, _)| *cell).collect();
             if round.is_empty() {
-                if self.look(time_is_left)? {
-                    continue;
-                }
                 break;
             }
             round.shuffle(&mut self.random);
@@ -242,64 +308,36 @@ impl<X: Executor> Sampler<'_, X> {
                 self.visit(cell)?;
             }
             self.round += 1;
-            self.executor.end_round()?;
+            let live: Vec<(usize, &Samples)> =
+                self.live.iter().map(|(cell, live)| (*cell, &live.samples)).collect();
+            self.executor.end_round(&live)?;
         }
         self.finish_rest()
     }
 
-    /// Decides which cells are sampled on, and closes those that need no more while others go on; whether any does.
-    fn look(&mut self, time_is_left: bool) -> Result<bool, X::Fatal> {
-        let samples: Vec<(usize, &Samples)> =
-            self.live.iter().map(|(cell, live)| (*cell, &live.samples)).collect();
-        let open = self.executor.unsettled(&samples);
-        let goes_on = |live: &Live| {
-            live.may_go_on(time_is_left) && look_after(live.samples.pairs()).is_some()
-        };
-        let width = |live: &Live| live.samples.relative_half_width();
-        let going = || self.live.iter().filter(|(_, live)| goes_on(live));
-        let any_open = going().any(|(cell, _)| open.contains(cell));
-        let widest = going().map(|(_, live)| width(live)).fold(0.0, f64::max);
-        let enough = self.settings.precision;
-        let (mut done, mut any) = (Vec::new(), false);
-        for (cell, live) in &mut self.live {
-            let wide = width(live) > enough;
-            let vague = wide && goes_on(live);
-            let next = if any_open {
-                open.contains(cell) && goes_on(live)
-            } else {
-                vague && width(live) >= widest * WIDE
-            };
-            if next {
-                live.target = look_after(live.samples.pairs()).unwrap_or(MAX_PAIRS);
-                any = true;
-            } else if !vague {
-                let stopped = match (wide, time_is_left) {
-                    (false, _) => Stopped::Precise,
-                    (true, true) => Stopped::EnoughPairs,
-                    (true, false) => Stopped::OutOfTime,
-                };
-                done.push((*cell, stopped));
-            }
-        }
-        for (cell, stopped) in done {
-            self.close_sampled(cell, stopped)?;
-        }
-        Ok(any)
-    }
-
     /// One pair of frames, after warm-up if that is due; then the cell may have failed.
     fn visit(&mut self, cell: usize) -> Result<(), X::Fatal> {
-        if self.interrupted() {
+        let Some(live) = self.live.get(&cell) else {
+            return Ok(());
+        };
+        let frames_s = live.pair_s.unwrap_or_else(|| self.executor.foreseen(cell).pair_s);
+        let step_s = if live.warm { frames_s } else { 2.0 * frames_s };
+        self.late |= !self.fits(step_s);
+        if self.has_to_end() {
             return Ok(());
         }
         let start_s = self.executor.now_s();
         let mut added = Addition::default();
         self.attempt(cell, |sampler| sampler.warm_up(cell, &mut added))?;
+        let warm_s = self.executor.now_s();
         self.attempt(cell, |sampler| sampler.pair(cell, &mut added))?;
+        self.owes_one = false;
         let Some(live) = self.live.get_mut(&cell) else {
             return Ok(());
         };
-        live.spent_s += self.executor.now_s() - start_s;
+        let now_s = self.executor.now_s();
+        live.spent_s += now_s - start_s;
+        live.pair_s = Some(now_s - warm_s);
         live.samples.add(&added);
         let verdict = live.samples.verdict_on_rejections();
         self.executor.keep(cell, added)?;
@@ -393,11 +431,22 @@ impl<X: Executor> Sampler<'_, X> {
     }
 
     /// Closes a cell with what was sampled of it, unless it is closed.
-    fn close_sampled(&mut self, cell: usize, stopped: Stopped) -> Result<(), X::Fatal> {
+    fn close_sampled(&mut self, cell: usize) -> Result<(), X::Fatal> {
         let Some(live) = self.live.get_mut(&cell) else {
             return Ok(());
         };
         let samples = std::mem::take(&mut live.samples);
+        let stopped = if self.executor.untimed_only(cell) {
+            Stopped::UntimedOnly
+        } else if samples.relative_half_width() <= self.settings.precision {
+            Stopped::Precise
+        } else if samples.pairs() >= MAX_PAIRS {
+            Stopped::EnoughPairs
+        } else if self.interrupted() {
+            Stopped::Interrupted
+        } else {
+            Stopped::OutOfTime
+        };
         self.close(cell, Ok(Samples { stopped, ..samples }))
     }
 
@@ -408,16 +457,15 @@ impl<X: Executor> Sampler<'_, X> {
         finished
     }
 
-    /// Hands over what the group's remaining cells have.
+    /// Hands over what the group's cells have. What rendered nothing has no figures, and stays for later.
     fn finish_rest(&mut self) -> Result<(), X::Fatal> {
-        let interrupted = self.interrupted();
-        let stopped = if interrupted { Stopped::Interrupted } else { Stopped::OutOfTime };
         while let Some((&cell, live)) = self.live.first_key_value() {
-            if interrupted && !live.suffices() {
+            let too_little = self.interrupted() && !live.suffices();
+            if too_little || !live.warm || live.samples.pairs() == 0 {
                 self.live.remove(&cell);
                 self.executor.release(cell);
             } else {
-                self.close_sampled(cell, stopped)?;
+                self.close_sampled(cell)?;
             }
         }
         Ok(())

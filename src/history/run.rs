@@ -1,5 +1,6 @@
 //! A run as a history takes it: the bytes of its records, and the figures of each cell.
 
+use std::collections::BTreeSet;
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
@@ -96,7 +97,7 @@ impl NewRun {
             adapter: header.adapter.name.clone(),
             driver: driver(&header),
             hosts: found.hosts.into_iter().collect(),
-            cells: found.cells,
+            cells: found.cells.len(),
             figures: found.figures.into_iter().map(of_figure).collect(),
         })
     }
@@ -127,7 +128,8 @@ struct Found {
     records: usize,
     is_comparison: bool,
     hosts: IndexSet<Option<String>>,
-    cells: usize,
+    /// Resume keys of those that were measured.
+    cells: BTreeSet<String>,
     /// With the machine that measured them.
     figures: IndexMap<FigureKey, (Option<Name>, Estimate)>,
 }
@@ -145,7 +147,7 @@ impl Found {
             }
             Record::Cell(cell) => {
                 let Some(measured) = cell.measured() else { return };
-                self.cells += 1;
+                self.cells.insert(cell.resume_key());
                 if let Some(run) = &self.header {
                     let host = run.conditions.host.as_deref().map(Name::from);
                     let figures = of_cell(run, &cell, measured).into_iter();

@@ -141,7 +141,8 @@ impl Cell {
 }
 
 /// Resume keys of the cells that need no second measurement: those measured or skipped under the
-/// conditions of `run` (same adapter, profile and shader checks). Failed cells are tried again.
+/// conditions of `run` (same adapter, profile and shader checks). Failed cells are tried again, and those that were not run are
+/// measured.
 pub fn finished(records: &[Record], run: &Run) -> BTreeSet<String> {
     let mut same_conditions = false;
     let mut keys = BTreeSet::new();
@@ -153,7 +154,8 @@ pub fn finished(records: &[Record], run: &Run) -> BTreeSet<String> {
                     && earlier.shader_checks == run.shader_checks;
             }
             Record::Cell(cell)
-                if same_conditions && !matches!(cell.outcome, Outcome::Failed { .. }) =>
+                if same_conditions
+                    && matches!(cell.outcome, Outcome::Measured(_) | Outcome::Skipped { .. }) =>
             {
                 keys.insert(cell.resume_key());
             }

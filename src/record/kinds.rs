@@ -83,6 +83,21 @@ pub enum SetUp {
     /// Runs that results are compared with: denser ones, and the same seen from elsewhere.
     Comparisons,
     Pictures,
+    /// Writing reports while the run goes on.
+    Reports,
+}
+
+/// How far a run is that goes on.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Standing {
+    /// Since the command began, seconds.
+    pub used_s: f64,
+    /// For the whole command, seconds.
+    pub budget_s: f64,
+    /// With a record, a provisional one too.
+    pub reached: usize,
+    /// All that are chosen and that no earlier run has finished.
+    pub cells: usize,
 }
 
 /// Something to know about a run or a cell.
@@ -109,6 +124,8 @@ pub enum NoteKind {
     Order,
     /// Of a run: passes are timed by another clock than its audit chose.
     OtherClocks,
+    /// Of a run: the adapter's limits were not measured, as its budget is short.
+    NoCeilings,
     /// Of a merged run: some of its cells have no record.
     Incomplete,
     /// Some samples are of an earlier run.

@@ -44,7 +44,7 @@ pub use fathom_base::statistics::{Estimate, Interval};
 pub use file::{Writer, each_good, empty_or_sound, finished, read, read_good, resume_key};
 pub use kinds::{
     ErrorSpan, FaultKind, Note, NoteKind, Picture, PictureKind, PictureScale, Profile,
-    RejectedFrames, Rejection, SetUp, ShaderChecks, Surrounding,
+    RejectedFrames, Rejection, SetUp, ShaderChecks, Standing, Surrounding,
 };
 pub use lines::{
     Damage, Damaged, Line, LineWriter, MAX_LINE, Opened, Reading, RecordError, kept_aside,
@@ -304,7 +304,12 @@ pub enum Outcome {
         /// Why, in one sentence.
         reason: String,
     },
+    /// Not run: the run's time budget ended before its turn came. A resumed run measures it.
+    OverBudget,
 }
+
+/// What is said of a cell that was not run as the time budget ended.
+pub const OVER_BUDGET: &str = "not run: budget";
 
 /// Figures of a measured cell.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

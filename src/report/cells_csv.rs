@@ -114,6 +114,7 @@ fn status<'e>(entry: &'e Entry<'_>) -> [&'e str; 2] {
         Outcome::Measured(_) => ["measured", ""],
         Outcome::Skipped { reason } => ["skipped", reason],
         Outcome::Failed { reason } => ["failed", reason],
+        Outcome::OverBudget => ["not run", "budget"],
     }
 }
 

@@ -1,21 +1,20 @@
 //! What a run says in short: verdicts, the slowest stages, how far to trust it, how it scales. Functions of a view; the
 //! summary and the page show them.
 
-use std::collections::HashMap;
-
 use indexmap::IndexMap;
 use itertools::Itertools;
-use serde_json::Value;
 
 use super::format::{self, percent};
 use super::plots::names;
 use super::{ReportView, Section};
 use fathom_base::statistics;
 use fathom_experiments as experiments;
+use fathom_experiments::defaults::{self, Choice, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
 use fathom_experiments::{Measure, Ruling, Scaling, Verdict, groups, scaling};
 use fathom_record::{
-    Cell, Estimate, Interval, Machine, Measured, Note, NoteKind, Run, StageRecord,
+    Cell, Estimate, Interval, Machine, Measured, Note, NoteKind, Outcome, Run, StageRecord,
+    Standing,
 };
 
 /// Digits of a commit's hash that a person reads.
@@ -62,16 +61,14 @@ pub fn claims<'v, 'a>(view: &'v ReportView<'a>) -> Vec<RuledClaim<'v, 'a>> {
 }
 
 /// The frame that stands for a pipeline. Of its timed cells the first by this order: those whose stages are all above the clock's
-/// resolution; those of an experiment without a sweep; those whose experiment sets the fewest parameters, which are the nearest to
-/// the pipeline's defaults; those with the fewest parameters that differ from what most cells of the pipeline have; the plan.
+/// resolution; those nearest to the pipeline's defaults; the plan.
 #[derive(Clone, Copy)]
 pub struct Representative<'a> {
     pub cell: &'a Cell,
     pub measured: &'a Measured,
     /// Parameters that its plan sets; none where the plan does not know the cell.
     settings: Option<usize>,
-    /// Parameters that differ from what most timed cells of the pipeline have.
-    unusual: usize,
+    distance: Distance,
 }
 
 /// A stage's time in a frame, and its share of the sum of all stages, frame by frame.
@@ -118,14 +115,14 @@ pub fn representatives<'a>(view: &ReportView<'a>) -> Vec<Representative<'a>> {
     let frames = view.sections.iter().flat_map(|section| {
         section.timed().map(|(cell, measured)| {
             let settings = section.settings(cell);
-            Representative { cell, measured, settings, unusual: 0 }
+            Representative { cell, measured, settings, distance: Distance::default() }
         })
     });
     let mut by_pipeline: IndexMap<&str, Vec<Representative<'a>>> = IndexMap::new();
     for frame in frames {
         by_pipeline.entry(&frame.cell.pipeline).or_default().push(frame);
     }
-    by_pipeline.values_mut().for_each(|frames| count_unusual(frames));
+    by_pipeline.values_mut().for_each(|frames| measure_distances(frames));
     by_pipeline.values().filter_map(|frames| frames.iter().copied().min_by_key(rank)).collect()
 }
 
@@ -136,35 +133,27 @@ pub fn same_frame<'a>(
 ) -> Option<Representative<'a>> {
     let section = view.sections.iter().find(|section| section.id == frame.cell.experiment)?;
     let (cell, measured) = section.timed().find(|(cell, _)| cell.cell == frame.cell.cell)?;
-    Some(Representative { cell, measured, settings: section.settings(cell), unusual: 0 })
+    let Representative { settings, distance, .. } = *frame;
+    Some(Representative { cell, measured, settings, distance })
 }
 
-/// Counts each frame's parameters that most of these frames have another value of.
-fn count_unusual(frames: &mut [Representative<'_>]) {
-    let settings = |cell: &Cell| {
-        let tree = experiments::flatten(&cell.params.to_map());
-        let scene = ("scene".to_owned(), cell.scene.as_str().into());
-        tree.into_iter()
-            .chain([scene])
-            .map(|(path, value): (String, Value)| (path, value.to_string()))
-    };
-    let counts = frames.iter().flat_map(|frame| settings(frame.cell)).counts();
-    let mut most: HashMap<&str, usize> = HashMap::new();
-    for ((path, _), count) in &counts {
-        let most = most.entry(path).or_default();
-        *most = (*most).max(*count);
-    }
-    for frame in frames {
-        let is_unusual = |entry: &(String, String)| counts[entry] < most[entry.0.as_str()];
-        frame.unusual = settings(frame.cell).filter(is_unusual).count();
+fn measure_distances(frames: &mut [Representative<'_>]) {
+    let choices = frames.iter().map(|frame| Choice {
+        swept: !frame.cell.axes.is_empty(),
+        settings: frame.settings,
+        scene: &frame.cell.scene,
+        params: frame.cell.params.to_map(),
+    });
+    let choices: Vec<Choice<'_>> = choices.collect();
+    let distances = defaults::distances(&choices);
+    for (frame, distance) in frames.iter_mut().zip(distances) {
+        frame.distance = distance;
     }
 }
 
 /// See [`Representative`].
-fn rank(frame: &Representative<'_>) -> (bool, bool, usize, usize) {
-    let resolved = frame.measured.stages.iter().all(StageRecord::is_resolved);
-    let swept = !frame.cell.axes.is_empty();
-    (!resolved, swept, frame.settings.unwrap_or(usize::MAX), frame.unusual)
+fn rank(frame: &Representative<'_>) -> (bool, Distance) {
+    (!frame.measured.stages.iter().all(StageRecord::is_resolved), frame.distance)
 }
 
 /// Of the representative frames the first by the same order.
@@ -184,6 +173,29 @@ pub struct SlowStage<'a> {
 pub fn slowest_stages<'a>(view: &ReportView<'a>) -> impl Iterator<Item = SlowStage<'a>> {
     let frames = representatives(view).into_iter().sorted_by_key(rank);
     frames.filter_map(|frame| Some(SlowStage { frame, stage: frame.slowest()? }))
+}
+
+/// What of a run is open: how far it is while it goes on, and what its time budget left.
+pub fn still_open(view: &ReportView<'_>) -> Vec<String> {
+    let mut open = Vec::new();
+    if let Some(Standing { used_s, budget_s, reached, cells }) = view.standing {
+        open.push(format!(
+            "The run goes on: {used_s:.0} of {budget_s:.0} s are used, {} of {cells} cells are not reached yet.",
+            cells.saturating_sub(reached)
+        ));
+    }
+    let left = view.entries().filter(|entry| entry.cell.outcome == Outcome::OverBudget).count();
+    if left > 0 {
+        open.push(format!(
+            "{left} of {} cells were not run, as the time budget ended; `fathom run --resume` measures them.",
+            view.entries().count()
+        ));
+    }
+    let [_, _, (_, inconclusive), (_, not_run)] = tally(view);
+    if !open.is_empty() && inconclusive + not_run > 0 {
+        open.push(format!("{} claims are open.", inconclusive + not_run));
+    }
+    open
 }
 
 /// `fathom 0.1.0 of commit 1c4666a with changed files`

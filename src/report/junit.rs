@@ -19,7 +19,7 @@ use itertools::Itertools;
 use super::{Exporter, OfRun, ReportView, RunExporter, Written};
 use fathom_base::text;
 use fathom_experiments::{Ruling, Verdict};
-use fathom_record::Outcome;
+use fathom_record::{OVER_BUDGET, Outcome};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "junit",
@@ -115,6 +115,7 @@ fn cell_status(outcome: &Outcome) -> CaseStatus {
         Outcome::Measured(_) => CaseStatus::Passed,
         Outcome::Skipped { reason } => skipped(reason),
         Outcome::Failed { reason } => failed(NotPassed::Error, "failed", reason),
+        Outcome::OverBudget => skipped(OVER_BUDGET),
     }
 }
 

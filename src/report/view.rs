@@ -15,8 +15,8 @@ use super::colors::StageColors;
 use super::plots::Figure;
 use fathom_base::folder::Folder;
 use fathom_experiments as experiments;
-use fathom_experiments::{CellPlan, Experiment, Ruling, label_text};
-use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Record, Run};
+use fathom_experiments::{Experiment, Ruling, label_text};
+use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Record, Run, Standing};
 
 #[derive(Default)]
 pub struct ReportView<'a> {
@@ -27,6 +27,8 @@ pub struct ReportView<'a> {
     pub colors: Rc<StageColors>,
     /// Where the run's pictures lie.
     pub folder: Option<PathBuf>,
+    /// Of a run that goes on.
+    pub standing: Option<Standing>,
     /// What of the input it does not hold.
     pub left_out: Vec<LeftOut>,
 }
@@ -182,7 +184,7 @@ impl<'a> Section<'a> {
             .as_ref()
             .and_then(|experiment| experiment.cells(profile?, &[], &[]).ok())
             .unwrap_or_default();
-        self.settings = plans.iter().map(|plan| (plan.cell.clone(), settings(plan))).collect();
+        self.settings = plans.iter().map(|plan| (plan.cell.clone(), plan.settings())).collect();
         let planned: Vec<String> = plans.into_iter().map(|plan| plan.cell).collect();
         let ranks = planned.iter().enumerate().rev();
         let ranks: HashMap<&str, usize> = ranks.map(|(rank, name)| (name.as_str(), rank)).collect();
@@ -268,11 +270,6 @@ impl<'a> Section<'a> {
     pub fn title(&self) -> &str {
         self.experiment.as_ref().map_or(self.id, |experiment| experiment.title.as_str())
     }
-}
-
-/// Parameters that a plan sets.
-fn settings(plan: &CellPlan) -> usize {
-    plan.overrides.iter().map(|(path, _)| path).unique().count()
 }
 
 /// Axis by axis: numbers by size, everything else by its text.

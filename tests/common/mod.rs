@@ -285,9 +285,17 @@ pub fn follow_the_schema(path: &Path) {
     }
 }
 
+/// Of a cell that was sampled on the latest record.
 #[track_caller]
 pub fn cells(out: &Path) -> Vec<Cell> {
-    records(out).into_iter().filter_map(|record| Some(*record.try_as_cell()?)).collect()
+    let mut latest: Vec<Cell> = Vec::new();
+    for cell in records(out).into_iter().filter_map(|record| Some(*record.try_as_cell()?)) {
+        match latest.iter_mut().find(|known| known.resume_key() == cell.resume_key()) {
+            Some(known) => *known = cell,
+            None => latest.push(cell),
+        }
+    }
+    latest
 }
 
 #[track_caller]

@@ -49,7 +49,7 @@ fn beside_load<T>(work: impl FnOnce() -> T) -> T {
 fn a_busy_machine_leaves_no_time_of_zero_or_less() {
     let place = Place::new();
     place.write("short.toml", SHORT_STAGES);
-    let run = "run --no-ceilings short.toml --out out --budget 2 --precision 0.0001";
+    let run = "run --no-ceilings short.toml --out out --budget 10m --precision 0.0001";
     let ran = beside_load(|| place.fathom(run).output().unwrap());
     let cells = cells(&place.path("out"));
     assert_eq!(cells.len(), 2);

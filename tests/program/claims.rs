@@ -58,7 +58,7 @@ test.independent = { y = "stage:caustics/trace", over = "caustics.grid", toleran
 fn measured(experiment: &str) -> Place {
     let place = Place::new();
     place.write("planted.toml", experiment);
-    place.fathom("run --no-ceilings planted.toml --budget 12 --out out").ends(0);
+    place.fathom("run --no-ceilings planted.toml --budget 10m --precision 1 --out out").ends(0);
     place
 }
 

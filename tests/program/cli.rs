@@ -23,7 +23,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run uw-defalt", "unknown experiment `uw-defalt`; did you mean `uw-default`?"),
         ("run --set nothing", "not of the form PATH=VALUE"),
         ("run --profile qick", "'quick'"),
-        ("run --budget 0", "--budget must be a positive number"),
+        ("run --budget 0", "a time above 0 is needed, such as 90s"),
         ("rum", "'run'"),
         ("rnu", "'run'"),
         ("history shwo", "'show'"),
@@ -224,7 +224,7 @@ fn a_dry_comparison_says_what_it_would_do_and_does_nothing() {
 
 /// A run of the default frame into the folder `out`.
 fn run(place: &Place, options: &str) -> Command {
-    let words = "run uw-default --no-ceilings --budget 1 --seed 1 --out out";
+    let words = "run uw-default --no-ceilings --budget 10m --precision 1 --seed 1 --out out";
     place.fathom(format!("{words} {SMALL} {options}"))
 }
 
@@ -329,7 +329,7 @@ fn a_volume_is_dumped_with_its_grid() {
 #[test]
 fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     let place = Place::new();
-    let run = "run vao-guard --no-ceilings --profile quick --budget 1 --out out";
+    let run = "run vao-guard --no-ceilings --profile quick --budget 10m --precision 1 --out out";
     let cell = "--axis scene=corner --axis ao.guard=variable";
     let small =
         "--set view.width=48 --set view.height=48 --set voxel.resolution=32 --set shadow.size=64";

@@ -64,7 +64,7 @@ fn one_of_two(place: &Place, options: &str) -> String {
     assert!(
         matches!(records(&place.path("out")).last(), Some(Record::End(end)) if end.interrupted)
     );
-    run(place, "--resume --budget 2").ends(0);
+    run(place, "--resume --budget 10m").ends(0);
     told.err
 }
 
@@ -247,7 +247,7 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
     use std::os::unix::ffi::OsStrExt;
     let place = Place::new();
     let out = place.path(std::ffi::OsStr::from_bytes(b"o\xffut"));
-    place.fathom(format!("{RUN} {SMALL} --budget 2 --out")).arg(&out).ends(0);
+    place.fathom(format!("{RUN} {SMALL} --budget 10m --precision 1 --out")).arg(&out).ends(0);
     assert_eq!(cells(&out).len(), 2);
     place.fathom("report").arg(&out).ends(0);
 }
@@ -307,7 +307,7 @@ fn records_tell_neither_the_host_nor_where_the_user_keeps_files() {
     fs::create_dir_all(home.join("work")).unwrap();
     let experiment = place.write("home of jo/own-1.toml", own_experiment(1));
     let out = home.join("runs/first");
-    let mut command = place.fathom("run --no-ceilings --budget 2");
+    let mut command = place.fathom("run --no-ceilings --budget 10m --precision 1");
     command.arg(experiment).arg("--out").arg(&out).env("HOME", &home);
     command.current_dir(home.join("work")).ends(0);
     let mut found = Vec::new();

@@ -113,8 +113,9 @@ fn shards_that_were_measured_make_a_run() {
     let place = Place::new();
     let experiments = own_experiments(&place, 3);
     let run = |part: &str, options: &str| {
-        let words =
-            format!("run {experiments} --budget 0.5 --no-ceilings --shard {part} {options}");
+        let words = format!(
+            "run {experiments} --budget 10m --precision 1 --no-ceilings --shard {part} {options}"
+        );
         place.fathom(words)
     };
     run("1/2", "--out shard-1").ends(0);

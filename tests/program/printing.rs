@@ -110,7 +110,7 @@ fn answers_that_need_an_adapter_are_errors_on_a_full_disk_too() {
 #[test]
 fn runs_and_comparisons_keep_everything_whatever_can_be_printed() {
     let place = Place::new();
-    let run = "run uw-waves --profile quick --budget 0.2 --no-ceilings --out run";
+    let run = "run uw-waves --profile quick --budget 10m --precision 1 --no-ceilings --out run";
     let axes = "--axis water=circular --axis water.amplitude_m=0.0,0.1";
     let mut command = place.fathom(format!("{run} {axes} {SMALL}"));
     command.stdout(full()).stderr(unread()).ends(0);

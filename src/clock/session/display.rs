@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::FrameClock;
-use fathom_record::{Cell, Estimate, Outcome, PassKind, StageRecord};
+use fathom_record::{Cell, Estimate, OVER_BUDGET, Outcome, PassKind, StageRecord};
 
 /// The clock of each kind of pass with the audit's reason where timestamps are unsound, and each ended cell: medians with their
 /// 95 % intervals, and notes.
@@ -30,6 +30,7 @@ fn tell(f: &mut fmt::Formatter<'_>, cell: &Cell) -> fmt::Result {
         Outcome::Skipped { reason } | Outcome::Failed { reason } => {
             return writeln!(f, "  failed: {reason}");
         }
+        Outcome::OverBudget => return writeln!(f, "  {OVER_BUDGET}"),
     };
     for stage in &measured.stages {
         writeln!(f, "  {:<20} {}", stage.stage, stage_time(stage))?;

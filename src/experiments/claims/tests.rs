@@ -536,12 +536,13 @@ fn unsettled_cells_are_those_whose_samples_could_settle_a_claim() {
         cell.measured_mut().unwrap().quantities.insert("error".to_owned(), error);
     }
     let cells: Vec<&Cell> = cells.iter().collect();
-    let open: std::collections::BTreeSet<&str> =
-        experiment.unsettled(&cells, true).into_iter().collect();
+    let standing = experiment.standing(&cells, true);
     // The open claim speaks of two cells; the exact one gains nothing from samples.
     let rulings = experiment.rulings(&cells, true);
     assert_eq!(rulings[1].verdict, Supported, "{rulings:?}");
     assert_eq!(rulings[2].n, None);
     assert_eq!(rulings[0].verdict, Inconclusive, "{rulings:?}");
-    assert_eq!(open.into_iter().collect::<Vec<_>>(), ["n=1.0", "n=2.0"]);
+    assert_eq!(standing.open, [["n=1.0", "n=2.0"]]);
+    let is_settled = |ruling: &&Ruling| matches!(ruling.verdict, Supported | Contradicted);
+    assert_eq!(standing.settled, rulings.iter().filter(is_settled).count());
 }

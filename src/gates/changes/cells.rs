@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 
 use fathom_experiments::{flatten, label_text};
-use fathom_record::{Cell, Outcome};
+use fathom_record::{Cell, OVER_BUDGET, Outcome};
 use fathom_report::{Entry, ReportView};
 
 /// A cell, and what there is to say of it.
@@ -46,6 +46,7 @@ impl<'a> Cells<'a> {
     fn add(&mut self, [base, head]: [&'a Cell; 2]) {
         let reason = |cell: &Cell| match &cell.outcome {
             Outcome::Skipped { reason } | Outcome::Failed { reason } => reason.clone(),
+            Outcome::OverBudget => OVER_BUDGET.to_owned(),
             Outcome::Measured(_) => String::new(),
         };
         match (base.measured(), head.measured()) {

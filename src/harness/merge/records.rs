@@ -157,9 +157,10 @@ fn kept(sources: &[Source]) -> (HashSet<(usize, usize)>, usize) {
 
 fn worth(outcome: &Outcome) -> u8 {
     match outcome {
-        Outcome::Measured(_) => 2,
-        Outcome::Skipped { .. } => 1,
-        Outcome::Failed { .. } => 0,
+        Outcome::Measured(_) => 3,
+        Outcome::Skipped { .. } => 2,
+        Outcome::Failed { .. } => 1,
+        Outcome::OverBudget => 0,
     }
 }
 

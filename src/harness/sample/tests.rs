@@ -13,13 +13,14 @@ type FrameTime = fn(frame: usize, now_s: f64) -> f64;
 
 struct MockCell {
     time: FrameTime,
+    /// Of preparing it and of reading its figures, seconds.
+    prepare_s: f64,
+    finish_s: f64,
     bytes: u64,
     /// Timed frames of these numbers carry a fault.
     faulty: fn(frame: usize) -> bool,
     refuses: bool,
     untimed_only: bool,
-    /// A claim on it is open until it has so many pairs.
-    open_until: usize,
     /// The device is lost at this frame.
     loses_device_at: Option<usize>,
     /// Rendered so far.
@@ -28,11 +29,12 @@ struct MockCell {
 
 const STEADY: MockCell = MockCell {
     time: |_, _| 1e7,
+    prepare_s: 0.0,
+    finish_s: 0.0,
     bytes: 1,
     faulty: |_| false,
     refuses: false,
     untimed_only: false,
-    open_until: 0,
     loses_device_at: None,
     frames: 0,
 };
@@ -59,8 +61,6 @@ struct Mock {
     /// Renders in place of the cells.
     busy: Option<busy::BusyMachine>,
     calls: Vec<Call>,
-    /// Pairs of each cell at each look.
-    looks: Vec<BTreeMap<usize, usize>>,
     results: BTreeMap<usize, Result<Samples, String>>,
     /// What an earlier run has left, by cell.
     earlier: BTreeMap<usize, Vec<Addition>>,
@@ -128,6 +128,7 @@ impl Executor for Mock {
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
         self.calls.push((Prepare, cell));
+        self.now_s += self.cells[cell].prepare_s;
         if self.cells[cell].refuses {
             Err(Failure::Cell("out of GPU memory".into()))
         } else {
@@ -163,8 +164,8 @@ impl Executor for Mock {
         self.frame(cell).map(|(ns, _)| ns)
     }
 
-    fn earlier(&mut self, cell: usize) -> Vec<Addition> {
-        self.earlier.remove(&cell).unwrap_or_default()
+    fn earlier(&mut self, cell: usize) -> Samples {
+        Samples::of(self.earlier.get(&cell).map_or(&[][..], Vec::as_slice))
     }
 
     fn keep(&mut self, cell: usize, added: Addition) -> Result<(), String> {
@@ -173,7 +174,7 @@ impl Executor for Mock {
         Ok(())
     }
 
-    fn end_round(&mut self) -> Result<(), String> {
+    fn end_round(&mut self, _: &[(usize, &Samples)]) -> Result<(), String> {
         self.safe = self.kept.len();
         Ok(())
     }
@@ -182,16 +183,16 @@ impl Executor for Mock {
         self.cells[cell].untimed_only
     }
 
-    fn unsettled(&mut self, cells: &[(usize, &Samples)]) -> BTreeSet<usize> {
-        self.looks.push(cells.iter().map(|(cell, samples)| (*cell, samples.pairs())).collect());
-        let open = cells.iter().filter(|(cell, s)| s.pairs() < self.cells[*cell].open_until);
-        open.map(|(cell, _)| *cell).collect()
+    fn foreseen(&self, cell: usize) -> Foreseen {
+        let MockCell { prepare_s, time, finish_s, .. } = self.cells[cell];
+        Foreseen { prepare_s, pair_s: 2e-9 * time(100, self.now_s), finish_s }
     }
 
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), String> {
         if self.disk_full {
             return Err("disk full".to_owned());
         }
+        self.now_s += self.cells[cell].finish_s;
         assert!(self.results.insert(cell, result).is_none(), "cell {cell} finished twice");
         Ok(())
     }
@@ -219,65 +220,85 @@ impl Executor for Mock {
     }
 }
 
-const SETTINGS: Settings =
-    Settings { precision: 0.02, budget_s: 10.0, group_bytes: 1_000, seed: 7, first_round: 0 };
+const SETTINGS: Settings = Settings {
+    goal: Goal::FirstLook,
+    precision: 0.02,
+    deadline_s: 1e3,
+    at_least_one: false,
+    group_bytes: 1_000,
+    seed: 7,
+    first_round: 0,
+};
+
+#[test]
+fn cells_get_the_pairs_of_their_next_look_in_common_rounds() {
+    let rounds = |goal, pairs: &[usize]| -> Vec<usize> {
+        targets(goal, pairs).iter().zip(pairs).map(|(target, pairs)| target - pairs).collect()
+    };
+    assert_eq!(rounds(Goal::FirstLook, &[0, 0]), [12, 12]);
+    // One was visited before: what it has was not taken beside the others.
+    assert_eq!(rounds(Goal::FirstLook, &[5, 0]), [12, 12]);
+    // All were interrupted.
+    assert_eq!(rounds(Goal::FirstLook, &[5, 5]), [7, 7]);
+    assert_eq!(rounds(Goal::NextLook, &[12, 17, 24]), [24, 24, 24]);
+    assert_eq!(rounds(Goal::NextLook, &[MAX_PAIRS]), [0]);
+}
+
+#[test]
+fn first_visits_are_few_where_frames_are_slow() {
+    let visits = |time: FrameTime| {
+        let settings = Settings { goal: Goal::FirstVisits, ..SETTINGS };
+        let mock = Mock::of(vec![cell(time)]).run(&settings);
+        mock.samples(0).pairs()
+    };
+    assert_eq!(visits(|_, _| 1e7), MIN_PAIRS);
+    assert_eq!(visits(|_, _| 2e9), LEAST_FIRST_PAIRS);
+}
+
+/// Whatever its cells cost, as long as that is foreseen.
+#[test]
+fn nothing_is_begun_that_does_not_fit_before_the_deadline() {
+    let mut random = Pcg64::seed_from_u64(3);
+    for _ in 0..200 {
+        let mut cells: Vec<MockCell> = (0..6)
+            .map(|_| MockCell {
+                prepare_s: random.random_range(0.0..1.0),
+                finish_s: random.random_range(0.0..1.0),
+                ..STEADY
+            })
+            .collect();
+        cells[2].time = |_, _| 3e8;
+        let deadline_s = random.random_range(0.0..20.0);
+        let mock = Mock::of(cells).run(&Settings { deadline_s, ..SETTINGS });
+        assert!(mock.now_s <= deadline_s + 1e-6, "{} of {deadline_s}", mock.now_s);
+        assert_eq!(mock.count(Prepare), mock.count(Release));
+        assert!(mock.results.keys().all(|cell| mock.samples(*cell).pairs() > 0));
+    }
+}
+
+#[test]
+fn one_pair_of_one_cell_is_taken_even_without_time() {
+    let settings = Settings { deadline_s: 0.0, at_least_one: true, ..SETTINGS };
+    let mock = Mock::of(vec![STEADY, STEADY]).run(&settings);
+    assert_eq!(mock.results.len(), 1);
+    assert_eq!(mock.results.values().next().unwrap().as_ref().unwrap().pairs(), 1);
+    assert!(Mock::of(vec![STEADY]).run(&Settings { deadline_s: 0.0, ..SETTINGS }).calls.is_empty());
+}
+
+#[test]
+fn a_cell_says_why_it_stopped() {
+    let stopped = |time: FrameTime| {
+        let mock = Mock::of(vec![cell(time)]).run(&SETTINGS);
+        (mock.samples(0).stopped, mock.samples(0).pairs())
+    };
+    assert_eq!(stopped(|f, _| 1e7 * noise(f, 0.01)), (Stopped::Precise, MIN_PAIRS));
+    assert_eq!(stopped(|f, _| 9e7 * noise(f, 0.9)), (Stopped::OutOfTime, MIN_PAIRS));
+}
 
 /// Deterministic noise of ±`share`, different for each frame.
 fn noise(frame: usize, share: f64) -> f64 {
     let phase = (frame as f64 * 0.618_033_988_749_895).fract();
     1.0 + share * (2.0 * phase - 1.0)
-}
-
-#[test]
-fn a_steady_cell_stops_as_precise_and_a_noisy_one_at_its_budget() {
-    let steady = cell(|f, _| 1e7 * noise(f, 0.01));
-    let noisy = cell(|f, _| 9e7 * noise(f, 0.9));
-    let mock = Mock::of(vec![steady, noisy]).run(&SETTINGS);
-    assert_eq!(mock.samples(0).stopped, Stopped::Precise);
-    assert_eq!(mock.samples(0).pairs(), MIN_PAIRS);
-    assert_eq!(mock.samples(1).stopped, Stopped::OutOfTime);
-    let all_s = mock.now_s;
-    assert!((9.8..=10.4).contains(&all_s), "the noisy cell takes what is left: {all_s} s");
-}
-
-#[test]
-fn cells_of_open_claims_come_first_and_are_looked_at_when_their_pairs_have_doubled() {
-    let noisy = || cell(|f, _| 1e7 * noise(f, 0.5));
-    let open = MockCell { open_until: MAX_PAIRS, ..noisy() };
-    let mock = Mock::of(vec![open, noisy(), cell(|f, _| 1e7 * noise(f, 0.01))]);
-    let mock = mock.run(&Settings { budget_s: 30.0, ..SETTINGS });
-    let pairs = |look: usize, cell: usize| mock.looks[look].get(&cell).copied();
-    let of_open: Vec<_> = (0..LOOK_PAIRS.len()).map(|look| pairs(look, 0)).collect();
-    assert_eq!(of_open, LOOK_PAIRS.map(Some));
-    let of_vague: Vec<_> = (0..LOOK_PAIRS.len()).map(|look| pairs(look, 1)).collect();
-    assert_eq!(of_vague, [Some(MIN_PAIRS); LOOK_PAIRS.len()], "it waits while a claim is open");
-    assert!(mock.samples(1).pairs() > MIN_PAIRS, "then it is sampled to its precision");
-    assert_eq!((mock.samples(2).pairs(), pairs(1, 2)), (MIN_PAIRS, None), "a precise one is done");
-    assert!(mock.looks.iter().flatten().all(|(_, pairs)| LOOK_PAIRS.contains(pairs)));
-}
-
-#[test]
-fn the_widest_intervals_are_narrowed_first() {
-    let noisy = |f: usize, _| 1e8 * noise(f, 0.5);
-    let calm = |f: usize, _| 1e8 * noise(f, 0.06);
-    let mock =
-        Mock::of(vec![cell(noisy), cell(calm)]).run(&Settings { budget_s: 15.0, ..SETTINGS });
-    let half_width = |cell: usize| mock.samples(cell).relative_half_width();
-    assert!(mock.samples(0).pairs() > 2 * MIN_PAIRS, "{:?}", mock.looks);
-    assert_eq!(mock.samples(1).pairs(), MIN_PAIRS, "it waits: {}", half_width(1));
-    assert!(half_width(1) > SETTINGS.precision && half_width(0) > half_width(1));
-}
-
-#[test]
-fn what_the_samples_say_does_not_change_when_they_are_looked_at() {
-    // The frame times differ, the looks are the same.
-    let looks = |time: FrameTime| {
-        let open = MockCell { open_until: 1_000, ..cell(time) };
-        Mock::of(vec![open]).run(&Settings { budget_s: 100.0, ..SETTINGS }).looks
-    };
-    let expected: Vec<_> = LOOK_PAIRS.iter().map(|pairs| BTreeMap::from([(0, *pairs)])).collect();
-    assert_eq!(looks(|_, _| 1e7), expected);
-    assert_eq!(looks(|f, _| 1e7 * noise(f, 0.9)), expected);
 }
 
 #[test]
@@ -317,25 +338,6 @@ fn samples_keep_stages_gaps_and_pairs_in_step() {
 }
 
 #[test]
-fn slow_cells_get_their_least_pairs_beyond_the_budget() {
-    let slow = cell(|_, _| 8e9);
-    let quick = cell(|f, _| 1e7 * noise(f, 0.9));
-    let mock = Mock::of(vec![slow, quick]).run(&SETTINGS);
-    assert_eq!(mock.samples(0).pairs(), MIN_PAIRS);
-    let cheap = mock.samples(1);
-    let spent_s = 1e-9 * cheap.each(|pair| pair.envelope_ns + pair.untimed_ns).iter().sum::<f64>();
-    assert!((FREE_S * 0.7..FREE_S * 1.2).contains(&spent_s), "the time is over: {spent_s}");
-}
-
-#[test]
-fn a_cell_stops_at_the_greatest_number_of_pairs() {
-    let noisy = cell(|f, _| 1e4 * noise(f, 0.9));
-    let mock = Mock::of(vec![noisy]).run(&SETTINGS);
-    assert_eq!(mock.samples(0).stopped, Stopped::EnoughPairs);
-    assert_eq!(mock.samples(0).pairs(), MAX_PAIRS);
-}
-
-#[test]
 fn warm_up_ends_when_frames_no_longer_get_faster() {
     let compiles = cell(|f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1e7));
     let never_steady = cell(|f, _| 1e9 * 0.8f64.powi(f as i32));
@@ -354,7 +356,7 @@ fn drift_affects_all_cells_alike() {
     // The machine slows down by half over the run; the second cell does twice the first one's work.
     let one = cell(|_, now| 1e7 * (1.0 + now / 20.0));
     let two = cell(|_, now| 2e7 * (1.0 + now / 20.0));
-    let mock = Mock::of(vec![one, two]).run(&Settings { precision: 0.0, ..SETTINGS });
+    let mock = Mock::of(vec![one, two]).run(&SETTINGS);
     let n = mock.samples(0).pairs().min(mock.samples(1).pairs());
     let envelopes = |cell: usize| mock.samples(cell).each(|pair| pair.envelope_ns);
     let median = |cell: usize| statistics::median(&envelopes(cell)[..n]);
@@ -481,10 +483,13 @@ fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
 
 #[test]
 fn an_interrupted_cell_with_enough_pairs_says_so() {
-    let noisy = cell(|f, _| 1e7 * noise(f, 0.9));
-    let mock = Mock { interrupt_at_s: Some(1.0), ..Mock::of(vec![noisy]) }.run(&SETTINGS);
-    assert_eq!(mock.samples(0).stopped, Stopped::Interrupted);
-    assert!(mock.samples(0).pairs() >= MIN_PAIRS);
+    let noisy = || cell(|f, _| 1e7 * noise(f, 0.9));
+    // In the last round: one of the two has all its pairs.
+    let mock = Mock { interrupt_at_s: Some(0.5), ..Mock::of(vec![noisy(), noisy()]) };
+    let mock = mock.run(&SETTINGS);
+    let results: Vec<&Samples> = mock.results.keys().map(|cell| mock.samples(*cell)).collect();
+    assert!(!results.is_empty() && results.iter().all(|s| s.pairs() >= MIN_PAIRS));
+    assert!(results.iter().all(|samples| samples.stopped == Stopped::Interrupted));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use crate::Entry;
 use crate::format::{NS_PER_MS, percent, three};
 use fathom_base::text;
 use fathom_record::command::{OF_CELLS, parted};
-use fathom_record::{Cell, Estimate, Measured, Outcome, Run, StageRecord, Throttling};
+use fathom_record::{Cell, Estimate, Measured, OVER_BUDGET, Outcome, Run, StageRecord, Throttling};
 
 pub const SECTION: PageSection = PageSection {
     id: "cells",
@@ -95,6 +95,7 @@ fn row(page: &Page<'_>, row: &Row<'_>) -> Markup {
                 Outcome::Measured(measured) => { (figures(measured)) }
                 Outcome::Skipped { reason } => { td.faint colspan="6" { "skipped: " (reason) } }
                 Outcome::Failed { reason } => { td.bad colspan="6" { "failed: " (reason) } }
+                Outcome::OverBudget => { td.faint colspan="6" { (OVER_BUDGET) } }
             }
             td.script-only {
                 @if at.is_some() { button.stages type="button" { "stages" } " " }

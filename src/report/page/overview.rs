@@ -36,6 +36,7 @@ fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
     html! {
         @if page.is_overlay() { h3 { (run.label) } }
         @if let Some(header) = run.view.run() { (device(header)) }
+        @for open in facts::still_open(run.view) { p { span.chip.open { "open" } " " (open) } }
         @for note in facts::incomplete(run.view) {
             p { span.chip.open { "incomplete" } " " (note.text) }
         }

@@ -142,6 +142,7 @@ fn meaning(kind: NoteKind) -> &'static str {
     match kind {
         NoteKind::Adapter => "the adapter lacks a feature, or the environment changes how it works",
         NoteKind::Order => "the order in which cells and frames were measured",
+        NoteKind::NoCeilings => "the adapter's limits were not measured",
         NoteKind::OtherClocks => "passes are timed by another clock than the audit chose",
         NoteKind::Incomplete => "cells of the merged run are missing",
         NoteKind::Resumed => "some samples are of an earlier run",

@@ -11,7 +11,7 @@ use super::super::noise::RunVerdict;
 use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
 use fathom_base::text;
-use fathom_record::{Outcome, Run};
+use fathom_record::{OVER_BUDGET, Outcome, Run};
 
 /// Pipelines whose slowest stage the first screen names.
 const MOST_PIPELINES: usize = 10;
@@ -87,16 +87,17 @@ fn results(view: &ReportView<'_>, table: &mut Table) {
 }
 
 fn cells(view: &ReportView<'_>) -> String {
-    let mut counts = [0; 3];
+    let mut counts = [0; 4];
     for entry in view.entries() {
         counts[match entry.cell.outcome {
             Outcome::Measured(_) => 0,
             Outcome::Skipped { .. } => 1,
             Outcome::Failed { .. } => 2,
+            Outcome::OverBudget => 3,
         }] += 1;
     }
-    let [measured, skipped, failed] = counts;
-    format!("{measured} measured, {skipped} skipped, {failed} failed")
+    let [measured, skipped, failed, over_budget] = counts;
+    format!("{measured} measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}")
 }
 
 /// `65 supported, 19 contradicted, 2 inconclusive, 10 not run, of 96`
@@ -131,7 +132,8 @@ fn notes(view: &ReportView<'_>, text: &mut String) {
                 .to_owned(),
         );
     }
-    if view.ends.last().is_none_or(|end| end.interrupted) {
+    all.extend(facts::still_open(view));
+    if view.standing.is_none() && view.ends.last().is_none_or(|end| end.interrupted) {
         all.insert("The run ended early. What was measured until then is shown.".to_owned());
     }
     let (shown, more) = cut(all.into_iter().collect(), MOST_NOTES);

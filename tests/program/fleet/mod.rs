@@ -17,7 +17,7 @@ const EXPERIMENTS: usize = 5;
 /// A run whose samples stop at this precision.
 fn run_arguments(cluster: &Cluster, precision: &str) -> String {
     let experiments = own_experiments(&cluster.place, EXPERIMENTS);
-    format!("run {experiments} --no-ceilings --budget 12 --precision {precision}")
+    format!("run {experiments} --no-ceilings --budget 10m --precision {precision}")
 }
 
 fn fleet(cluster: &Cluster, out: &Path, options: &str, run: &str) -> Command {
