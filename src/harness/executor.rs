@@ -501,6 +501,15 @@ impl Executor for CellExecutor<'_, '_> {
         self.session.reopen()
     }
 
+    fn chains(&self, cells: &[usize]) -> Vec<Vec<usize>> {
+        let unmeasured = || Outcome::Skipped { reason: String::new() };
+        let records = cells.iter().map(|cell| self.cells[*cell].record(unmeasured()));
+        let records: Vec<Cell> = records.collect();
+        let chains = self.experiment.chains(&records.iter().collect::<Vec<_>>());
+        let numbers = |chain: Vec<usize>| chain.into_iter().map(|place| cells[place]).collect();
+        chains.into_iter().map(numbers).collect()
+    }
+
     fn untimed_only(&self, cell: usize) -> bool {
         self.cells[cell].plan.errors_only
     }

@@ -1,9 +1,9 @@
 //! Samples one batch of cells: which cell renders which frame next.
 //!
 //! The cells of a batch are prepared in groups that fit into memory together. Within a group they
-//! are sampled round-robin, in an order drawn anew each round, so that the machine's drift affects all
-//! of them alike. A visit renders one frame with per-stage timing and one without, in random order: the
-//! ratio of such pairs is the cost of timing.
+//! are sampled round-robin, those that a claim compares back to back, in an order drawn anew each round
+//! ([`visit`]): so the machine's drift affects all of them alike. A visit renders a frame of each of its cells with
+//! per-stage timing and one without: the ratio of the two is the cost of timing.
 //!
 //! A batch ends when its cells have the pairs of its [`Goal`]. Then somebody looks at the samples and decides what is sampled on
 //! (`harness::schedule`). A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow
@@ -21,10 +21,10 @@ pub mod visit;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rand::seq::SliceRandom;
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
+use self::visit::{Frame, Visits};
 use fathom_clock::{FrameSample, Samples, Stopped, WarmUp, fault, frame_pair};
 use fathom_experiments::LOOKS;
 use fathom_record::{Addition, FramePair, MachineState};
@@ -70,6 +70,8 @@ pub trait Executor {
     fn untimed_only(&self, cell: usize) -> bool;
     /// What the cell's next steps will take.
     fn foreseen(&self, cell: usize) -> Foreseen;
+    /// The cells of a batch in chains, in the order in which claims compare them; a cell that none compares is alone.
+    fn chains(&self, cells: &[usize]) -> Vec<Vec<usize>>;
     /// Takes what was sampled of a cell, or why it failed, before [`release`](Self::release).
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), Self::Fatal>;
     /// Frees what [`prepare`](Self::prepare) made; also called for cells that failed.
@@ -208,6 +210,7 @@ pub fn sample<X: Executor>(
     interrupted: &AtomicBool,
 ) -> Result<u32, X::Fatal> {
     let mut sampler = Sampler {
+        visits: Visits::new(executor.chains(cells)),
         executor,
         interrupted,
         settings,
@@ -230,11 +233,22 @@ pub fn sample<X: Executor>(
     Ok(sampler.round)
 }
 
+/// What a visit has of a cell up to now.
+#[derive(Default)]
+struct Taken {
+    added: Addition,
+    timed: Option<FrameSample>,
+    untimed_ns: Option<f64>,
+    /// What its frames took.
+    frames_s: f64,
+}
+
 struct Sampler<'a, X: Executor> {
     executor: &'a mut X,
     interrupted: &'a AtomicBool,
     settings: &'a Settings,
     random: Pcg64,
+    visits: Visits,
     /// By the number of the cell.
     live: BTreeMap<usize, Live>,
     round: u32,
@@ -299,13 +313,14 @@ impl<X: Executor> Sampler<'_, X> {
         let goal = self.settings.goal;
         while !self.has_to_end() {
             let wanting = self.live.iter().filter(|(_, live)| live.wants(goal));
-            let mut round: Vec<usize> = wanting.map(|(cell, _)| *cell).collect();
-            if round.is_empty() {
+            let wanting: Vec<usize> = wanting.map(|(cell, _)| *cell).collect();
+            if wanting.is_empty() {
                 break;
             }
-            round.shuffle(&mut self.random);
-            for cell in round {
-                self.visit(cell)?;
+            let pair_s =
+                |cell: usize| self.live.get(&cell).and_then(|live| live.pair_s).unwrap_or(0.0);
+            for frames in self.visits.round(&wanting, pair_s, &mut self.random) {
+                self.visit(&frames)?;
             }
             self.round += 1;
             let live: Vec<(usize, &Samples)> =
@@ -315,36 +330,54 @@ impl<X: Executor> Sampler<'_, X> {
         self.finish_rest()
     }
 
-    /// One pair of frames, after warm-up if that is due; then the cell may have failed.
-    fn visit(&mut self, cell: usize) -> Result<(), X::Fatal> {
-        let Some(live) = self.live.get(&cell) else {
-            return Ok(());
-        };
-        let frames_s = live.pair_s.unwrap_or_else(|| self.executor.foreseen(cell).pair_s);
-        let step_s = if live.warm { frames_s } else { 2.0 * frames_s };
-        self.late |= !self.fits(step_s);
+    /// The frames of cells that are visited together, after warm-ups that are due; then a cell may have failed.
+    fn visit(&mut self, frames: &[Frame]) -> Result<(), X::Fatal> {
+        let mut taken: BTreeMap<usize, Taken> =
+            frames.iter().map(|frame| (frame.cell, Taken::default())).collect();
+        let foreseen_s = taken.keys().filter_map(|cell| {
+            let live = self.live.get(cell)?;
+            let pair_s = live.pair_s.unwrap_or_else(|| self.executor.foreseen(*cell).pair_s);
+            Some(if live.warm { pair_s } else { 2.0 * pair_s })
+        });
+        let foreseen_s = foreseen_s.sum();
+        self.late |= !self.fits(foreseen_s);
         if self.has_to_end() {
             return Ok(());
         }
-        let start_s = self.executor.now_s();
-        let mut added = Addition::default();
-        self.attempt(cell, |sampler| sampler.warm_up(cell, &mut added))?;
-        let warm_s = self.executor.now_s();
-        self.attempt(cell, |sampler| sampler.pair(cell, &mut added))?;
-        self.owes_one = false;
-        let Some(live) = self.live.get_mut(&cell) else {
-            return Ok(());
-        };
-        let now_s = self.executor.now_s();
-        live.spent_s += now_s - start_s;
-        live.pair_s = Some(now_s - warm_s);
-        live.samples.add(&added);
-        let verdict = live.samples.verdict_on_rejections();
-        self.executor.keep(cell, added)?;
-        match verdict {
-            Some(reason) => self.close(cell, Err(reason)),
-            None => Ok(()),
+        for (&cell, taken) in &mut taken {
+            let start_s = self.executor.now_s();
+            self.attempt(cell, |sampler| sampler.warm_up(cell, &mut taken.added))?;
+            self.spend(cell, start_s);
         }
+        for Frame { cell, timed } in frames.iter().copied() {
+            // After the loss of the device the survivors are prepared anew, and warm up in their next visit.
+            if self.interrupted() || !self.live.get(&cell).is_some_and(|live| live.warm) {
+                continue;
+            }
+            let start_s = self.executor.now_s();
+            let taken = taken.entry(cell).or_default();
+            self.attempt(cell, |sampler| {
+                if timed {
+                    taken.timed = Some(sampler.executor.timed(cell)?);
+                } else {
+                    taken.untimed_ns = Some(sampler.executor.untimed(cell)?);
+                }
+                Ok(())
+            })?;
+            taken.frames_s += self.executor.now_s() - start_s;
+            self.spend(cell, start_s);
+        }
+        self.owes_one = false;
+        let (unix_s, machine) = (self.executor.unix_s(), self.executor.machine());
+        for (cell, taken) in taken {
+            self.add(cell, taken, (unix_s, machine.clone()))?;
+        }
+        Ok(())
+    }
+
+    fn spend(&mut self, cell: usize, since_s: f64) {
+        let now_s = self.executor.now_s();
+        self.live.entry(cell).and_modify(|live| live.spent_s += now_s - since_s);
     }
 
     /// See [`WarmUp`].
@@ -366,28 +399,35 @@ impl<X: Executor> Sampler<'_, X> {
         Ok(())
     }
 
-    /// A timed and an untimed frame, in random order.
-    fn pair(&mut self, cell: usize, added: &mut Addition) -> Result<(), Failure> {
-        let (frame, untimed_ns) = if self.random.random_bool(0.5) {
-            let frame = self.executor.timed(cell)?;
-            (frame, self.executor.untimed(cell)?)
-        } else {
-            let untimed_ns = self.executor.untimed(cell)?;
-            (self.executor.timed(cell)?, untimed_ns)
-        };
-        let taken = (self.round, self.executor.unix_s());
-        let machine = self.executor.machine();
-        let pair = FramePair { machine, ..frame_pair(&frame, untimed_ns, taken) };
+    /// Adds what a visit gave of a cell. An interruption or a loss of the device may have left a frame without the other.
+    fn add(
+        &mut self,
+        cell: usize,
+        taken: Taken,
+        (unix_s, machine): (f64, Option<MachineState>),
+    ) -> Result<(), X::Fatal> {
         let Some(live) = self.live.get_mut(&cell) else {
             return Ok(());
         };
-        if std::mem::take(&mut live.unconfirmed) && !live.samples.has_stages(&pair.stages) {
-            live.samples = Samples::default();
-            added.afresh = true;
+        let Taken { mut added, timed, untimed_ns, frames_s } = taken;
+        if let (Some(frame), Some(untimed_ns)) = (timed, untimed_ns) {
+            live.pair_s = Some(frames_s);
+            let taken = frame_pair(&frame, untimed_ns, (self.round, unix_s));
+            let pair = FramePair { machine, ..taken };
+            if std::mem::take(&mut live.unconfirmed) && !live.samples.has_stages(&pair.stages) {
+                live.samples = Samples::default();
+                added.afresh = true;
+            }
+            added.rejected = fault(&frame, untimed_ns, live.samples.stages());
+            added.pair = added.rejected.is_none().then_some(pair);
         }
-        added.rejected = fault(&frame, untimed_ns, live.samples.stages());
-        added.pair = added.rejected.is_none().then_some(pair);
-        Ok(())
+        live.samples.add(&added);
+        let verdict = live.samples.verdict_on_rejections();
+        self.executor.keep(cell, added)?;
+        match verdict {
+            Some(reason) => self.close(cell, Err(reason)),
+            None => Ok(()),
+        }
     }
 
     /// Runs one step of a cell that is not closed; a failure closes the cell, and the loss of the device concerns all.

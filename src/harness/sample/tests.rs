@@ -7,6 +7,7 @@ use super::*;
 use fathom_base::statistics;
 use fathom_clock::MAX_WARM_UP_FRAMES;
 use fathom_record::{Clock, FaultKind, StageTime};
+use rand::RngExt;
 
 /// Nanoseconds of a frame, from the cell's frame count (warm-up included) and the clock in seconds.
 type FrameTime = fn(frame: usize, now_s: f64) -> f64;
@@ -60,6 +61,8 @@ struct Mock {
     cells: Vec<MockCell>,
     /// Renders in place of the cells.
     busy: Option<busy::BusyMachine>,
+    /// Cells that a claim compares.
+    compared: Vec<usize>,
     calls: Vec<Call>,
     results: BTreeMap<usize, Result<Samples, String>>,
     /// What an earlier run has left, by cell.
@@ -177,6 +180,12 @@ impl Executor for Mock {
     fn end_round(&mut self, _: &[(usize, &Samples)]) -> Result<(), String> {
         self.safe = self.kept.len();
         Ok(())
+    }
+
+    fn chains(&self, cells: &[usize]) -> Vec<Vec<usize>> {
+        let rest =
+            cells.iter().filter(|cell| !self.compared.contains(cell)).map(|cell| vec![*cell]);
+        rest.chain([self.compared.clone()]).collect()
     }
 
     fn untimed_only(&self, cell: usize) -> bool {
@@ -382,6 +391,47 @@ fn timed_and_untimed_frames_alternate_in_random_order() {
         .map(|round| round.iter().map(|visit| visit[0].1).collect())
         .collect();
     assert!(orders.len() > 3, "rounds are shuffled: {orders:?}");
+}
+
+#[test]
+fn cells_that_a_claim_compares_are_visited_together_and_their_frames_alternate() {
+    let noisy = || cell(|f, _| 2e7 * noise(f, 0.9));
+    let cells = vec![noisy(), noisy(), noisy(), noisy()];
+    let mock = Mock { compared: vec![3, 1], ..Mock::of(cells) }.run(&SETTINGS);
+    let frames = mock.calls.iter().filter(|(did, _)| matches!(did, Timed | Untimed));
+    let compared: Vec<(usize, Call)> =
+        frames.copied().enumerate().filter(|(_, (_, cell))| [1, 3].contains(cell)).collect();
+    // From the end: the first visits begin with warm-ups.
+    let visits = compared.rchunks_exact(4).take(mock.samples(1).pairs() - 1);
+    let visits: Vec<Vec<Call>> = visits
+        .inspect(|visit| assert_eq!(visit[3].0 - visit[0].0, 3, "nothing comes between"))
+        .map(|visit| visit.iter().map(|(_, call)| *call).collect())
+        .collect();
+    for visit in &visits {
+        let [a, b, c, d] = visit[..] else { panic!("four frames") };
+        assert!(a.1 != b.1 && [a.1, b.1] == [c.1, d.1], "{visit:?}");
+        assert!(a.0 == b.0 && c.0 == d.0 && a.0 != c.0, "{visit:?}");
+    }
+    let first = |of: usize| visits.iter().filter(|visit| visit[0].1 == of).count();
+    assert!(first(1).abs_diff(first(3)) <= 1, "each order as often as its reverse");
+    let rounds = |cell: usize| mock.samples(cell).each(|pair| pair.round);
+    assert_eq!(rounds(1), rounds(3));
+}
+
+#[test]
+fn a_device_that_is_lost_within_a_visit_leaves_no_frame_without_its_other() {
+    for at in 4..12 {
+        let loses = MockCell { loses_device_at: Some(at), ..STEADY };
+        let noisy = || cell(|f, _| 1e7 * noise(f, 0.5));
+        let cells = vec![noisy(), loses, noisy()];
+        let mock = Mock { compared: vec![0, 1, 2], ..Mock::of(cells) }.run(&SETTINGS);
+        assert_eq!(mock.reason(1), "device lost: gone");
+        for cell in [0, 2] {
+            let rounds = mock.samples(cell).each(|pair| pair.round);
+            assert!(rounds.windows(2).all(|pair| pair[0] < pair[1]), "{rounds:?}");
+            assert!(mock.samples(cell).warm_up_frames >= 4, "warmed up on both devices");
+        }
+    }
 }
 
 #[test]
