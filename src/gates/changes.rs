@@ -324,8 +324,10 @@ fn exact_block(verdicts: &Verdicts<'_>) -> Block {
 fn machine_block(views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Block {
     let [base, head] = views.map(|view| view.run().map(identity).unwrap_or_default());
     let differing = base.iter().zip(&head).filter(|(base, head)| base != head);
-    let row = |((name, base), (_, head)): (&(&str, String), &(&str, String))| {
-        [(*name).to_owned(), base.clone(), head.clone(), String::new()]
+    let row = |((name, base), (_, head)): (&Known, &Known)| {
+        let told =
+            |value: &Option<String>| value.clone().unwrap_or_else(|| "not recorded".to_owned());
+        [(*name).to_owned(), told(base), told(head), String::new()]
     };
     let rows = differing.map(row).collect_vec();
     let started = |view: &ReportView<'_>| view.run().map_or("", |run| &run.started_at).to_owned();
@@ -333,25 +335,28 @@ fn machine_block(views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Block {
     let [base_path, head_path] = paths.map(Path::display);
     let mut lead = vec![format!("{base_path}, started {from} → {head_path}, started {to}")];
     if rows.is_empty() {
-        lead.push(format!("the same {}", base.iter().map(|(name, _)| name).join(", ")));
+        let mut known = base.iter().filter_map(|(_, value)| value.as_deref());
+        lead.push(format!("as far as recorded the same: {}", known.join("; ")));
     }
     Block::new("Machine and program", ["What", "Base", "Head", ""], rows).led_by(lead)
 }
 
-/// What two runs must have in common to differ by the program's change alone.
-fn identity(run: &Run) -> Vec<(&'static str, String)> {
+/// Something of a run, and what the records say of it.
+type Known = (&'static str, Option<String>);
+
+/// What two runs must have in common to differ by the program's change alone; none where it is not recorded.
+fn identity(run: &Run) -> Vec<Known> {
     let Adapter { name, backend, driver, driver_info, host_threads, .. } = &run.adapter;
-    let not_recorded = || "not recorded".to_owned();
     vec![
-        ("adapter", format!("{name}, {backend}")),
-        ("driver", format!("{driver} {driver_info}")),
-        ("threads of the host", host_threads.to_string()),
-        ("host", run.conditions.host.clone().unwrap_or_else(not_recorded)),
-        ("machine", run.conditions.machine.as_ref().map_or_else(not_recorded, facts::machine)),
-        ("program", facts::program(run)),
-        ("profile", run.profile.to_string()),
-        ("shaders", run.shader_checks.to_string()),
-        ("clocks and conditions", run_conditions(run)),
+        ("adapter", Some(format!("{name}, {backend}"))),
+        ("driver", Some(format!("{driver} {driver_info}"))),
+        ("threads of the host", Some(format!("{host_threads} threads"))),
+        ("host", run.conditions.host.clone()),
+        ("machine", run.conditions.machine.as_ref().map(facts::machine)),
+        ("program", Some(facts::program(run))),
+        ("profile", Some(format!("profile {}", run.profile))),
+        ("shaders", Some(format!("shaders {}", run.shader_checks))),
+        ("clocks and conditions", Some(run_conditions(run))),
     ]
 }
 
