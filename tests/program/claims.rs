@@ -120,12 +120,12 @@ fn modelled(cells: &[Cell], samples: usize, noise: f64, seed: u64) -> Vec<Cell> 
     cells
 }
 
-/// All cells were sampled together, no verdict rests on fewer than 8 samples, and the summary counts the verdicts.
+/// All cells were sampled together at least up to a look, no verdict rests on fewer than 8 samples, and the summary counts the verdicts.
 #[track_caller]
 fn agrees_with_itself(cells: &[Cell], summary: &str) {
-    let rounds: Vec<_> =
-        cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..12]).collect();
-    assert!(rounds.windows(2).all(|pair| pair[0] == pair[1]), "sampled together: {rounds:?}");
+    let rounds: Vec<_> = cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds).collect();
+    let together = rounds[0].iter().filter(|round| rounds.iter().all(|all| all.contains(round)));
+    assert!(together.count() >= 12, "sampled together: {rounds:?}");
     let rulings = rulings(PLANTED, cells);
     for ruling in &rulings {
         let decided = matches!(ruling.verdict, Verdict::Supported | Verdict::Contradicted);

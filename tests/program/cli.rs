@@ -186,7 +186,7 @@ fn a_listing_takes_the_options_that_apply_to_it() {
         let names = text.lines().filter_map(|line| line.split_whitespace().next());
         names.map(str::to_owned).collect::<Vec<String>>()
     };
-    let hsao = "frame scene/deform shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose ao/glass post/luminance";
+    let hsao = "uniforms scene/deform shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose ao/glass post/luminance";
     assert_eq!(stages("hsao").join(" "), hsao);
     assert!(stages("voxelize").contains(&"voxel/overlap".to_owned()));
 }
@@ -342,7 +342,7 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     assert!(error > 0.0 && error < 0.2, "{error}");
     assert!(measured.quantities.get("ao_reference_mean").is_some_and(|mean| *mean > 0.01));
     // Below the picture of occlusion stands a scale of its greys.
-    for (ending, scale_px) in [("", 26), ("~error", 0)] {
+    for (ending, scale_px) in [("", 31), ("~error", 0)] {
         let name = format!("out/renders/vao-guard_scene=corner,ao.guard=variable{ending}.png");
         assert_eq!(picture(&place.path(name)).size(), [48, 48 + scale_px]);
     }

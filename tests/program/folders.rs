@@ -247,14 +247,14 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
     use std::os::unix::ffi::OsStrExt;
     let place = Place::new();
     let out = place.path(std::ffi::OsStr::from_bytes(b"o\xffut"));
-    place.fathom(format!("{RUN} {SMALL} --budget 10m --precision 1 --out")).arg(&out).ends(0);
+    place.fathom(format!("{RUN} {SMALL} --budget 10m --out")).arg(&out).ends(0);
     assert_eq!(cells(&out).len(), 2);
     place.fathom("report").arg(&out).ends(0);
 }
 
 /// Every text of a run's records by its place in them: what the machine or its user says, and what fathom says itself.
 /// The text of an experiment and the values of its axes and parameters are the user's own words.
-const OF_THE_MACHINE: [&str; 10] = [
+const OF_THE_MACHINE: [&str; 12] = [
     "run.command",
     "run.adapter.name",
     "run.adapter.backend",
@@ -263,7 +263,9 @@ const OF_THE_MACHINE: [&str; 10] = [
     "run.adapter.driver_info",
     "run.conditions.rasterizer_threads",
     "run.conditions.host",
-    "run.conditions.machine.",
+    "run.conditions.machine.cpu",
+    "run.conditions.machine.kernel",
+    "run.conditions.machine.governor",
     "run.started_at",
 ];
 const OF_FATHOM: [&str; 18] = [
