@@ -38,7 +38,8 @@ pub const MIN_PAIRS: usize = LOOK_PAIRS[0];
 pub const MAX_PAIRS: usize = LOOK_PAIRS[LOOKS - 2];
 /// Time of a cell's first visits, seconds: slow frames are fewer then, but no fewer than [`LEAST_FIRST_PAIRS`].
 const FIRST_VISITS_S: f64 = 3.0;
-const LEAST_FIRST_PAIRS: usize = 2;
+/// As many as an interval needs: the frame nearest to the defaults is what a page shows first.
+const LEAST_FIRST_PAIRS: usize = 8;
 
 /// Why a frame could not be rendered.
 #[derive(Clone, Debug, PartialEq)]
