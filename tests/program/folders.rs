@@ -247,7 +247,8 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
     use std::os::unix::ffi::OsStrExt;
     let place = Place::new();
     let out = place.path(std::ffi::OsStr::from_bytes(b"o\xffut"));
-    place.fathom(format!("{RUN} {SMALL} --budget 10m --out")).arg(&out).ends(0);
+    let run = RUN.replace("1e-9", "1");
+    place.fathom(format!("{run} {SMALL} --budget 10m --out")).arg(&out).ends(0);
     assert_eq!(cells(&out).len(), 2);
     place.fathom("report").arg(&out).ends(0);
 }
