@@ -113,10 +113,11 @@ impl Changes {
 
     /// For the terminal.
     pub fn text(&self) -> String {
-        let mut lines = vec![self.headline.clone()];
-        lines.extend(self.doubts.iter().map(|doubt| format!("! {doubt}")));
+        let mut lines = vec![text::line(&self.headline)];
+        lines.extend(self.doubts.iter().map(|doubt| format!("! {}", text::line(doubt))));
         for block in &self.blocks {
-            lines.push(format!("\n{}: {}", block.title, block.lead.join("\n  ")));
+            let lead = block.lead.iter().map(|line| text::line(line)).join("\n  ");
+            lines.push(format!("\n{}: {lead}", block.title));
             let rows = text::columns(&block.rows).into_iter().chain(block.more());
             lines.extend(rows.map(|row| format!("  {}", text::line(&row))));
         }
