@@ -218,7 +218,7 @@ fn refuses_bad_input(cluster: &Cluster) {
     for (options, run, reason) in [
         ("--shards 2 --partition none", run.as_str(), "`sbatch` refused the job array"),
         ("--nodes n[1-9]", &run, "there is no node `n3`"),
-        ("--shards 2", "report x", "stands `run`"),
+        ("--shards 2", "report x", "comes `run`"),
         ("--shards 2", "run --shard 1/2", "--shard is not for the run"),
         ("--shards 2", "run uw-photon", "did you mean `uw-photons`"),
         ("--shards 2 --resume", &run, "holds no fleet to continue"),
