@@ -242,7 +242,10 @@ fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Block {
     lead.extend(default.map(|cell| match times.frames().find(is_default) {
         Some(frame) => format!("default frame ({}): {}", cell_name(cell), in_ms(frame)),
         None => {
-            format!("default frame ({}): not measured often enough, or not in the same way, in both", cell_name(cell))
+            format!(
+                "default frame ({}): not measured often enough, or not in the same way, in both",
+                cell_name(cell)
+            )
         }
     }));
     if times.common.is_some() {

@@ -273,7 +273,7 @@ mod tests {
         let cells = fixtures::cells(&mut records).filter_map(Cell::measured_mut);
         cells.take(2).for_each(|measured| measured.frame.untimed.n = fewest);
         let told = few_samples(&ReportView::new(&records, None)).unwrap();
-        let end = format!("the fewest are {fewest}");
+        let end = format!("the least is {fewest}");
         assert!(told.starts_with("2 of ") && told.ends_with(&end), "{told}");
     }
 
