@@ -1,5 +1,5 @@
 //! What changed from one run to another: what `fathom report A B`, the page of two runs, and `fathom compare` of two files of
-//! records tell. Exact figures are those of the exact gate; [`times`] has the rule for times.
+//! records tell. Exact figures are those of the exact gate; the module `times` has the rule for times.
 
 mod cells;
 mod claims;
