@@ -13,6 +13,7 @@ use anyhow::{Context, bail};
 use clap::Parser;
 use fathom::Catalog;
 use fathom::experiments::{CellPlan, Experiment};
+use fathom::folder::Folder;
 use fathom::gpu::{self, FrameTimer, Gpu};
 use fathom::harness::MAX_PASSES;
 use fathom::harness::plan::{self, Request};
@@ -82,12 +83,14 @@ fn main() -> anyhow::Result<()> {
         round_s: found.round_s,
         rows: Cells::iter().map(|cells| Row::of(cells, &found.ratios)).collect(),
     };
-    std::fs::create_dir_all(&cli.out)?;
+    let folder = Folder::make(&cli.out)?;
     for (name, text) in
         RESULTS.iter().zip([serde_json::to_string(&findings)? + "\n", findings.markdown()])
     {
         let path = cli.out.join(name);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        folder
+            .write(name, text.as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
         tell::done(path.display());
     }
     Ok(())
