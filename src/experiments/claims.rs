@@ -156,6 +156,9 @@ pub(super) fn compared<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<Vec<&'a Cel
 }
 
 fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
+    if let Some(reason) = &claim.not_run {
+        return Ruling::not_run(claim, reason.clone());
+    }
     let tests = match claim.test.over() {
         Some(over) => by_group(&claim.test, over, cells, software),
         None => vec![test_group(&claim.test, cells, software)],

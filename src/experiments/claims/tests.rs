@@ -338,6 +338,15 @@ fn a_time_below_the_clock_s_resolution_is_no_figure() {
 }
 
 #[test]
+fn a_claim_that_cannot_be_decided_here_is_not_run_whatever_was_measured() {
+    let cells = swept(&[1.0, 2.0], |n| 8.0 * n);
+    let within = r#"within = { y = "quantity:error per axis:n", low = 7.9, high = 8.1 }"#;
+    all_ruled(within, [("decided", cells.clone(), Supported, "")]);
+    let undecided = format!("{within}\nnot_run = \"another method\"");
+    all_ruled(&undecided, [("not decided", cells, NotRun, "^another method$")]);
+}
+
+#[test]
 fn quotients_of_a_cell_lie_within_a_band_or_do_not() {
     let test = r#"within = { y = "quantity:error per axis:n", low = 7.9, high = 8.1 }"#;
     let eight = swept(&[1.0, 2.0, 5.0], |n| 8.0 * n);

@@ -17,6 +17,8 @@ pub struct Claim {
     pub filter: Map<String, Value>,
     /// The figure that the publication states, in the unit of what is tested, such as the ratio of two times.
     pub published: Option<f64>,
+    /// Why this experiment cannot decide the publication's sentence. The claim is then *not run*, whatever was measured.
+    pub not_run: Option<String>,
     pub test: Test,
 }
 

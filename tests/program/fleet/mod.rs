@@ -102,7 +102,7 @@ fn with_a_real_slurm() {
 fn measures_all_shards(cluster: &Cluster) -> Vec<String> {
     // What a shell or Slurm could take for something else.
     let out = cluster.place.path("%a 'plain' $x");
-    let run = run_arguments(cluster, "0.05");
+    let run = run_arguments(cluster, "1");
     let log = cluster.place.path("plain.log");
     let command = || fleet(cluster, &out, "--shards 4", &run);
     let told = ended(begin(command(), &log), 0, &log);
@@ -124,7 +124,7 @@ fn measures_all_shards(cluster: &Cluster) -> Vec<String> {
 
 fn keeps_what_is_measured_when_it_is_interrupted(cluster: &Cluster, all: &[String]) {
     let [out, log] = ["interrupted", "interrupted.log"].map(|name| cluster.place.path(name));
-    let run = run_arguments(cluster, "1e-6");
+    let run = run_arguments(cluster, "1");
     // Something is left to measure however late the interrupt comes.
     let begun = fleet(cluster, &out, "--shards 3", &run);
     let (running, _) = begin_without_last(cluster, 3, begun, &log);
@@ -137,7 +137,7 @@ fn keeps_what_is_measured_when_it_is_interrupted(cluster: &Cluster, all: &[Strin
     assert_eq!(sorted(lines_of(&out.join("merged"))), sorted(kept.clone()));
     // With another run it is not gone on with, with the same one it is.
     let resumed = |run: &str| fleet(cluster, &out, "--shards 3 --resume", run);
-    resumed(&run_arguments(cluster, "1e-5")).ends(2);
+    resumed(&run_arguments(cluster, "0.5")).ends(2);
     let log = cluster.place.path("resumed.log");
     let told = ended(begin(resumed(&run), &log), 0, &log);
     let merged = out.join("merged-2");
