@@ -14,6 +14,7 @@
 //! sampling. So each interval is taken at the level `ALPHA / LOOKS`: all looks together then miss as rarely as one look at
 //! 95 %. A claim whose figure lies exactly at a bound is thus supported with a chance of at most [`CHANCE`].
 
+mod balance;
 mod comparison;
 mod comparisons;
 mod fits;
@@ -25,10 +26,11 @@ use strum::Display;
 use self::comparison::{Comparison, Judgement};
 use super::expand::label_text;
 use super::measure::{self, Measure, Reading};
-use super::schema::{Claim, Experiment, FIXED_SHARE, RISING_SHARE, Test};
+use super::schema::{Balance, Claim, Experiment, FIXED_SHARE, RISING_SHARE, Test};
 use fathom_base::statistics;
 use fathom_record::Cell;
 
+pub use balance::Scale;
 pub use comparison::RuledFigure;
 pub use fits::{Scaling, scaling};
 
@@ -54,11 +56,34 @@ pub enum Verdict {
     Supported,
 }
 
+/// Whose sentence a claim is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Display)]
+pub enum Whose {
+    #[strum(to_string = "claims of the papers")]
+    Publication,
+    /// Of this project, or of a user.
+    #[strum(to_string = "own hypotheses")]
+    Own,
+}
+
+impl Whose {
+    pub const ALL: [Whose; 2] = [Whose::Publication, Whose::Own];
+
+    /// As a heading.
+    pub fn title(self) -> &'static str {
+        match self {
+            Whose::Publication => "Claims of the papers",
+            Whose::Own => "Own hypotheses",
+        }
+    }
+}
+
 /// A claim's verdict with the figures it rests on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ruling {
     pub id: String,
     pub text: String,
+    pub whose: Whose,
     pub verdict: Verdict,
     /// The figures that decided, with their intervals; why it was not run; or what would settle it.
     pub reason: String,
@@ -70,6 +95,8 @@ pub struct Ruling {
     pub others: Vec<RuledFigure>,
     /// The publication's value of these figures, where it gives one.
     pub published: Option<f64>,
+    /// The sizes that were tested, where the claim asks for the publication's balance.
+    pub scale: Option<Scale>,
 }
 
 impl Ruling {
@@ -78,12 +105,14 @@ impl Ruling {
         Ruling {
             id: claim.id.clone(),
             text: claim.text.clone(),
+            whose: claim.whose(),
             verdict: Verdict::NotRun,
             reason,
             n: None,
             deciding: Vec::new(),
             others: Vec::new(),
             published: claim.published(),
+            scale: None,
         }
     }
 }
@@ -97,19 +126,19 @@ const MOST_GROUPS: usize = 200;
 impl Experiment {
     /// Rules on every claim. `software`: the cells were measured on a software driver, so that absolute times do not count.
     pub fn rulings(&self, cells: &[&Cell], software: bool) -> Vec<Ruling> {
-        self.claim.iter().map(|claim| rule(claim, &concerned(claim, cells), software)).collect()
+        self.claim.iter().map(|claim| self.rule(claim, cells, software)).collect()
     }
 
     /// Which claims are settled by these cells, and which are open.
     pub fn standing<'a>(&self, cells: &[&'a Cell], software: bool) -> Standing<'a> {
         let mut standing = Standing::default();
         for claim in &self.claim {
-            let cells = concerned(claim, cells);
-            let ruling = rule(claim, &cells, software);
+            let ruling = self.rule(claim, cells, software);
             match ruling.verdict {
                 Verdict::Supported | Verdict::Contradicted => standing.settled += 1,
                 Verdict::Inconclusive if ruling.n.is_some() => {
-                    standing.open.push(cells.into_iter().map(|cell| cell.cell.as_str()).collect());
+                    let cells = concerned(claim, cells).into_iter();
+                    standing.open.push(cells.map(|cell| cell.cell.as_str()).collect());
                 }
                 Verdict::Inconclusive | Verdict::NotRun => {}
             }
@@ -137,7 +166,9 @@ pub fn concerned<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
         Test::NoWorse { of, than, .. } => measure::fits(cell, of) || measure::fits(cell, than),
         test => test.over().is_none_or(|over| cell.axes.contains_key(over)),
     };
-    let concerned = |cell: &&&Cell| measure::fits(cell, &claim.filter) && of_test(cell);
+    let concerned = |cell: &&&Cell| {
+        measure::fits(cell, &claim.filter) && measure::follows(cell, &claim.method) && of_test(cell)
+    };
     cells.iter().filter(concerned).copied().collect()
 }
 
@@ -155,53 +186,76 @@ pub(super) fn compared<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<Vec<&'a Cel
     }
 }
 
-fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
-    if let Some(reason) = &claim.not_run {
-        return Ruling::not_run(claim, reason.clone());
-    }
-    let tests = match claim.test.over() {
-        Some(over) => by_group(&claim.test, over, cells, software),
-        None => vec![test_group(&claim.test, cells, software)],
-    };
-    let (mut comparisons, mut not_run) = (Vec::new(), Vec::new());
-    for tested in tests {
-        match tested {
-            Ok(more) => comparisons.extend(more),
-            Err(reason) => not_run.push(reason),
+impl Experiment {
+    fn rule(&self, claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
+        if let Some(reason) = &claim.not_run {
+            return Ruling::not_run(claim, reason.clone());
         }
-    }
-    let n = comparisons.iter().filter_map(Comparison::n).min();
-    match comparison::judge(&comparisons) {
-        Some(Judgement { verdict, reason, deciding, others })
-            if not_run.is_empty() || verdict < Verdict::NotRun =>
-        {
-            Ruling { verdict, n, deciding, others, ..Ruling::not_run(claim, reason) }
+        let cells = concerned(claim, cells);
+        if cells.is_empty() && !claim.method.is_empty() {
+            return Ruling::not_run(claim, "no cell runs the publication's method".to_owned());
         }
-        _ => Ruling { n, ..Ruling::not_run(claim, not_run.join("; ")) },
+        let groups = match groups_of(&claim.test, &cells) {
+            Ok(groups) => groups,
+            Err(reason) => return Ruling::not_run(claim, reason),
+        };
+        let mut scales = Vec::new();
+        let (mut comparisons, mut not_run) = (Vec::new(), Vec::new());
+        for Group { prefix, cells } in groups {
+            let scale = match claim.balance {
+                Some(Balance::Published) => Scale::of(&self.balance, &cells).map(Some),
+                Some(Balance::Free(_)) | None => Ok(None),
+            };
+            let tested =
+                scale.and_then(|scale| Ok((scale, test_group(&claim.test, &cells, software)?)));
+            match tested {
+                Ok((scale, more)) => {
+                    scales.extend(scale);
+                    comparisons.extend(more.into_iter().map(|c| c.prefixed(&prefix)));
+                }
+                Err(reason) => not_run.push(prefix + &reason),
+            }
+        }
+        let n = comparisons.iter().filter_map(Comparison::n).min();
+        match comparison::judge(&comparisons) {
+            Some(Judgement { verdict, reason, deciding, others })
+                if not_run.is_empty() || verdict < Verdict::NotRun =>
+            {
+                let scale = Scale::join(&scales);
+                Ruling { verdict, n, deciding, others, scale, ..Ruling::not_run(claim, reason) }
+            }
+            _ => Ruling { n, ..Ruling::not_run(claim, not_run.join("; ")) },
+        }
     }
 }
 
-/// The comparisons of each group of cells that differ in the claim's axis only.
-fn by_group(test: &Test, over: &str, cells: &[&Cell], software: bool) -> Vec<Tested> {
+/// Cells that are tested together: those that differ in the test's axis only, or all where it has none.
+struct Group<'a> {
+    /// What they have in common, before the name of each figure; empty where there is one group.
+    prefix: String,
+    cells: Vec<&'a Cell>,
+}
+
+fn groups_of<'a>(test: &Test, cells: &[&'a Cell]) -> Result<Vec<Group<'a>>, String> {
+    let Some(over) = test.over() else {
+        return Ok(vec![Group { prefix: String::new(), cells: cells.to_vec() }]);
+    };
     let groups = groups(cells, over);
     if groups.is_empty() {
-        return vec![Err(format!("no cell along `{over}`"))];
+        return Err(format!("no cell along `{over}`"));
     }
     if groups.len() > MOST_GROUPS {
-        return vec![Err(format!(
+        return Err(format!(
             "{} groups of cells along `{over}` are more than the {MOST_GROUPS} that are tested: use `where`",
             groups.len()
-        ))];
+        ));
     }
     let several = groups.len() > 1;
-    let tested = groups.into_iter().map(|(name, group)| {
+    let named = groups.into_iter().map(|(name, cells)| {
         let prefix = if several { format!("{name}: ") } else { String::new() };
-        match test_group(test, &group, software) {
-            Ok(comparisons) => Ok(comparisons.into_iter().map(|c| c.prefixed(&prefix)).collect()),
-            Err(reason) => Err(prefix + &reason),
-        }
+        Group { prefix, cells }
     });
-    tested.collect()
+    Ok(named.collect())
 }
 
 /// Cells that have the axis, grouped by the values of all their other axes.

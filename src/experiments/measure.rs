@@ -441,7 +441,15 @@ pub fn fits(cell: &Cell, filter: &Map<String, Value>) -> bool {
     })
 }
 
-/// The same of a cell with these axes, whose other parameters `param` tells of.
+/// Whether a cell is computed in this way: each of these that is an axis of the cell or a parameter of its pipeline has the value given.
+pub fn follows(cell: &Cell, method: &Map<String, Value>) -> bool {
+    flatten(method).iter().all(|(name, wanted)| {
+        let found = cell.axes.get(name).or_else(|| cell.params.lookup(name));
+        found.is_none_or(|found| same(found, wanted))
+    })
+}
+
+/// The same as [`fits`] of a cell with these axes, whose other parameters `param` tells of.
 pub(super) fn fits_with(
     filter: &Map<String, Value>,
     axes: &Map<String, Value>,

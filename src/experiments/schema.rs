@@ -8,7 +8,7 @@ mod claim;
 mod named;
 mod plot;
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 use serde::{Deserialize, Deserializer, de};
 use serde_json::{Map, Value};
@@ -18,7 +18,7 @@ use super::{ExperimentError, Measure};
 use fathom_base::text;
 use fathom_record::Cell;
 
-pub use claim::{Claim, Direction, FIXED_SHARE, RISING_SHARE, Test};
+pub use claim::{Balance, Claim, Direction, FIXED_SHARE, RISING_SHARE, Test};
 pub use plot::{Plot, PlotKind};
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -63,6 +63,12 @@ pub struct Experiment {
     pub error_picture: bool,
     #[serde(default, deserialize_with = "figures")]
     pub published: Vec<Published>,
+    /// The publication's own method: parameters and their values. A claim with a source is tested only on cells in which those hold that
+    /// the cell's pipeline has. This project's own methods are other cells.
+    #[serde(default)]
+    pub method: Map<String, Value>,
+    #[serde(default)]
+    pub balance: Vec<PublishedSizes>,
     #[serde(default, deserialize_with = "tables")]
     pub claim: Vec<Claim>,
     #[serde(default)]
@@ -271,6 +277,29 @@ pub struct Published {
     pub note: String,
 }
 
+/// Sizes of the publication's test: its triangles, pixels, voxels, photons. What several of them say of one cell adds up.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedSizes {
+    /// Axis or parameter → value; all must hold.
+    #[serde(default, rename = "where")]
+    pub filter: Map<String, Value>,
+    /// What a cell has of it, as a [`Measure`], and the publication's number.
+    #[serde(deserialize_with = "sizes")]
+    pub sizes: Vec<(Measure, f64)>,
+}
+
+fn sizes<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<(Measure, f64)>, D::Error> {
+    let sizes = BTreeMap::<String, f64>::deserialize(deserializer)?;
+    let parse = |(measure, published): (String, f64)| {
+        if !(published.is_finite() && published > 0.0) {
+            return Err(format!("the published size of `{measure}` must be positive"));
+        }
+        Ok((measure.parse()?, published))
+    };
+    sizes.into_iter().map(parse).collect::<Result<_, String>>().map_err(de::Error::custom)
+}
+
 fn figures<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Published>, D::Error> {
     let mut published = Vec::new();
     for mut shared in Vec::<Map<String, Value>>::deserialize(deserializer)? {
@@ -310,8 +339,11 @@ impl Experiment {
     pub fn parse(name: &str, text: &str) -> Result<Experiment, ExperimentError> {
         let invalid = |fault: String| ExperimentError::of(name, &fault);
         let parsed = toml::from_str(text).map_err(|error| invalid(one_line(&error, text)));
-        let experiment = Experiment { text: text.to_owned(), ..parsed? };
+        let mut experiment = Experiment { text: text.to_owned(), ..parsed? };
         experiment.check().map_err(invalid)?;
+        for claim in experiment.claim.iter_mut().filter(|claim| claim.source.is_some()) {
+            claim.method.clone_from(&experiment.method);
+        }
         Ok(experiment)
     }
 
@@ -326,6 +358,9 @@ impl Experiment {
                 return Err("a claim needs an `id`".to_owned());
             }
             self.check_over(claim.test.over(), &format!("claim `{}`", claim.id))?;
+            if claim.balance == Some(Balance::Published) && self.balance.is_empty() {
+                return Err(format!("claim `{}` needs published sizes in `balance`", claim.id));
+            }
         }
         for plot in &self.plot {
             let place = format!("plot `{}`", plot.title);

@@ -11,7 +11,7 @@ use fathom_base::statistics;
 use fathom_experiments as experiments;
 use fathom_experiments::defaults::{self, Choice, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
-use fathom_experiments::{Measure, Ruling, Scaling, Verdict, groups, scaling};
+use fathom_experiments::{Measure, Ruling, Scaling, Verdict, Whose, groups, scaling};
 use fathom_record::{
     Cell, Estimate, Interval, Machine, Measured, Note, NoteKind, Outcome, Run, StageRecord,
     Standing,
@@ -21,12 +21,18 @@ use fathom_record::{
 const SHORT_HASH: usize = 12;
 
 /// How many claims have each verdict.
-pub fn tally(view: &ReportView<'_>) -> [(Verdict, usize); 4] {
+pub fn tally(view: &ReportView<'_>, whose: Whose) -> [(Verdict, usize); 4] {
     let rulings = view.sections.iter().flat_map(Section::rulings);
-    let counts = rulings.counts_by(|ruling| ruling.verdict);
+    let counts = rulings.filter(|ruling| ruling.whose == whose).counts_by(|ruling| ruling.verdict);
     let verdicts =
         [Verdict::Supported, Verdict::Contradicted, Verdict::Inconclusive, Verdict::NotRun];
     verdicts.map(|verdict| (verdict, counts.get(&verdict).copied().unwrap_or(0)))
+}
+
+/// The tallies of the papers' claims and of own hypotheses, each where there are any.
+pub fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, [(Verdict, usize); 4])> {
+    let tallies = Whose::ALL.map(|whose| (whose, tally(view, whose)));
+    tallies.into_iter().filter(|(_, counts)| counts.iter().any(|(_, count)| *count > 0))
 }
 
 /// A claim's ruling and the experiment that it belongs to.
@@ -191,9 +197,11 @@ pub fn still_open(view: &ReportView<'_>) -> Vec<String> {
             view.entries().count()
         ));
     }
-    let [_, _, (_, inconclusive), (_, not_run)] = tally(view);
-    if !open.is_empty() && inconclusive + not_run > 0 {
-        open.push(format!("{} claims are open.", inconclusive + not_run));
+    let is_open = |verdict: &Verdict| matches!(verdict, Verdict::Inconclusive | Verdict::NotRun);
+    let counts = tallies(view).flat_map(|(_, counts)| counts);
+    let claims: usize = counts.filter(|(verdict, _)| is_open(verdict)).map(|(_, n)| n).sum();
+    if !open.is_empty() && claims > 0 {
+        open.push(format!("{claims} claims are open."));
     }
     open
 }
@@ -329,11 +337,13 @@ fn slowest_finding(view: &ReportView<'_>) -> Option<String> {
     ))
 }
 
+/// The papers' claims in a sentence; own hypotheses where there are no others.
 pub fn claims_finding(view: &ReportView<'_>) -> Option<String> {
-    let [(_, supported), (_, contradicted), ..] = tally(view);
-    let claims = claims(view);
-    let first = claims.first()?;
-    let mut sentence = format!("{supported} of {} claims are supported", claims.len());
+    let (whose, counts) = tallies(view).next()?;
+    let [(_, supported), (_, contradicted), ..] = counts;
+    let all: usize = counts.iter().map(|(_, count)| count).sum();
+    let mut sentence = format!("{supported} of {all} {whose} are supported");
+    let first = claims(view).into_iter().find(|claim| claim.ruling.whose == whose)?;
     let furthest = first.ruling.deciding.first().filter(|_| contradicted > 0);
     if let Some(figure) = furthest {
         sentence += &format!(
@@ -383,9 +393,10 @@ mod tests {
     #[test]
     fn the_tally_counts_every_claim_once() {
         let view = testing::view();
-        let counts = tally(&view).map(|(_, count)| count);
-        assert_eq!(counts.iter().sum::<usize>(), claims(&view).len());
-        assert!([0, 1, 3].iter().all(|verdict| counts[*verdict] > 0), "{counts:?}");
+        let counts = Whose::ALL.map(|whose| tally(&view, whose).map(|(_, count)| count));
+        assert_eq!(counts.as_flattened().iter().sum::<usize>(), claims(&view).len());
+        let some = |verdict: usize| counts.iter().any(|counts| counts[verdict] > 0);
+        assert!([0, 1, 3].into_iter().all(some), "{counts:?}");
     }
 
     #[test]

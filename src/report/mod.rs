@@ -8,6 +8,7 @@ pub mod ceilings;
 mod cells_csv;
 mod chosen_frame;
 mod chrome_trace;
+mod claims;
 pub mod colors;
 pub mod facts;
 pub mod format;
@@ -29,6 +30,7 @@ pub use bencher::EXPORTER as BENCHER;
 pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use chosen_frame::{ChosenFrame, FrameChoice};
 pub use chrome_trace::EXPORTER as CHROME_TRACE;
+pub use claims::EXPORTER as CLAIMS;
 pub use github_benchmark::EXPORTER as GITHUB_BENCHMARK;
 pub use junit::EXPORTER as JUNIT;
 pub use page::EXPORTER as PAGE;
@@ -152,8 +154,18 @@ impl RunExporter {
 }
 
 /// Exporters of runs, in the order in which their files are written.
-pub const OF_RUNS: [RunExporter; 9] =
-    [PLOTS, ROOFLINES, CELLS_CSV, PAGE, SUMMARY, BENCHER, GITHUB_BENCHMARK, JUNIT, CHROME_TRACE];
+pub const OF_RUNS: [RunExporter; 10] = [
+    PLOTS,
+    ROOFLINES,
+    CELLS_CSV,
+    PAGE,
+    SUMMARY,
+    CLAIMS,
+    BENCHER,
+    GITHUB_BENCHMARK,
+    JUNIT,
+    CHROME_TRACE,
+];
 
 /// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
 pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>, ReportError> {

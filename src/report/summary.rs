@@ -31,8 +31,7 @@ fn export(view: &ReportView<'_>) -> String {
 
 /// What a run says in a few lines, for the terminal: the verdict on itself, the tally of verdicts and the slowest stages.
 pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
-    let has_claims = view.sections.iter().any(|section| !section.rulings().is_empty());
-    let claims = has_claims.then(|| format!("claims: {}", head::tally(view)));
+    let claims = head::tallies(view).map(|(whose, tally)| format!("{whose}: {tally}"));
     let slowest = head::slowest(view);
     let slowest =
         (!slowest.is_empty()).then(|| format!("slowest stage of each pipeline: {slowest}"));
@@ -87,7 +86,7 @@ mod tests {
             "(uw-photons.svg)",
             "(index.html)",
             "(cells.csv)",
-            "### Contradicted",
+            "\nContradicted",
             "caustics/splat",
         ] {
             assert!(text.contains(expected), "{expected}");
@@ -110,13 +109,20 @@ mod tests {
     #[test]
     fn a_run_ends_with_its_verdicts_and_slowest_stages() {
         let records = fixtures::run();
-        let lines = in_short(&ReportView::new(&records, None));
-        assert_eq!(lines.len(), 5, "{lines:?}");
+        let view = ReportView::new(&records, None);
+        let lines = in_short(&view);
+        let tallies: Vec<String> =
+            head::tallies(&view).map(|(whose, _)| whose.to_string()).collect();
+        assert_eq!(lines.len(), 4 + tallies.len(), "{lines:?}");
         assert!(lines[0].starts_with("quiet run: ") && lines[0].ends_with(" cells reached ±2 %"));
         assert!(lines[1].contains("load and steal time not recorded"));
         assert!(lines[2].starts_with("to do: add samples"));
-        assert!(lines[3].starts_with("claims: ") && lines[3].contains(" supported, "));
-        assert!(lines[4].starts_with("slowest stage of each pipeline: underwater: "));
+        for (line, whose) in lines[3..].iter().zip(&tallies) {
+            assert!(line.starts_with(whose) && line.contains(" supported, "), "{line}");
+        }
+        assert!(
+            lines[3 + tallies.len()].starts_with("slowest stage of each pipeline: underwater: ")
+        );
         assert!(in_short(&ReportView::new(&[], None)).is_empty());
     }
 

@@ -555,3 +555,100 @@ fn unsettled_cells_are_those_whose_samples_could_settle_a_claim() {
     let is_settled = |ruling: &&Ruling| matches!(ruling.verdict, Supported | Contradicted);
     assert_eq!(standing.settled, rulings.iter().filter(is_settled).count());
 }
+
+/// Claims on cells at two triangle counts, tested with the publication's method and at its balance.
+const PUBLISHED: &str = r#"
+    [method]
+    filter = false
+    [[balance]]
+    sizes = { "param:pixels" = 400.0 }
+    [[balance]]
+    where = { n = 1 }
+    sizes = { "param:triangles" = 1000.0 }
+    [[balance]]
+    where = { n = 2 }
+    sizes = { "param:triangles" = 4000.0 }
+    [[claim]]
+    id = "ratio"
+    text = "x"
+    source = "UW Table 1"
+    balance = "published"
+    test.ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.5, high = 2.5 }
+    [[claim]]
+    id = "free"
+    text = "x"
+    source = "UW Table 1"
+    balance = "free: the test counts"
+    test.ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.5, high = 2.5 }
+    [[claim]]
+    id = "own"
+    text = "x"
+    test.ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.5, high = 2.5 }
+    "#;
+
+fn published(params: [Value; 2]) -> Vec<Ruling> {
+    let experiment = Experiment::parse("e", &(EXPERIMENT.to_owned() + PUBLISHED)).unwrap();
+    let mut cells = swept(&[1.0, 2.0], |n| 2.0 * n);
+    for (cell, params) in cells.iter_mut().zip(params) {
+        cell.params = params.into();
+    }
+    experiment.rulings(&cells.iter().collect::<Vec<_>>(), false)
+}
+
+fn sizes(pixels: f64, triangles: f64) -> Value {
+    json!({ "pixels": pixels, "triangles": triangles, "filter": false })
+}
+
+#[test]
+fn a_claim_is_tested_at_the_publications_balance_only() {
+    // A quarter of all sizes, up to rounding.
+    let rulings = published([sizes(100.0, 250.0), sizes(100.0, 1100.0)]);
+    assert!(rulings.iter().all(|ruling| ruling.verdict == Supported), "{rulings:?}");
+    let scale = rulings[0].scale.unwrap().to_string();
+    assert_eq!(scale, "at 0.25 to 0.28 times the published sizes");
+    assert_eq!(rulings[1].scale, None);
+    // Pictures that shrank while triangles did not; and one of the two cells at another scale than the other.
+    for params in
+        [[sizes(100.0, 1000.0), sizes(100.0, 4000.0)], [sizes(400.0, 1000.0), sizes(100.0, 1000.0)]]
+    {
+        let rulings = published(params);
+        let verdicts: Vec<Verdict> = rulings.iter().map(|ruling| ruling.verdict).collect();
+        assert_eq!(verdicts, [NotRun, Supported, Supported]);
+        assert!(rulings[0].reason.starts_with("other balance: "), "{}", rulings[0].reason);
+    }
+    let unknown = json!({ "pixels": 100.0, "filter": false });
+    let [ruling, ..] = &published([unknown, sizes(100.0, 1000.0)])[..] else { panic!() };
+    assert_eq!(ruling.verdict, NotRun);
+    assert!(ruling.reason.starts_with("the balance is not known: "), "{}", ruling.reason);
+}
+
+#[test]
+fn a_publications_claim_is_tested_with_its_method_only() {
+    let other =
+        |pixels, triangles| json!({ "pixels": pixels, "triangles": triangles, "filter": true });
+    let rulings = published([other(400.0, 1000.0), other(400.0, 4000.0)]);
+    let verdicts: Vec<Verdict> = rulings.iter().map(|ruling| ruling.verdict).collect();
+    assert_eq!(verdicts, [NotRun, NotRun, Supported]);
+    assert_eq!(rulings[1].reason, "no cell runs the publication's method");
+    let whose: Vec<Whose> = rulings.iter().map(|ruling| ruling.whose).collect();
+    assert_eq!(whose, [Whose::Publication, Whose::Publication, Whose::Own]);
+}
+
+#[test]
+fn a_balance_is_published_or_free_for_a_reason() {
+    let parse = |text: &str| Balance::try_from(text.to_owned());
+    assert_eq!(parse("published"), Ok(Balance::Published));
+    assert_eq!(parse("free: counts"), Ok(Balance::Free("counts".to_owned())));
+    for wrong in ["free", "free:", "free: ", "any", "published: yes"] {
+        assert!(parse(wrong).is_err(), "{wrong}");
+    }
+    let without = EXPERIMENT.to_owned()
+        + r#"
+        [[claim]]
+        id = "c"
+        text = "x"
+        balance = "published"
+        test.at_least = { y = "fps", value = 1.0 }
+        "#;
+    assert!(Experiment::parse("e", &without).unwrap_err().to_string().contains("published sizes"));
+}

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::super::Measure;
+use super::super::{Measure, Whose};
 use super::named::Named;
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -12,14 +12,50 @@ pub struct Claim {
     #[serde(default)]
     pub id: String,
     pub text: String,
+    /// Whose sentence it is: publication, section and item, such as `SPT §4, Table 1`. None: a hypothesis of this project, or of the user.
+    pub source: Option<String>,
+    /// The figure as the publication prints it; none where it prints none.
+    pub printed: Option<String>,
+    /// The same in the unit of what is tested, such as the ratio of two times.
+    pub published: Option<f64>,
+    /// What else could make the claim true, and how the test rules that out.
+    #[serde(default)]
+    pub otherwise: String,
+    pub balance: Option<Balance>,
     /// Axis or parameter → value; all must hold.
     #[serde(default, rename = "where")]
     pub filter: Map<String, Value>,
-    /// The figure that the publication states, in the unit of what is tested, such as the ratio of two times.
-    pub published: Option<f64>,
+    /// The experiment's [`Experiment::method`](super::Experiment::method), for a claim with a source: it is tested on no other cells.
+    #[serde(skip)]
+    pub method: Map<String, Value>,
     /// Why this experiment cannot decide the publication's sentence. The claim is then *not run*, whatever was measured.
     pub not_run: Option<String>,
     pub test: Test,
+}
+
+/// At which sizes a claim may be tested.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum Balance {
+    /// Only where triangles, pixels, voxels and photons are to each other as in the publication: see
+    /// [`Experiment::balance`](super::Experiment::balance).
+    Published,
+    /// At any, for this reason.
+    Free(String),
+}
+
+impl TryFrom<String> for Balance {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Balance, String> {
+        match text.split_once(':') {
+            None if text == "published" => Ok(Balance::Published),
+            Some(("free", reason)) if !reason.trim().is_empty() => {
+                Ok(Balance::Free(reason.trim().to_owned()))
+            }
+            _ => Err(format!("balance `{text}`: write `published`, or `free: REASON`")),
+        }
+    }
 }
 
 impl Named for Claim {
@@ -29,8 +65,13 @@ impl Named for Claim {
 }
 
 impl Claim {
+    pub fn whose(&self) -> Whose {
+        if self.source.is_some() { Whose::Publication } else { Whose::Own }
+    }
+
     /// The publication's value of the figure that is tested.
     pub fn published(&self) -> Option<f64> {
+        self.source.as_ref()?;
         self.published.or(match &self.test {
             Test::Slope { expected, .. } => Some(*expected),
             Test::Independent { .. } => Some(1.0),

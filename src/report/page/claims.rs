@@ -6,9 +6,10 @@ use maud::{Markup, html};
 use super::parts::{Tone, numbers, table, words};
 use super::{Fold, Page, PageSection};
 use crate::axis::{Axis, ScaleKind, tenth};
+use crate::claims::{balance, in_words};
 use crate::format::{three, trim_zeros};
 use fathom_experiments::schema::Claim;
-use fathom_experiments::{LOOKS, RuledFigure, Ruling, Verdict};
+use fathom_experiments::{LOOKS, RuledFigure, Ruling, Verdict, Whose};
 use fathom_record::Interval;
 
 pub const SECTION: PageSection = PageSection {
@@ -58,8 +59,6 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         a.verdict().cmp(&b.verdict()).then_with(|| b.excess().total_cmp(&a.excess()))
     });
     let published = rows.iter().any(|row| row.claim.published.is_some());
-    let (supported, open): (Vec<&Row<'_>>, Vec<&Row<'_>>) =
-        rows.iter().partition(|row| row.verdict() == Verdict::Supported);
     Some(html! {
         p.lead {
             "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, and "
@@ -69,14 +68,29 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             "samples up to " (LOOKS) " times, and a claim that compares several figures could fail by chance in each. "
             a href="#experiments" { "Experiments" } " has the plots."
         }
-        @if !open.is_empty() { (table_of(page, &open, "Claims that are not supported")) }
+        @for whose in Whose::ALL { (part(page, whose, rows.iter().filter(|row| row.claim.whose() == whose))) }
+    })
+}
+
+/// The papers' claims, or own hypotheses: those that are not supported first.
+fn part<'a>(page: &Page<'_>, whose: Whose, rows: impl Iterator<Item = &'a Row<'a>>) -> Markup {
+    let (supported, open): (Vec<_>, Vec<_>) =
+        rows.partition(|row| row.verdict() == Verdict::Supported);
+    let title = whose.title();
+    let about = match whose {
+        Whose::Publication => "Each is tested with the method that its paper describes.",
+        Whose::Own => "No paper contains these sentences: this project or a user states them.",
+    };
+    html! {
+        @if supported.len() + open.len() > 0 { h3 { (title) } p.faint { (about) } }
+        @if !open.is_empty() { (table_of(page, &open, &format!("{title} that are not supported"))) }
         @if !supported.is_empty() {
             details.supported {
-                summary { (supported.len()) " supported claims" }
-                (table_of(page, &supported, "Supported claims"))
+                summary { (supported.len()) " supported " (whose) }
+                (table_of(page, &supported, &format!("{title} that are supported")))
             }
         }
-    })
+    }
 }
 
 fn table_of(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Markup {
@@ -120,7 +134,7 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
                         a.source href={ "#plot-" (row.experiment) } title=(row.title) { (row.experiment) }
                     }
                     @if page.is_overlay() { " " span.run { (page.runs[*place].label) } }
-                    details { summary { "why" } p { (ruling.reason) } (comparisons(ruling)) }
+                    details { summary { "why" } p { (ruling.reason) } (comparisons(ruling)) (grounds(claim, ruling)) }
                 }
                 @match ruling.deciding.first() {
                     Some(deciding) => {
@@ -134,6 +148,21 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
             }
         }
     }
+}
+
+/// Whose sentence it is, at which sizes it was tested, and what else could make it true.
+fn grounds(claim: &Claim, ruling: &Ruling) -> Markup {
+    let rows = [
+        ("Source", claim.source.clone()),
+        ("Printed", claim.printed.clone()),
+        ("Method", (!claim.method.is_empty()).then(|| in_words(&claim.method))),
+        ("Balance", balance(claim, ruling)),
+        ("What else could make it true", Some(claim.otherwise.clone())),
+    ];
+    let rows = rows
+        .into_iter()
+        .filter_map(|(about, words)| Some((about, words.filter(|w| !w.is_empty())?)));
+    html! { dl.grounds { @for (about, words) in rows { dt { (about) } dd { (words) } } } }
 }
 
 /// Every comparison of a claim that has several.

@@ -14,10 +14,11 @@ use crate::colors::StageColors;
 use crate::format::NS_PER_MS;
 use crate::plots::rooflines;
 use crate::{ReportView, Section};
+use fathom_base::statistics;
 use fathom_record::{Cell, Measured};
 
-/// Significant digits of a sample: a hundredth of a per cent, less than any clock resolves.
-const DIGITS: i32 = 4;
+/// Steps of a sample in its list's median: 0.05 % of it, a small part of what samples scatter by.
+const STEPS: f64 = 2000.0;
 /// Bytes that are compressed in one step.
 const WRITTEN_AT_ONCE: usize = 1 << 16;
 
@@ -42,15 +43,35 @@ struct PlotData<'a> {
     svg: Cow<'a, str>,
 }
 
+/// Samples as multiples of a [`STEPS`]th of their median: whole numbers compress well.
+#[derive(Serialize)]
+struct Samples {
+    step: f32,
+    steps: Vec<i64>,
+}
+
+impl Samples {
+    fn of(samples_ns: &[f64]) -> Samples {
+        if samples_ns.is_empty() {
+            return Samples { step: 0.0, steps: Vec::new() };
+        }
+        let middle_ns = statistics::median(samples_ns).abs();
+        // A nanosecond where the median is none.
+        let step = if middle_ns == 0.0 { 1.0 } else { middle_ns / STEPS } / NS_PER_MS;
+        let steps = samples_ns.iter().map(|ns| (ns / NS_PER_MS / step).round() as i64);
+        Samples { step: step as f32, steps: steps.collect() }
+    }
+}
+
 /// Of a measured cell. Times are milliseconds; samples of one frame have the same index.
 #[derive(Serialize)]
 struct CellData<'a> {
     experiment: &'a str,
     cell: &'a str,
     stages: Vec<StageData<'a>>,
-    envelope: Vec<f64>,
-    gaps: Vec<f64>,
-    untimed: Vec<f64>,
+    envelope: Samples,
+    gaps: Samples,
+    untimed: Samples,
     /// Since the first sample of the run, in tenths of seconds.
     at_s: Vec<f64>,
 }
@@ -59,7 +80,7 @@ struct CellData<'a> {
 struct StageData<'a> {
     stage: &'a str,
     clock: &'static str,
-    samples: Vec<f64>,
+    samples: Samples,
     /// Where no sample can be told from none: the duration below which that is so.
     #[serde(skip_serializing_if = "Option::is_none")]
     below: Option<f64>,
@@ -114,31 +135,18 @@ fn of_cell<'a>(cell: &'a Cell, measured: &'a Measured, started_s: f64) -> CellDa
     let stages = measured.stages.iter().map(|stage| StageData {
         stage: &stage.stage,
         clock: stage.clock.name(),
-        samples: in_ms(&stage.samples_ns),
-        below: (!stage.is_resolved()).then(|| rounded(stage.resolution_ns() / NS_PER_MS)),
+        samples: Samples::of(&stage.samples_ns),
+        below: (!stage.is_resolved()).then(|| stage.resolution_ns() / NS_PER_MS),
     });
     CellData {
         experiment: &cell.experiment,
         cell: &cell.cell,
         stages: stages.collect(),
-        envelope: in_ms(&frame.envelope_samples_ns),
-        gaps: in_ms(&frame.gap_samples_ns),
-        untimed: in_ms(&frame.untimed_samples_ns),
+        envelope: Samples::of(&frame.envelope_samples_ns),
+        gaps: Samples::of(&frame.gap_samples_ns),
+        untimed: Samples::of(&frame.untimed_samples_ns),
         at_s: frame.sampled_at_s.iter().map(|at_s| tenth(at_s - started_s)).collect(),
     }
-}
-
-fn in_ms(samples_ns: &[f64]) -> Vec<f64> {
-    samples_ns.iter().map(|ns| rounded(ns / NS_PER_MS)).collect()
-}
-
-/// To [`DIGITS`] significant digits.
-fn rounded(value: f64) -> f64 {
-    if value == 0.0 || !value.is_finite() {
-        return 0.0;
-    }
-    let digits = DIGITS - 1 - value.abs().log10().floor() as i32;
-    format!("{value:.*}", digits.max(0) as usize).parse().unwrap_or(value)
 }
 
 #[cfg(test)]
@@ -149,12 +157,14 @@ mod tests {
     use crate::testing;
 
     #[test]
-    fn samples_keep_four_digits() {
-        assert_eq!(
-            [rounded(12.345_67), rounded(0.012_345_67), rounded(0.0)],
-            [12.35, 0.012_35, 0.0]
-        );
-        assert_eq!(rounded(123_456.7), 123_457.0);
+    fn samples_are_kept_to_half_a_step() {
+        let samples_ns = [12_345.678, 11_000.0, 1.0, 900_000.0, 13_000.0];
+        let Samples { step, steps } = Samples::of(&samples_ns);
+        for (ns, steps) in samples_ns.iter().zip(steps) {
+            let unpacked = NS_PER_MS * f64::from(step) * steps as f64;
+            assert!((unpacked - ns).abs() <= 0.51 * 12_345.678 / STEPS, "{ns} became {unpacked}");
+        }
+        assert!(Samples::of(&[]).steps.is_empty());
     }
 
     #[test]
@@ -167,7 +177,7 @@ mod tests {
         let cells = data["runs"][0]["cells"].as_array().unwrap();
         assert_eq!(cells.len(), view.measured().count());
         let (_, first) = view.measured().next().unwrap();
-        let samples = cells[0]["stages"][0]["samples"].as_array().unwrap();
+        let samples = cells[0]["stages"][0]["samples"]["steps"].as_array().unwrap();
         assert_eq!(samples.len(), first.stages[0].samples_ns.len());
     }
 }

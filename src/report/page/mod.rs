@@ -19,6 +19,8 @@ mod trust;
 
 pub use parts::Tone;
 
+pub(crate) use parts::setting_words;
+
 use std::path::Path;
 
 use base64::Engine as _;

@@ -92,9 +92,11 @@ fn how_far(run: &PageRun<'_>) -> Markup {
 }
 
 fn verdicts(run: &PageRun<'_>) -> Markup {
-    let counts = facts::tally(run.view);
     let answer = html! {
-        @for (verdict, count) in counts { p.tally { (chip(verdict)) " " b { (count) } } }
+        @for (whose, counts) in facts::tallies(run.view) {
+            p.faint { (whose) }
+            p { @for (verdict, count) in counts { span.tally { (chip(verdict)) " " b { (count) } } " " } }
+        }
         @if let Some(finding) = facts::claims_finding(run.view) { p { (finding) } }
     };
     card("claims", "Which claims hold?", &answer)

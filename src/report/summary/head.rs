@@ -11,6 +11,7 @@ use super::super::noise::RunVerdict;
 use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
 use fathom_base::text;
+use fathom_experiments::Whose;
 use fathom_record::{OVER_BUDGET, Outcome, Run};
 
 /// Pipelines whose slowest stage the first screen names.
@@ -79,7 +80,9 @@ fn device(run: &Run, table: &mut Table) {
 
 fn results(view: &ReportView<'_>, table: &mut Table) {
     table.row(["cells".to_owned(), cells(view)]);
-    table.row(["claims".to_owned(), tally(view)]);
+    for (whose, tally) in tallies(view) {
+        table.row([whose.to_string(), tally]);
+    }
     let slowest = slowest(view);
     if !slowest.is_empty() {
         table.row(["slowest stage of each pipeline".to_owned(), slowest]);
@@ -101,10 +104,12 @@ fn cells(view: &ReportView<'_>) -> String {
 }
 
 /// `65 supported, 19 contradicted, 2 inconclusive, 10 not run, of 96`
-pub fn tally(view: &ReportView<'_>) -> String {
-    let counts = facts::tally(view);
-    let each = counts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
-    format!("{each}, of {}", counts.iter().map(|(_, count)| count).sum::<usize>())
+pub fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, String)> {
+    facts::tallies(view).map(|(whose, counts)| {
+        let each = counts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
+        let all: usize = counts.iter().map(|(_, count)| count).sum();
+        (whose, format!("{each}, of {all}"))
+    })
 }
 
 /// The slowest stage of the first pipelines: `underwater: caustics/splat 41 % (39 – 43); hsao: …`

@@ -7,14 +7,16 @@ use super::super::format::{self, Table, percent, si};
 use super::super::{ReportView, Section, plots};
 use super::{cut, link};
 use fathom_base::text;
-use fathom_experiments::Verdict;
+use fathom_experiments::{RuledFigure, Verdict, Whose};
 
 /// Rows for the claims of each verdict.
-const MOST_CONTRADICTED: usize = 21;
-const MOST_INCONCLUSIVE: usize = 5;
+const MOST_CONTRADICTED: usize = 16;
+const MOST_INCONCLUSIVE: usize = 4;
 const MOST_NOT_RUN: usize = 4;
 /// Experiments whose supported claims are named.
-const MOST_SUPPORTED: usize = 26;
+const MOST_SUPPORTED: usize = 18;
+/// Own hypotheses beside the papers' claims.
+const MOST_OF_OTHERS: usize = 8;
 /// Rows of all frames.
 const MOST_OF_FRAMES: usize = 46;
 /// Stages below this share of a frame stand in one row.
@@ -43,23 +45,43 @@ pub fn claims(view: &ReportView<'_>, text: &mut String) {
     }
     *text += "## Claims\n\nAn interval for the claim is wider than the 95 % interval of the same figure in plots and other tables: it allows \
               for several looks at the samples and, where the claim is contradicted, for its number of comparisons.\n\n";
+    let mut parts = facts::tallies(view).map(|(whose, _)| whose);
+    if let Some(whose) = parts.next() {
+        *text += &format!("### {}\n\n", whose.title());
+        by_verdict(&claims, whose, text);
+    }
+    for whose in parts {
+        let of = claims.iter().copied().filter(|claim| claim.ruling.whose == whose).collect();
+        let head = ["verdict", "claim", "plot", "measured (interval), or why not"];
+        add(text, &format!("### {}", whose.title()), head, (of, MOST_OF_OTHERS), |claim| {
+            let ruling = claim.ruling;
+            let figure = ruling.deciding.first();
+            let told = figure.map_or_else(|| ruling.reason.clone(), RuledFigure::text);
+            let [claimed, told] = [&ruling.text, &told].map(|told| text::markdown(told));
+            Some([ruling.verdict.to_string(), claimed, plot(claim.section), told])
+        });
+    }
+}
+
+fn by_verdict(claims: &[RuledClaim<'_, '_>], whose: Whose, text: &mut String) {
     let of = |verdict: Verdict| -> Vec<RuledClaim<'_, '_>> {
-        claims.iter().copied().filter(|claim| claim.ruling.verdict == verdict).collect()
+        let is_of = |claim: &&RuledClaim<'_, '_>| {
+            claim.ruling.whose == whose && claim.ruling.verdict == verdict
+        };
+        claims.iter().filter(is_of).copied().collect()
     };
     let head = ["claim", "plot", "figure", "measured (interval)", "asked for", "published"];
-    let contradicted = (of(Verdict::Contradicted), MOST_CONTRADICTED);
-    add(text, "### Contradicted", head, contradicted, measured);
-    let inconclusive = (of(Verdict::Inconclusive), MOST_INCONCLUSIVE);
-    add(text, "### Inconclusive", head, inconclusive, measured);
+    add(text, "Contradicted", head, (of(Verdict::Contradicted), MOST_CONTRADICTED), measured);
+    add(text, "Inconclusive", head, (of(Verdict::Inconclusive), MOST_INCONCLUSIVE), measured);
     let not_run = (of(Verdict::NotRun), MOST_NOT_RUN);
-    add(text, "### Not run", ["claim", "plot", "reason"], not_run, |claim| {
+    add(text, "Not run", ["claim", "plot", "reason"], not_run, |claim| {
         let [told, reason] =
             [&claim.ruling.text, &claim.ruling.reason].map(|told| text::markdown(told));
         Some([told, plot(claim.section), reason])
     });
     let supported = of(Verdict::Supported);
     let supported = supported.chunk_by(|a, b| a.section.id == b.section.id).collect();
-    add(text, "### Supported", ["plot", "claims"], (supported, MOST_SUPPORTED), |claims| {
+    add(text, "Supported", ["plot", "claims"], (supported, MOST_SUPPORTED), |claims| {
         let each = claims.iter().map(|claim| text::markdown(&claim.ruling.text)).join("; ");
         Some([plot(claims[0].section), each])
     });

@@ -17,13 +17,25 @@ fathom.element = (name, attributes = {}, ...children) => {
   return made;
 };
 
+/* Samples are packed as multiples of a step. */
+fathom.samples = ({ step, steps }) => steps.map((count) => step * count);
+
+fathom.cell = (cell) => ({
+  ...cell,
+  envelope: fathom.samples(cell.envelope),
+  gaps: fathom.samples(cell.gaps),
+  untimed: fathom.samples(cell.untimed),
+  stages: cell.stages.map((stage) => ({ ...stage, samples: fathom.samples(stage.samples) })),
+});
+
 /* The page's data, unpacked once, when first asked for. */
 fathom.data = () => {
   fathom.unpacked ??= (async () => {
     const packed = document.getElementById("data").textContent;
     const bytes = Uint8Array.from(atob(packed), (c) => c.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-    return JSON.parse(await new Response(stream).text());
+    const data = JSON.parse(await new Response(stream).text());
+    return { ...data, runs: data.runs.map((run) => ({ ...run, cells: run.cells.map(fathom.cell) })) };
   })();
   return fathom.unpacked;
 };

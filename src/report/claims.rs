@@ -1,0 +1,168 @@
+//! A table of the papers' claims: paper and item, the sentence, the figure that it prints, experiment, verdict and balance.
+
+use indexmap::IndexMap;
+use serde_json::{Map, Value};
+
+use super::format::Table;
+use super::page::setting_words;
+use super::{Exporter, OfRun, ReportView, RunExporter, Section, Written, facts};
+use fathom_base::text;
+use fathom_experiments::schema::{Balance, Claim};
+use fathom_experiments::{Ruling, Whose, flatten};
+
+pub const EXPORTER: RunExporter = Exporter {
+    name: "claims",
+    about: "the papers' claims as Markdown: item, experiment, verdict, balance",
+    file: "claims-of-the-papers.md",
+    written: Written::OnRequest,
+    export: OfRun::One(export),
+};
+
+const HEAD: [&str; 7] = [
+    "paper item",
+    "claim",
+    "printed",
+    "experiment",
+    "verdict",
+    "balance",
+    "what else could make it true",
+];
+
+struct Row<'v, 'a> {
+    section: &'v Section<'a>,
+    claim: &'v Claim,
+    ruling: &'v Ruling,
+}
+
+fn export(view: &ReportView<'_>) -> String {
+    let rows: Vec<Row<'_, '_>> = view.sections.iter().flat_map(rows).collect();
+    let (of_papers, own): (Vec<_>, Vec<_>) =
+        rows.into_iter().partition(|row| row.claim.whose() == Whose::Publication);
+    let mut text = "# Claims of the papers\n\n\
+        `fathom export claims RUN` writes this page from the records of a run. A claim of a paper is tested only on cells that run the \
+        paper's own method. Where its balance counts, it is tested only where triangles, pixels, voxels and photons are to each other as in \
+        the paper, within a factor of 2.\n"
+        .to_owned();
+    if let Some(run) = view.run() {
+        text += &format!(
+            "\nThe run: {}, profile {}, {}, started {}.\n",
+            text::markdown(&run.adapter.name),
+            run.profile,
+            text::markdown(&facts::program(run)),
+            run.started_at
+        );
+    }
+    let mut papers = IndexMap::<&str, Vec<Row<'_, '_>>>::new();
+    for row in of_papers {
+        papers.entry(paper(row.claim)).or_default().push(row);
+    }
+    papers.sort_unstable_keys();
+    for (paper, mut rows) in papers {
+        rows.sort_by_key(|row| item(row.claim));
+        let above = format!("\n## {}\n\n", text::markdown(paper));
+        table(&rows).add_to(&mut text, &above);
+    }
+    table(&own).add_to(&mut text, "\n## Own hypotheses\n\nNo paper contains these sentences.\n\n");
+    methods(view).add_to(
+        &mut text,
+        "\n## The papers' methods\n\nWhat the experiments set for claims of the papers.\n\n",
+    );
+    text
+}
+
+fn rows<'v, 'a>(section: &'v Section<'a>) -> impl Iterator<Item = Row<'v, 'a>> {
+    let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
+    claims.zip(section.rulings()).map(move |(claim, ruling)| Row { section, claim, ruling })
+}
+
+/// `SPT` of `SPT §4, Table 1`.
+fn paper(claim: &Claim) -> &str {
+    claim.source.as_deref().unwrap_or_default().split(' ').next().unwrap_or_default()
+}
+
+/// `§4, Table 1` of `SPT §4, Table 1`.
+fn item(claim: &Claim) -> &str {
+    claim.source.as_deref().and_then(|source| source.split_once(' ')).map_or("", |(_, item)| item)
+}
+
+fn table(rows: &[Row<'_, '_>]) -> Table {
+    let mut table = Table::new(HEAD);
+    for Row { section, claim, ruling } in rows {
+        let cells = [
+            item(claim),
+            &claim.text,
+            claim.printed.as_deref().unwrap_or("–"),
+            section.id,
+            &verdict(ruling),
+            &balance(claim, ruling).unwrap_or_else(|| "–".to_owned()),
+            &claim.otherwise,
+        ];
+        table.row_of_markdown(cells.map(text::markdown));
+    }
+    table
+}
+
+/// With the figure that decided, or the reason why nothing did.
+fn verdict(ruling: &Ruling) -> String {
+    match ruling.deciding.first() {
+        Some(figure) => {
+            format!("{}: {} where {} is asked", ruling.verdict, figure.text(), figure.asked())
+        }
+        None => format!("{}: {}", ruling.verdict, ruling.reason),
+    }
+}
+
+fn methods(view: &ReportView<'_>) -> Table {
+    let mut table = Table::new(["experiment", "settings"]);
+    for section in &view.sections {
+        let method = section.experiment.as_ref().map(|experiment| &experiment.method);
+        if let Some(method) = method.filter(|method| !method.is_empty()) {
+            table.row([section.id, &in_words(method)]);
+        }
+    }
+    table
+}
+
+/// At which sizes a claim was tested, or why that does not matter.
+pub fn balance(claim: &Claim, ruling: &Ruling) -> Option<String> {
+    match (claim.balance.as_ref()?, ruling.scale) {
+        (Balance::Free(reason), _) => Some(format!("free: {reason}")),
+        (Balance::Published, Some(scale)) => Some(format!("the paper's, {scale}")),
+        (Balance::Published, None) => Some("the paper's: not met".to_owned()),
+    }
+}
+
+/// Settings as people read them.
+pub fn in_words(settings: &Map<String, Value>) -> String {
+    let settings = flatten(settings);
+    setting_words(settings.iter().map(|(path, value)| (path, value)))
+}
+
+#[cfg(test)]
+mod tests {
+    use itertools::Itertools;
+
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn every_claim_has_a_row_below_its_paper() {
+        let view = testing::view();
+        let text = export(&view);
+        let rows = view.sections.iter().flat_map(rows).collect_vec();
+        for row in &rows {
+            let [told, id] = [&*row.claim.text, row.section.id].map(text::markdown);
+            let is_row = |line: &&str| line.contains(&told) && line.contains(&format!("| {id} |"));
+            let line = text.lines().find(is_row).expect(&told);
+            assert!(line.contains(&row.ruling.verdict.to_string()), "{line}");
+            let above = &text[..text.find(line).unwrap()];
+            let heading = above.rsplit("\n## ").next().unwrap().lines().next().unwrap();
+            let expected = match row.claim.whose() {
+                Whose::Publication => paper(row.claim),
+                Whose::Own => Whose::Own.title(),
+            };
+            assert_eq!(heading, expected, "{line}");
+        }
+        assert!(rows.len() > 50);
+    }
+}
