@@ -128,12 +128,12 @@ fn figures(measured: &Measured) -> Markup {
                 " " span.chip.open title=(format!("Heat or power held the clocks down in {held}")) { "throttled" }
             }
         }
-        td.number data-v=(half) { (three(100.0 * half)) }
+        td.number data-v=(half as f32) { (three(100.0 * half)) }
         td.number data-v=(n) { (n) }
         (cost(measured))
         @if let Some(stage) = slowest {
             td { (stage.stage) }
-            td.number data-v=(stage.time.median / total) { (percent(stage.time.median / total)) }
+            td.number data-v=((stage.time.median / total) as f32) { (percent(stage.time.median / total)) }
         } @else {
             td.faint colspan="2" { "no stage is above the clock's resolution" }
         }
@@ -142,7 +142,7 @@ fn figures(measured: &Measured) -> Markup {
 
 fn cost(measured: &Measured) -> Markup {
     let share = measured.frame.timing_cost.median - 1.0;
-    html! { td.number data-v=(share) { (format!("{:+.1} %", 100.0 * share)) } }
+    html! { td.number data-v=(share as f32) { (format!("{:+.1} %", 100.0 * share)) } }
 }
 
 fn slowest(measured: &Measured) -> Option<&StageRecord> {
