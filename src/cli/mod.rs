@@ -284,6 +284,9 @@ pub struct RunArgs {
     /// Skip measuring the adapter's limits, which takes some seconds; stages then have no share of a limit
     #[arg(long)]
     pub no_ceilings: bool,
+    /// Say what would be measured, and measure nothing
+    #[arg(long)]
+    pub dry_run: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

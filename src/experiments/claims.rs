@@ -26,7 +26,7 @@ use strum::Display;
 use self::comparison::{Comparison, Judgement};
 use super::expand::label_text;
 use super::measure::{self, Measure, Reading};
-use super::schema::{Balance, Claim, Experiment, FIXED_SHARE, RISING_SHARE, Test};
+use super::schema::{Balance, Cause, Claim, Experiment, FIXED_SHARE, RISING_SHARE, Test};
 use fathom_base::statistics;
 use fathom_record::Cell;
 
@@ -222,10 +222,20 @@ impl Experiment {
                 if not_run.is_empty() || verdict < Verdict::NotRun =>
             {
                 let scale = Scale::join(&scales);
+                let cause = cause(claim, verdict, software);
+                let reason = cause.map_or(reason.clone(), |cause| format!("{reason}. {cause}"));
                 Ruling { verdict, n, deciding, others, scale, ..Ruling::not_run(claim, reason) }
             }
             _ => Ruling { n, ..Ruling::not_run(claim, not_run.join("; ")) },
         }
+    }
+}
+
+/// Why a contradicted claim does not hold, where that is known of this kind of adapter.
+fn cause(claim: &Claim, verdict: Verdict, software: bool) -> Option<String> {
+    match claim.cause.as_ref().filter(|_| verdict == Verdict::Contradicted)? {
+        Cause::Hardware(why) => software.then(|| format!("The hardware decides: {why}")),
+        Cause::Paper(why) => Some(format!("The paper decides: {why}")),
     }
 }
 

@@ -18,7 +18,7 @@ use super::{ExperimentError, Measure};
 use fathom_base::text;
 use fathom_record::Cell;
 
-pub use claim::{Balance, Claim, Direction, FIXED_SHARE, RISING_SHARE, Test};
+pub use claim::{Balance, Cause, Claim, Direction, FIXED_SHARE, RISING_SHARE, Test};
 pub use plot::{Plot, PlotKind};
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]

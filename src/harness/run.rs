@@ -158,6 +158,49 @@ pub fn run(
     measurement.end(kept)
 }
 
+/// What a run would measure, without measuring it.
+pub struct Outline {
+    pub profile: Profile,
+    pub budget_s: f64,
+    pub experiments: Vec<OutlinedExperiment>,
+}
+
+pub struct OutlinedExperiment {
+    pub id: String,
+    /// Cells whose frames are timed.
+    pub timed: usize,
+    /// Cells that render a frame for its errors.
+    pub errors_only: usize,
+    pub skipped: usize,
+    /// A frame of each cell that is not skipped, seconds, from the declared work on a software driver.
+    pub frames_s: f64,
+}
+
+/// Nothing is written. A resumed run's finished cells are counted too.
+pub fn outline(options: &Options) -> Result<Outline> {
+    check(options)?;
+    let experiments = options.request.load(&options.catalog)?;
+    let resumed = options.resume.then(|| Held::resume(options.out.as_deref())).transpose()?;
+    let gpu = Gpu::open(&options.gpu)?;
+    let profile = profile(options, resumed.as_ref(), &gpu);
+    let planned =
+        plan::plan(experiments, &options.request, profile, &gpu.capacity, &options.catalog)?;
+    let of = |planned: &PlannedExperiment| {
+        let runs = || planned.cells.iter().filter(|cell| cell.skip.is_none());
+        let timed = runs().filter(|cell| !cell.plan.errors_only).count();
+        OutlinedExperiment {
+            id: planned.experiment.id.clone(),
+            timed,
+            errors_only: runs().count() - timed,
+            skipped: planned.cells.len() - runs().count(),
+            frames_s: runs().map(|cell| cell.declared_s).sum(),
+        }
+    };
+    let limits = limits(options, profile, &planned);
+    let experiments = planned.iter().map(of).collect();
+    Ok(Outline { profile, budget_s: limits.budget_s, experiments })
+}
+
 /// The latest record of each cell of each experiment, of earlier runs.
 fn known(before: &[Record], planned: &[PlannedExperiment]) -> Vec<KnownCells> {
     let of = |planned: &PlannedExperiment| {

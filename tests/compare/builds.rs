@@ -384,7 +384,7 @@ fn files_of_records_are_judged_by_what_is_exact() {
     });
     holds(
         &compare("slower", 4, &slower),
-        &["default frame (uw-default base): 322 → 483 ms, × 1.50 ("],
+        &["default frame (uw-default base): ", " ms, × 1.50 ("],
     );
     compare("costlier", 1, &of_cell(|measured| measured.allocated_bytes += 1));
     let elsewhere = |change: fn(&mut Adapter)| {

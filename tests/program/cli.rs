@@ -213,6 +213,18 @@ fn a_doctor_tells_what_it_found_and_its_status_follows() {
 }
 
 #[test]
+fn a_dry_run_says_what_it_would_measure_and_writes_nothing() {
+    let place = Place::new();
+    let told =
+        place.fathom("run uw-photons vao-guard --dry-run --budget 90s --profile quick").answer();
+    let ids: Vec<&str> = told.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert_eq!(ids[..2], ["uw-photons", "vao-guard"], "{told}");
+    assert!(told.contains("profile quick: ") && told.contains("the budget is 90 s"), "{told}");
+    assert!(names(&place.path("")).is_empty());
+    place.fathom("run no-such --dry-run").refused("unknown experiment `no-such`");
+}
+
+#[test]
 fn a_dry_comparison_says_what_it_would_do_and_does_nothing() {
     let place = Place::new();
     let told = place.fathom("compare --base-bin x --cells caustics/trace --dry-run").answer();

@@ -652,3 +652,21 @@ fn a_balance_is_published_or_free_for_a_reason() {
         "#;
     assert!(Experiment::parse("e", &without).unwrap_err().to_string().contains("published sizes"));
 }
+
+#[test]
+fn a_contradicted_claim_tells_its_cause() {
+    let reason = |cause: &str, low: f64, software: bool| {
+        let claim = format!(
+            "[[claim]]\nid = \"c\"\ntext = \"x\"\ncause = {cause}\ntest.at_least = {{ y = \"quantity:error\", value = {low:?} }}"
+        );
+        let experiment = Experiment::parse("e", &(EXPERIMENT.to_owned() + &claim)).unwrap();
+        let cells = swept(&[1.0], |_| 3.0);
+        let cells: Vec<&Cell> = cells.iter().collect();
+        experiment.rulings(&cells, software).remove(0).reason
+    };
+    let [hardware, paper] = ["{ hardware = \"no units\" }", "{ paper = \"a slip\" }"];
+    assert!(reason(hardware, 5.0, true).ends_with(". The hardware decides: no units"));
+    assert!(!reason(hardware, 5.0, false).contains("hardware"));
+    assert!(reason(paper, 5.0, false).ends_with(". The paper decides: a slip"));
+    assert!(!reason(paper, 1.0, true).contains("paper"));
+}

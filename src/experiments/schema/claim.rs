@@ -30,7 +30,19 @@ pub struct Claim {
     pub method: Map<String, Value>,
     /// Why this experiment cannot decide the publication's sentence. The claim is then *not run*, whatever was measured.
     pub not_run: Option<String>,
+    /// Why it does not hold where it is contradicted, once that was found.
+    pub cause: Option<Cause>,
     pub test: Test,
+}
+
+/// What a contradicted claim is retraced to.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cause {
+    /// A software driver runs on a CPU. Told of such adapters only.
+    Hardware(String),
+    /// The publication's own slip, or a choice that it does not tell.
+    Paper(String),
 }
 
 /// At which sizes a claim may be tested.
