@@ -382,10 +382,7 @@ fn files_of_records_are_judged_by_what_is_exact() {
         frame.untimed_samples_ns.iter_mut().for_each(|ns| *ns *= 1.5);
         frame.untimed = frame.untimed.scaled(1.5);
     });
-    holds(
-        &compare("slower", 4, &slower),
-        &["default frame (uw-default base): ", " ms, × 1.50 ("],
-    );
+    holds(&compare("slower", 4, &slower), &["default frame (uw-default base): ", " ms, × 1.50 ("]);
     compare("costlier", 1, &of_cell(|measured| measured.allocated_bytes += 1));
     let elsewhere = |change: fn(&mut Adapter)| {
         move |record: &mut Record| {
