@@ -1,7 +1,7 @@
 //! `fathom export public`: a copy of a folder of records that may be published. It holds no name of the machine, no folders'
 //! names, no command line and no values of the environment. `fathom report` reads it.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use anyhow::ensure;
@@ -52,8 +52,10 @@ fn reduced(records: &[Record], keep: Keep) -> anyhow::Result<(Vec<Record>, usize
     let mut copy = PublicCopy::new(keep.samples);
     let mut kept = Vec::new();
     let mut cells = 0;
-    for record in records {
+    let latest = latest(records);
+    for (place, record) in records.iter().enumerate() {
         match record {
+            Record::Cell(cell) if latest[&name(cell)] != place => {}
             Record::Cell(cell) if !is_public(cell) => cells += 1,
             Record::Experiment(definition) if own.contains(definition.id.as_str()) => {}
             _ => kept.push(copy.of(record)?),
@@ -72,6 +74,16 @@ fn reduced(records: &[Record], keep: Keep) -> anyhow::Result<(Vec<Record>, usize
             .extend(texts.into_iter().flatten().map(|text| Note::new(NoteKind::Reduced, text)));
     }
     Ok((kept, cells))
+}
+
+fn name(cell: &Cell) -> [&str; 2] {
+    [&cell.experiment, &cell.cell]
+}
+
+/// The place of each cell's last record: a resumed run records a cell again.
+fn latest(records: &[Record]) -> HashMap<[&str; 2], usize> {
+    let cells = records.iter().enumerate();
+    cells.filter_map(|(place, record)| Some((name(record.try_as_cell_ref()?), place))).collect()
 }
 
 fn left_out(cells: usize) -> String {

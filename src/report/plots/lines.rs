@@ -83,13 +83,15 @@ impl<'s> Lines<'s> {
         (!charts.is_empty()).then_some(Lines { charts })
     }
 
-    /// Charts side by side.
+    /// Charts side by side: as many as the names of their series have room for.
     fn columns(&self) -> usize {
-        match self.charts.len() {
+        let most = match self.charts.len() {
             1 => 1,
             2 | 4 => 2,
             _ => 3,
-        }
+        };
+        let names_px = self.charts.iter().map(Chart::names_px).max().unwrap_or(0);
+        (2..=most).rev().find(|columns| names_px <= WIDTH_PX / *columns as u32).unwrap_or(1)
     }
 
     /// Height of the lines above a small chart.

@@ -119,6 +119,9 @@ pub fn label() -> TextStyle<'static> {
     font(LABEL_PX, INK)
 }
 
+/// Width of a character of small text on average, rounded up: DejaVu Sans has 6.1 px at 12 px.
+pub const SMALL_CHARACTER_PX: f64 = 6.2;
+
 pub fn small() -> TextStyle<'static> {
     font(SMALL_PX, FAINT)
 }

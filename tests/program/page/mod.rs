@@ -119,10 +119,10 @@ fn the_first_screen_answers_each_question_and_links_to_its_section(browser: &Bro
 }
 
 fn what_a_reader_filters_stays_in_the_address(browser: &Browser, page: &Path) {
-    browser.show_at(page, "#cells?cell-experiment=uw-photons&cell-words=32", WIDE);
+    browser.show_at(page, "#cells?cell-experiment=uw-photons&cell-words=245", WIDE);
     let shown = "const rows = [...document.querySelectorAll('#cell-table tbody tr')];
                  return [document.querySelector('#cells > details').open, rows.length > 0,
-                         rows.every((row) => row.dataset.experiment === 'uw-photons' && row.textContent.includes('32'))]";
+                         rows.every((row) => row.dataset.experiment === 'uw-photons' && row.textContent.includes('245'))]";
     assert_eq!(browser.eval(shown), json!([true, true, true]));
     browser.show(page, WIDE);
     browser.eval("document.querySelector('#cells > details').open = true; document.getElementById('cell-words').focus()");

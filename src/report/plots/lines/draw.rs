@@ -15,6 +15,9 @@ const MOST_Y_TITLE: usize = 34;
 /// A name that is further than this from its line is joined to it.
 const LEADER_FROM_PX: i32 = 8;
 
+/// Where the names of series begin above a small chart, behind their marks.
+const NAMES_PX: i32 = 36;
+
 impl Chart<'_> {
     /// The only chart of a panel, with names at the ends of its series.
     pub fn draw_with_names(&self, area: &Area<'_>) -> Drawn {
@@ -51,13 +54,23 @@ impl Chart<'_> {
         for (index, series) in (0..).zip(&self.series) {
             let y = TITLE_PX + index * ROW_PX + 6;
             Mark::Series(series.marker, series.color).draw(area, (24, y))?;
-            let is_title = series.name == self.title || self.series.len() == 1;
-            let name = Some(&series.name).filter(|name| !is_title && !name.is_empty());
-            let remarks = Some(series.remarks().join(", ")).filter(|line| !line.is_empty());
-            let line = name.cloned().into_iter().chain(remarks).join(": ");
-            area.draw_text(&line, &style::starting(style::small()), (36, y))?;
+            area.draw_text(&self.named(series), &style::starting(style::small()), (NAMES_PX, y))?;
         }
         self.axes(area, head_px, 14).map(|_| ())
+    }
+
+    /// A series' name with its remarks, as it stands above a small chart.
+    fn named(&self, series: &Series<'_>) -> String {
+        let is_title = series.name == self.title || self.series.len() == 1;
+        let name = Some(&series.name).filter(|name| !is_title && !name.is_empty());
+        let remarks = Some(series.remarks().join(", ")).filter(|line| !line.is_empty());
+        name.cloned().into_iter().chain(remarks).join(": ")
+    }
+
+    /// Width that the lines above a small chart need.
+    pub fn names_px(&self) -> u32 {
+        let longest = self.series.iter().map(|series| self.named(series).chars().count()).max();
+        NAMES_PX as u32 + (style::SMALL_CHARACTER_PX * longest.unwrap_or(0) as f64).ceil() as u32
     }
 
     fn axes<'b>(&self, area: &Area<'b>, top_px: u32, right_px: u32) -> Drawn<PlotArea<'b>> {
