@@ -136,10 +136,12 @@ fn reports_show_hostile_names_as_text() {
 /// Of configurations with these names, whose head has more work.
 fn comparison() -> Vec<Record> {
     let cells: Vec<CellId> = HOSTILE.iter().map(|name| CellId::new(name, "compose")).collect();
-    let settings = GateSettings { gates: vec![Gate::Exact, Gate::Instructions], ..Default::default() };
+    let settings =
+        GateSettings { gates: vec![Gate::Exact, Gate::Instructions], ..Default::default() };
     let header = ComparisonHeader { cells: cells.clone(), settings, ..Default::default() };
     let mut lines = vec![Compared::Header(Box::new(header))];
-    for ((side, photons), cell) in [(Side::Base, 100), (Side::Head, 200)].iter().cartesian_product(cells)
+    for ((side, photons), cell) in
+        [(Side::Base, 100), (Side::Head, 200)].iter().cartesian_product(cells)
     {
         let (side, work) = (*side, Work { photons: *photons, ..Work::default() });
         lines.push(Compared::Configuration(ConfigurationFigures {
@@ -153,7 +155,12 @@ fn comparison() -> Vec<Record> {
         }));
         let counts = vec![*photons; 3];
         lines.push(Compared::Instructions(InstructionCounts { side, cell: cell.clone(), counts }));
-        lines.push(Compared::Exact(ExactFigures { side, cell, work, counters: Default::default() }));
+        lines.push(Compared::Exact(ExactFigures {
+            side,
+            cell,
+            work,
+            counters: Default::default(),
+        }));
     }
     lines.push(Compared::End(ComparisonEnd { wall_s: 1.0, interrupted: false }));
     lines.into_iter().map(Record::from).collect()
