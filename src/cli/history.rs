@@ -9,8 +9,8 @@ use clap::{Args, Subcommand};
 use super::commands::Outcome;
 use super::export::write_into;
 use crate::history::{
-    self, Added, DEFAULT_FILE, Findings, History, HistoryError, Location, NewRun, Said, Selection,
-    StoredRuns, VARIABLE, on_page, otava, tables,
+    self, Added, DEFAULT_FILE, Findings, History, Location, NewRun, Said, Selection, StoredRuns,
+    VARIABLE, on_page, otava, tables,
 };
 use crate::record::output::RECORDS;
 use crate::report::Artifact;
@@ -87,7 +87,7 @@ pub struct PlaceArgs {
 }
 
 impl PlaceArgs {
-    fn location(self) -> Result<Location, HistoryError> {
+    fn location(self) -> anyhow::Result<Location> {
         let variable = || std::env::var(VARIABLE).ok().filter(|place| !place.is_empty());
         let place = self.db.or_else(variable);
         Location::new(place.as_deref().unwrap_or(DEFAULT_FILE), self.unencrypted)
@@ -110,7 +110,7 @@ impl SelectionArgs {
 
     fn stored(self, filter: Option<String>) -> anyhow::Result<StoredRuns> {
         let (mut history, selection) = self.open(filter)?;
-        Ok(history.stored(&selection)?)
+        history.stored(&selection)
     }
 }
 

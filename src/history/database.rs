@@ -1,11 +1,13 @@
 //! The two databases behind one set of statements. Values are bound, never written into a statement.
 
-use super::HistoryError;
 #[cfg(feature = "postgres")]
 use super::postgres::Postgres;
 use super::sqlite::Sqlite;
+use fathom_base::text::line;
 use std::fmt;
 use std::path::PathBuf;
+
+use anyhow::anyhow;
 
 pub use rusqlite::types::Value;
 
@@ -32,15 +34,11 @@ impl Location {
     ///
     /// # Errors
     /// Other URLs: one of another program may hold a password, which must not become the name of a file.
-    pub fn new(text: &str, unencrypted: bool) -> Result<Location, HistoryError> {
+    pub fn new(text: &str, unencrypted: bool) -> anyhow::Result<Location> {
         if ["postgres://", "postgresql://"].iter().any(|scheme| text.starts_with(scheme)) {
             return Ok(Location::Server { url: text.to_owned(), unencrypted });
         }
-        if looks_like_url(text) {
-            Err(HistoryError::Place)
-        } else {
-            Ok(Location::File(text.into()))
-        }
+        if looks_like_url(text) { Err(no_place()) } else { Ok(Location::File(text.into())) }
     }
 }
 
@@ -64,6 +62,31 @@ impl fmt::Debug for Location {
     }
 }
 
+pub fn no_place() -> anyhow::Error {
+    anyhow!(
+        "the place of the history is not understood, and not shown as it may hold a password: say a path, \
+         or postgres://USER:PASSWORD@HOST/DATABASE, where a `@`, `/` or `?` of a name or password is %40, %2F or %3F"
+    )
+}
+
+pub fn no_history(place: &str) -> anyhow::Error {
+    anyhow!("there is no history in {}: `fathom history add DIR` makes one", line(place))
+}
+
+pub fn fault_of(place: &str, message: &str) -> anyhow::Error {
+    anyhow!("{}: {}", line(place), line(message))
+}
+
+pub fn too_much(what: &str) -> anyhow::Error {
+    anyhow!(
+        "a statement gave {what}, and no history holds so much: the database is damaged, or not fathom's; --since takes a part"
+    )
+}
+
+pub fn other_type() -> anyhow::Error {
+    anyhow!("a column has another type than this build stores: the database is damaged")
+}
+
 /// A text as it is stored: control characters and `\` are escaped. PostgreSQL refuses NUL, and different names stay different.
 pub fn stored_name(text: &str) -> String {
     let escaped = text.chars().map(|c| match c {
@@ -74,16 +97,16 @@ pub fn stored_name(text: &str) -> String {
     escaped.collect()
 }
 
-pub fn integer(value: &Value) -> Result<i64, HistoryError> {
-    if let Value::Integer(integer) = value { Ok(*integer) } else { Err(HistoryError::Type) }
+pub fn integer(value: &Value) -> anyhow::Result<i64> {
+    if let Value::Integer(integer) = value { Ok(*integer) } else { Err(other_type()) }
 }
 
-pub fn text(value: &Value) -> Result<&str, HistoryError> {
-    if let Value::Text(text) = value { Ok(text) } else { Err(HistoryError::Type) }
+pub fn text(value: &Value) -> anyhow::Result<&str> {
+    if let Value::Text(text) = value { Ok(text) } else { Err(other_type()) }
 }
 
 /// Adds what a row's names and records take, and refuses what goes beyond [`MOST_BYTES`].
-pub fn keep(bytes: &mut usize, row: &[Value]) -> Result<(), HistoryError> {
+pub fn keep(bytes: &mut usize, row: &[Value]) -> anyhow::Result<()> {
     let size = |value: &Value| match value {
         Value::Text(text) => text.len(),
         Value::Blob(bytes) => bytes.len(),
@@ -91,8 +114,7 @@ pub fn keep(bytes: &mut usize, row: &[Value]) -> Result<(), HistoryError> {
     };
     *bytes += row.iter().map(size).sum::<usize>();
     if *bytes > MOST_BYTES {
-        let what = format!("more than {} MiB", MOST_BYTES >> 20);
-        return Err(HistoryError::TooMuch { what });
+        return Err(too_much(&format!("more than {} MiB", MOST_BYTES >> 20)));
     }
     Ok(())
 }
@@ -115,9 +137,9 @@ pub trait Database {
     fn dialect(&self) -> Dialect;
 
     /// Begins a transaction that no other writer shares. Without [`Self::commit`] nothing of it stays.
-    fn begin(&mut self) -> Result<(), HistoryError>;
+    fn begin(&mut self) -> anyhow::Result<()>;
 
-    fn commit(&mut self) -> Result<(), HistoryError> {
+    fn commit(&mut self) -> anyhow::Result<()> {
         self.execute("COMMIT", Vec::new())
     }
 
@@ -126,19 +148,15 @@ pub trait Database {
         &mut self,
         statement: &str,
         values: Vec<Value>,
-        take: &mut dyn FnMut(Vec<Value>) -> Result<(), HistoryError>,
-    ) -> Result<(), HistoryError>;
+        take: &mut dyn FnMut(Vec<Value>) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()>;
 
-    fn execute(&mut self, statement: &str, values: Vec<Value>) -> Result<(), HistoryError> {
+    fn execute(&mut self, statement: &str, values: Vec<Value>) -> anyhow::Result<()> {
         self.each(statement, values, &mut |_| Ok(()))
     }
 
     /// All rows of a statement.
-    fn rows(
-        &mut self,
-        statement: &str,
-        values: Vec<Value>,
-    ) -> Result<Vec<Vec<Value>>, HistoryError> {
+    fn rows(&mut self, statement: &str, values: Vec<Value>) -> anyhow::Result<Vec<Vec<Value>>> {
         let (mut rows, mut bytes) = (Vec::new(), 0);
         self.each(statement, values, &mut |row| {
             keep(&mut bytes, &row)?;
@@ -149,28 +167,30 @@ pub trait Database {
     }
 
     /// The integer that a statement gives.
-    fn integer(&mut self, statement: &str, values: Vec<Value>) -> Result<i64, HistoryError> {
+    fn integer(&mut self, statement: &str, values: Vec<Value>) -> anyhow::Result<i64> {
         integer(&self.rows(statement, values)?[0][0])
     }
 }
 
 /// Counts a row, and refuses those beyond [`MOST_ROWS`].
-pub fn counted(rows: &mut usize) -> Result<(), HistoryError> {
+pub fn counted(rows: &mut usize) -> anyhow::Result<()> {
     *rows += 1;
     if *rows > MOST_ROWS {
-        return Err(HistoryError::TooMuch { what: format!("more than {MOST_ROWS} rows") });
+        return Err(too_much(&format!("more than {MOST_ROWS} rows")));
     }
     Ok(())
 }
 
 /// Opens a database. Only where it is `writable` a file is made that is not there.
-pub fn open(location: &Location, writable: bool) -> Result<Box<dyn Database>, HistoryError> {
+pub fn open(location: &Location, writable: bool) -> anyhow::Result<Box<dyn Database>> {
     Ok(match location {
         Location::File(path) => Box::new(Sqlite::open(path, writable)?),
         #[cfg(feature = "postgres")]
         Location::Server { url, unencrypted } => Box::new(Postgres::connect(url, *unencrypted)?),
         #[cfg(not(feature = "postgres"))]
-        Location::Server { .. } => return Err(HistoryError::NoPostgres),
+        Location::Server { .. } => anyhow::bail!(
+            "this build of fathom cannot reach PostgreSQL: build it with `cargo build --release --locked --features postgres`"
+        ),
     })
 }
 
@@ -180,8 +200,8 @@ mod tests {
 
     #[test]
     fn a_value_of_another_type_is_an_error() {
-        assert!(matches!(integer(&Value::Text("1".to_owned())), Err(HistoryError::Type)));
-        assert!(matches!(text(&Value::Integer(1)), Err(HistoryError::Type)));
+        assert!(integer(&Value::Text("1".to_owned())).is_err());
+        assert!(text(&Value::Integer(1)).is_err());
         assert_eq!(integer(&Value::Integer(1)).unwrap(), 1);
     }
 

@@ -2,7 +2,8 @@
 
 use std::process::Command;
 
-use super::HistoryError;
+use anyhow::Context;
+
 use fathom_base::private;
 use fathom_base::process;
 
@@ -35,9 +36,9 @@ pub struct Origin {
 
 impl Origin {
     /// The machine of what was measured: as it was said, else as the records name it, else this one.
-    pub fn machine<'a>(&'a self, recorded: Option<&'a str>) -> Result<&'a str, HistoryError> {
+    pub fn machine<'a>(&'a self, recorded: Option<&'a str>) -> anyhow::Result<&'a str> {
         let named = self.machine.as_deref().or(recorded).or(self.host.as_deref());
-        named.ok_or(HistoryError::NoMachine)
+        named.context("this machine has neither an id nor a host name: name it with --machine NAME")
     }
 }
 
@@ -46,19 +47,23 @@ const COMMIT_VARIABLES: [&str; 2] = ["GITHUB_SHA", "CI_COMMIT_SHA"];
 const BRANCH_VARIABLES: [&str; 2] = ["GITHUB_REF_NAME", "CI_COMMIT_REF_NAME"];
 
 /// The first that there is: what was said, the job's variables, git's HEAD of the current folder.
-pub fn origin(said: Said) -> Result<Origin, HistoryError> {
+pub fn origin(said: Said) -> anyhow::Result<Origin> {
     let named = said.commit.or_else(|| variable(COMMIT_VARIABLES));
     let commit = match named {
         // A branch, a tag or a short hash is written out where git knows it.
         Some(name) => resolved(&name).unwrap_or(name),
-        None => resolved("HEAD").ok_or(HistoryError::NoCommit)?,
+        None => resolved("HEAD").context(
+            "of which commit is this run? There is no --commit, no GITHUB_SHA or CI_COMMIT_SHA, and no git repository here",
+        )?,
     };
     let branch = said.branch.or_else(|| variable(BRANCH_VARIABLES));
     let branch = branch.or_else(|| git(&["symbolic-ref", "--quiet", "--short", "HEAD"]));
     Ok(Origin {
         committed_at: committed_at(&commit),
         commit,
-        branch: branch.ok_or(HistoryError::NoBranch)?,
+        branch: branch.context(
+            "of which branch is this run? There is no --branch, no GITHUB_REF_NAME or CI_COMMIT_REF_NAME, and git's HEAD is on no branch",
+        )?,
         machine: said.machine,
         host: private::machine(),
     })

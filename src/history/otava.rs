@@ -4,7 +4,7 @@
 use serde_json::json;
 
 use super::stored::{Series, StoredRuns};
-use super::{HistoryError, tables};
+use super::tables;
 use fathom_base::text;
 use fathom_report::Artifact;
 use jiff::Timestamp;
@@ -17,7 +17,7 @@ pub const GROUP: &str = "fathom";
 const METRIC: &str = "value";
 
 /// A test for each series. Paths in the configuration lead into `folder`.
-pub fn files(stored: &StoredRuns, folder: &str) -> Result<Vec<Artifact>, HistoryError> {
+pub fn files(stored: &StoredRuns, folder: &str) -> anyhow::Result<Vec<Artifact>> {
     let mut tests = serde_json::Map::new();
     let mut files = Vec::new();
     for (number, series) in stored.series.iter().enumerate() {
@@ -47,7 +47,7 @@ fn test_of(series: &Series, path: &str) -> serde_json::Value {
     json!({ "type": "csv", "file": path, "time_column": "time", "attributes": ["commit"], "metrics": metric })
 }
 
-fn csv_of(stored: &StoredRuns, series: &Series) -> Result<Vec<u8>, HistoryError> {
+fn csv_of(stored: &StoredRuns, series: &Series) -> anyhow::Result<Vec<u8>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(["time", "commit", METRIC])?;
     for point in &series.points {
@@ -56,5 +56,5 @@ fn csv_of(stored: &StoredRuns, series: &Series) -> Result<Vec<u8>, HistoryError>
         let row = [time, text::spreadsheet(&run.commit), point.value.median.to_string()];
         writer.write_record(row)?;
     }
-    writer.into_inner().map_err(|error| csv::Error::from(error.into_error()).into())
+    Ok(writer.into_inner()?)
 }

@@ -5,6 +5,7 @@ use std::str::FromStr;
 use std::sync::mpsc::{self, SyncSender};
 use std::time::Duration;
 
+use anyhow::{anyhow, bail};
 use itertools::Itertools;
 use postgres::config::{Host, SslMode};
 use postgres::fallible_iterator::FallibleIterator;
@@ -12,8 +13,8 @@ use postgres::types::{ToSql, Type};
 use postgres::{Client, Config, NoTls, Row};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
-use super::HistoryError;
-use super::database::{Database, Dialect, Value, counted};
+use super::database::{Database, Dialect, Value, counted, fault_of, no_place};
+use fathom_base::text::line;
 
 /// How long a server may take to be reached, and to greet.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -70,11 +71,11 @@ pub struct Postgres {
 }
 
 impl Postgres {
-    pub fn connect(url: &str, unencrypted: bool) -> Result<Postgres, HistoryError> {
+    pub fn connect(url: &str, unencrypted: bool) -> anyhow::Result<Postgres> {
         // What cannot be read is not shown: it may be a part of the password.
         let mut config = match Config::from_str(url) {
             Ok(config) if url.matches('@').count() <= 1 => config,
-            _ => return Err(HistoryError::Place),
+            _ => return Err(no_place()),
         };
         let place = place(&config);
         let encrypted = !unencrypted && is_encrypted(&config, &place)?;
@@ -85,8 +86,6 @@ impl Postgres {
             config.connect_timeout(CONNECT);
         }
         config.tcp_user_timeout(SILENCE).application_name("fathom");
-        let unreachable =
-            |message: String| HistoryError::Unreachable { place: place.clone(), message };
         let (greeted, greeting) = mpsc::channel();
         let (jobs, due) = mpsc::channel::<Job>();
         std::thread::spawn(move || {
@@ -101,10 +100,18 @@ impl Postgres {
         });
         match greeting.recv_timeout(GREETING) {
             Ok(Ok(())) => Ok(Postgres { place, jobs }),
-            Ok(Err(message)) => Err(unreachable(message)),
-            Err(_) => Err(unreachable(format!("no answer within {} s", GREETING.as_secs()))),
+            Ok(Err(message)) => Err(unreachable(&place, &message)),
+            Err(_) => Err(unreachable(&place, &silent(GREETING))),
         }
     }
+}
+
+fn unreachable(place: &str, message: &str) -> anyhow::Error {
+    anyhow!("cannot reach {}: {}", line(place), line(message))
+}
+
+fn silent(time: Duration) -> String {
+    format!("no answer within {} s", time.as_secs())
 }
 
 /// The client; or why there is none.
@@ -134,9 +141,12 @@ fn checked() -> Result<MakeRustlsConnect, String> {
 }
 
 /// To another host it is, and to this one where the URL asks for it.
-fn is_encrypted(config: &Config, place: &str) -> Result<bool, HistoryError> {
+fn is_encrypted(config: &Config, place: &str) -> anyhow::Result<bool> {
     match (config.get_ssl_mode(), is_here(config)) {
-        (SslMode::Disable, false) => Err(HistoryError::Unencrypted { place: place.to_owned() }),
+        (SslMode::Disable, false) => bail!(
+            "{} is on another host, and the URL says that the connection is not encrypted: leave out sslmode=disable, or say --unencrypted",
+            line(place)
+        ),
         (SslMode::Require, _) => Ok(true),
         (_, here) => Ok(!here),
     }
@@ -215,7 +225,7 @@ impl Database for Postgres {
         }
     }
 
-    fn begin(&mut self) -> Result<(), HistoryError> {
+    fn begin(&mut self) -> anyhow::Result<()> {
         self.execute("BEGIN", Vec::new())?;
         let lock = "SELECT CAST(pg_advisory_xact_lock($1) AS TEXT)";
         self.execute(lock, vec![Value::Integer(LOCK)])
@@ -225,21 +235,16 @@ impl Database for Postgres {
         &mut self,
         statement: &str,
         values: Vec<Value>,
-        take: &mut dyn FnMut(Vec<Value>) -> Result<(), HistoryError>,
-    ) -> Result<(), HistoryError> {
+        take: &mut dyn FnMut(Vec<Value>) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
         let (answers, found) = mpsc::sync_channel(BATCHES);
-        let place = || self.place.clone();
-        let silent = || format!("no answer within {} s", ANSWER.as_secs());
-        let gone = || HistoryError::Unreachable { place: place(), message: silent() };
+        let gone = || unreachable(&self.place, &silent(ANSWER));
         let job = Job { statement: statement.to_owned(), values, answers };
         self.jobs.send(job).map_err(|_| gone())?;
         let (mut count, mut is_last) = (0, false);
         while !is_last {
             let batch = found.recv_timeout(ANSWER).map_err(|_| gone())?;
-            let batch = batch.map_err(|error| HistoryError::Database {
-                place: place(),
-                message: with_cause(&error),
-            })?;
+            let batch = batch.map_err(|error| fault_of(&self.place, &with_cause(&error)))?;
             is_last = batch.len() < BATCH;
             batch.into_iter().try_for_each(|row| counted(&mut count).and_then(|()| take(row)))?;
         }

@@ -4,12 +4,12 @@ use std::collections::BTreeSet;
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
+use anyhow::{Context, anyhow, bail};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use indexmap::{IndexMap, IndexSet};
 use sha2::{Digest, Sha256};
 
-use super::HistoryError;
 use fathom_base::folder;
 use fathom_record as record;
 use fathom_record::{Cell, Clock, Damaged, Estimate, Measured, Name, Record, Run, ShaderChecks};
@@ -74,25 +74,25 @@ impl NewRun {
     ///
     /// # Errors
     /// Where the records cannot be read, a line is damaged, or they are a comparison's.
-    pub fn read(folder: &Path, name: &str) -> Result<NewRun, HistoryError> {
+    pub fn read(folder: &Path, name: &str) -> anyhow::Result<NewRun> {
         let path = record::stored(&folder.join(name));
+        let unread = |source| anyhow!("cannot read {}: {source}", path.display());
         let source =
             folder::unpacked(&path, MAX_RECORDS).map_err(|source| match source.kind() {
                 ErrorKind::NotFound => {
-                    HistoryError::NoRun { folder: folder.to_owned(), name: name.to_owned() }
+                    anyhow!("{} holds no run: there is no {name} in it", folder.display())
                 }
-                _ => HistoryError::Read { path: path.clone(), source },
+                _ => unread(source),
             })?;
         let packer = GzEncoder::new(Vec::new(), Compression::default());
         let mut copied = Copied { source, sum: Sha256::new(), packer };
         let mut found = Found::default();
         let damaged = record::each_good(&path, &mut copied, |record| found.take(record))?;
         let header = found.check(&path, &damaged)?;
-        let unwritten = |source| HistoryError::Read { path: path.clone(), source };
         let of_figure = |(key, (host, value))| NewFigure { key, host, value };
         Ok(NewRun {
             digest: hex::encode(copied.sum.finalize()),
-            packed: copied.packer.finish().map_err(unwritten)?,
+            packed: copied.packer.finish().map_err(unread)?,
             started_at: header.started_at.clone(),
             adapter: header.adapter.name.clone(),
             driver: driver(&header),
@@ -160,16 +160,22 @@ impl Found {
     }
 
     /// The first header of sound records of a run.
-    fn check(&mut self, path: &Path, damaged: &Damaged) -> Result<Run, HistoryError> {
-        let path = path.to_owned();
+    fn check(&mut self, path: &Path, damaged: &Damaged) -> anyhow::Result<Run> {
+        let path = path.display();
         if let Some(first) = damaged.first() {
-            let (count, first) = (damaged.count(), first.clone());
-            return Err(HistoryError::Damaged { path, first, count });
+            let more = match damaged.count() {
+                1 => String::new(),
+                count => format!(" (and {} more)", count - 1),
+            };
+            bail!("{path} is damaged, so it was not stored: {first}{more}");
         }
         if self.is_comparison {
-            return Err(HistoryError::Comparison { path });
+            bail!("{path} holds a comparison, and a history stores runs only");
         }
-        self.first.take().ok_or(HistoryError::NoHeader { path })
+        let header = self.first.take();
+        header.with_context(|| {
+            format!("{path} does not begin with a run's header, so it was not stored")
+        })
     }
 }
 

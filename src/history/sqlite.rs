@@ -11,8 +11,11 @@ use rusqlite::limits::Limit;
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, ErrorCode, OpenFlags, params_from_iter};
 
-use super::HistoryError;
-use super::database::{Database, Dialect, MOST_BYTES, MOST_ROWS, Value, counted};
+use anyhow::{anyhow, bail};
+
+use super::database::{
+    Database, Dialect, MOST_BYTES, MOST_ROWS, Value, counted, fault_of, no_history, too_much,
+};
 use fathom_base::input;
 
 /// How long a writer waits for another one.
@@ -38,7 +41,7 @@ pub struct Sqlite {
 }
 
 impl Sqlite {
-    pub fn open(path: &Path, writable: bool) -> Result<Sqlite, HistoryError> {
+    pub fn open(path: &Path, writable: bool) -> anyhow::Result<Sqlite> {
         check(path, writable)?;
         let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         flags.set(OpenFlags::SQLITE_OPEN_CREATE, writable);
@@ -60,18 +63,21 @@ impl Sqlite {
 }
 
 /// Names the file, and makes the folder of a new one.
-fn check(path: &Path, writable: bool) -> Result<(), HistoryError> {
-    let io = |source| HistoryError::Read { path: path.to_owned(), source };
+fn check(path: &Path, writable: bool) -> anyhow::Result<()> {
+    let io = |source| anyhow!("cannot read {}: {source}", path.display());
     match std::fs::metadata(path) {
         Ok(found) if found.is_file() && found.len() == 0 => Ok(()),
         Ok(_) => {
             let mut begin = [0; MAGIC.len()];
             let read = input::open(path).and_then(|mut file| file.read_exact(&mut begin));
             let is_sqlite = read.is_ok() && &begin == MAGIC;
-            is_sqlite.then_some(()).ok_or(HistoryError::NotSqlite { path: path.to_owned() })
+            if !is_sqlite {
+                bail!("{} is no database of SQLite", path.display());
+            }
+            Ok(())
         }
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(io(error)),
-        Err(_) if !writable => Err(HistoryError::NoHistory { place: path.display().to_string() }),
+        Err(_) if !writable => Err(no_history(&path.display().to_string())),
         Err(_) => match path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             Some(folder) => std::fs::create_dir_all(folder).map_err(io),
             None => Ok(()),
@@ -79,14 +85,14 @@ fn check(path: &Path, writable: bool) -> Result<(), HistoryError> {
     }
 }
 
-fn fault(path: &Path) -> impl Fn(rusqlite::Error) -> HistoryError + use<> {
+fn fault(path: &Path) -> impl Fn(rusqlite::Error) -> anyhow::Error + use<> {
     let place = path.display().to_string();
     move |error| match error.sqlite_error_code() {
         Some(ErrorCode::OperationInterrupted) => {
             let steps = u64::from(MOST_SPANS) * STEPS_AT_ONCE as u64;
-            HistoryError::TooMuch { what: format!("no end within {steps} steps") }
+            too_much(&format!("no end within {steps} steps"))
         }
-        _ => HistoryError::Database { place: place.clone(), message: error.to_string() },
+        _ => fault_of(&place, &error.to_string()),
     }
 }
 
@@ -101,7 +107,7 @@ impl Database for Sqlite {
         }
     }
 
-    fn begin(&mut self) -> Result<(), HistoryError> {
+    fn begin(&mut self) -> anyhow::Result<()> {
         self.execute("BEGIN IMMEDIATE", Vec::new())
     }
 
@@ -109,8 +115,8 @@ impl Database for Sqlite {
         &mut self,
         statement: &str,
         values: Vec<Value>,
-        take: &mut dyn FnMut(Vec<Value>) -> Result<(), HistoryError>,
-    ) -> Result<(), HistoryError> {
+        take: &mut dyn FnMut(Vec<Value>) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
         self.steps.store(0, Ordering::Relaxed);
         let fault = fault(&self.path);
         let mut prepared = self.connection.prepare_cached(statement).map_err(&fault)?;

@@ -3,14 +3,19 @@
 use std::collections::HashMap;
 use std::io::Read;
 
+use anyhow::{Context, anyhow, bail};
 use flate2::read::GzDecoder;
 use itertools::Itertools;
 use jiff::Timestamp;
 
-use super::database::{self, Database, Dialect, Location, Value, integer, keep, stored_name, text};
+use super::database::{
+    self, Database, Dialect, Location, Value, integer, keep, no_history, other_type, stored_name,
+    text,
+};
 use super::run::{MAX_RECORDS, NewFigure, NewRun};
-use super::{FORMAT, HistoryError, Origin};
+use super::{FORMAT, Origin, short};
 use fathom_base::input::{self, Limited};
+use fathom_base::text::line;
 use fathom_record::Estimate;
 
 /// Rows of one statement. SQLite binds at most 32,766 values.
@@ -46,23 +51,19 @@ impl History {
     ///
     /// # Errors
     /// Where there is none, it cannot be reached, is another program's, or has a newer format.
-    pub fn open(location: &Location) -> Result<History, HistoryError> {
+    pub fn open(location: &Location) -> anyhow::Result<History> {
         let mut history = Self::connect(location, false)?;
-        if history.is_made()? {
-            Ok(history)
-        } else {
-            Err(HistoryError::NoHistory { place: history.place })
-        }
+        if history.is_made()? { Ok(history) } else { Err(no_history(&history.place)) }
     }
 
     /// The same to add to it. What is not there yet is made with the first run.
-    pub fn open_or_make(location: &Location) -> Result<History, HistoryError> {
+    pub fn open_or_make(location: &Location) -> anyhow::Result<History> {
         let mut history = Self::connect(location, true)?;
         history.is_made()?;
         Ok(history)
     }
 
-    fn connect(location: &Location, writable: bool) -> Result<History, HistoryError> {
+    fn connect(location: &Location, writable: bool) -> anyhow::Result<History> {
         let database = database::open(location, writable)?;
         let place = match location {
             Location::File(path) => path.display().to_string(),
@@ -72,19 +73,23 @@ impl History {
     }
 
     /// Whether the tables are there, in this build's format.
-    fn is_made(&mut self) -> Result<bool, HistoryError> {
-        let place = self.place.clone();
+    fn is_made(&mut self) -> anyhow::Result<bool> {
+        let place = line(&self.place);
+        let foreign =
+            || anyhow!("{place} is the database of another program, so nothing was changed in it");
         let Dialect { count_of_table, count_of_all, .. } = self.database.dialect();
         if self.database.integer(count_of_table, vec![MARK.to_owned().into()])? == 0 {
             let others =
                 count_of_all.map_or(Ok(0), |all| self.database.integer(all, Vec::new()))?;
-            return if others == 0 { Ok(false) } else { Err(HistoryError::Foreign { place }) };
+            return if others == 0 { Ok(false) } else { Err(foreign()) };
         }
         let rows = self.database.rows("SELECT format FROM fathom_history", Vec::new())?;
         match rows.first().and_then(|row| row.first()) {
             Some(Value::Integer(FORMAT)) => Ok(true),
-            Some(Value::Integer(found)) => Err(HistoryError::Format { place, found: *found }),
-            _ => Err(HistoryError::Foreign { place }),
+            Some(Value::Integer(found)) => bail!(
+                "{place} has history format {found}, but this build reads format {FORMAT}: use the build that wrote it"
+            ),
+            _ => Err(foreign()),
         }
     }
 
@@ -92,7 +97,7 @@ impl History {
     ///
     /// # Errors
     /// Where the same records are stored as another commit's or branch's.
-    pub fn add(&mut self, run: &NewRun, origin: &Origin) -> Result<Added, HistoryError> {
+    pub fn add(&mut self, run: &NewRun, origin: &Origin) -> anyhow::Result<Added> {
         self.database.begin()?;
         // Another process may have made them meanwhile.
         if !self.is_made()? {
@@ -125,7 +130,7 @@ impl History {
         Ok(Added::New)
     }
 
-    fn make(&mut self) -> Result<(), HistoryError> {
+    fn make(&mut self) -> anyhow::Result<()> {
         let Dialect { bytes, real, by_key, .. } = self.database.dialect();
         let statements = [
             "CREATE TABLE fathom_history (format BIGINT NOT NULL)".to_owned(),
@@ -153,7 +158,7 @@ impl History {
     }
 
     /// The run is stored as one of this commit, on this branch.
-    fn has(&mut self, run: &NewRun, origin: &Origin) -> Result<bool, HistoryError> {
+    fn has(&mut self, run: &NewRun, origin: &Origin) -> anyhow::Result<bool> {
         let statement = "SELECT commit_name, branch FROM fathom_run WHERE digest = $1";
         let found = self.database.rows(statement, vec![run.digest.clone().into()])?;
         let Some(row) = found.first() else { return Ok(false) };
@@ -161,17 +166,16 @@ impl History {
         if commit == stored_name(&origin.commit) && branch == stored_name(&origin.branch) {
             return Ok(true);
         }
-        Err(HistoryError::OtherOrigin {
-            digest: run.digest.clone(),
-            stored_commit: commit.to_owned(),
-            stored_branch: branch.to_owned(),
-            commit: origin.commit.clone(),
-            branch: origin.branch.clone(),
-        })
+        let digest = short(&run.digest);
+        let [commit, branch, other, on] =
+            [commit, branch, &origin.commit, &origin.branch].map(line);
+        bail!(
+            "run {digest} is stored already, as one of commit {commit} on {branch}: the same records cannot be of {other} on {on} too"
+        )
     }
 
     /// As git says; else as the commit's first run was placed; else when this run started.
-    fn commit_time(&mut self, run: &NewRun, origin: &Origin) -> Result<i64, HistoryError> {
+    fn commit_time(&mut self, run: &NewRun, origin: &Origin) -> anyhow::Result<i64> {
         if let Some(time) = origin.committed_at {
             return Ok(time);
         }
@@ -180,17 +184,21 @@ impl History {
         if let Some(row) = earlier.first() {
             return integer(&row[0]);
         }
-        let started: Result<Timestamp, _> = run.started_at.parse();
-        let unknown = |_| HistoryError::NoTime { commit: origin.commit.clone() };
-        started.map(Timestamp::as_second).map_err(unknown)
+        let started: Option<Timestamp> = run.started_at.parse().ok();
+        started.map(Timestamp::as_second).with_context(|| {
+            let commit = line(&origin.commit);
+            format!(
+                "no repository here has commit {commit}, and the run does not say when it started, so its place in the series is unknown"
+            )
+        })
     }
 
-    fn next_id(&mut self, table: &str) -> Result<i64, HistoryError> {
+    fn next_id(&mut self, table: &str) -> anyhow::Result<i64> {
         let statement = format!("SELECT COALESCE(MAX(id), 0) FROM {table}");
         Ok(self.database.integer(&statement, Vec::new())? + 1)
     }
 
-    fn add_figures(&mut self, run: i64, new: &NewRun, origin: &Origin) -> Result<(), HistoryError> {
+    fn add_figures(&mut self, run: i64, new: &NewRun, origin: &Origin) -> anyhow::Result<()> {
         let mut known = HashMap::new();
         for host in &new.hosts {
             self.add_known(stored_name(origin.machine(host.as_deref())?), &mut known)?;
@@ -219,25 +227,20 @@ impl History {
         &mut self,
         machine: String,
         known: &mut HashMap<String, i64>,
-    ) -> Result<(), HistoryError> {
+    ) -> anyhow::Result<()> {
         let statement =
             format!("SELECT {SERIES_COLUMNS}, id FROM fathom_series WHERE machine = $1");
         let mut bytes = 0;
         self.database.each(&statement, vec![machine.into()], &mut |row| {
             keep(&mut bytes, &row)?;
-            let [names @ .., id] = row.as_slice() else { return Err(HistoryError::Type) };
+            let [names @ .., id] = row.as_slice() else { return Err(other_type()) };
             known.insert(joined(names)?, integer(id)?);
             Ok(())
         })
     }
 
     /// Up to [`ROWS_AT_ONCE`] rows.
-    fn insert(
-        &mut self,
-        table: &str,
-        columns: &str,
-        rows: Vec<Vec<Value>>,
-    ) -> Result<(), HistoryError> {
+    fn insert(&mut self, table: &str, columns: &str, rows: Vec<Vec<Value>>) -> anyhow::Result<()> {
         let mut places = 1..;
         let mut place =
             |_: &Value| places.next().map_or_else(String::new, |place| format!("${place}"));
@@ -251,8 +254,9 @@ impl History {
     }
 
     /// The records of the run whose digest begins so, byte for byte, and the whole digest.
-    pub fn records(&mut self, name: &str) -> Result<(String, Vec<u8>), HistoryError> {
-        let unknown = || HistoryError::UnknownRun { name: name.to_owned() };
+    pub fn records(&mut self, name: &str) -> anyhow::Result<(String, Vec<u8>)> {
+        let unknown =
+            || anyhow!("no run `{}` in this history; see `fathom history list`", line(name));
         if name.len() < LEAST_DIGITS || !name.bytes().all(|byte| byte.is_ascii_hexdigit()) {
             return Err(unknown());
         }
@@ -262,21 +266,30 @@ impl History {
         let digest = match found.as_slice() {
             [] => return Err(unknown()),
             [row] => text(&row[0])?.to_owned(),
-            _ => return Err(HistoryError::SeveralRuns { name: name.to_owned() }),
+            _ => {
+                bail!("`{}` is the beginning of several runs: give more of its digits", line(name))
+            }
         };
         let statement = "SELECT records FROM fathom_run WHERE digest = $1";
         let rows = self.database.rows(statement, vec![digest.clone().into()])?;
         let records = match rows.first().map(|row| &row[0]) {
             Some(Value::Blob(packed)) => unpacked(packed, &digest, MAX_RECORDS),
-            Some(_) => return Err(HistoryError::Type),
+            Some(_) => return Err(other_type()),
             None => None,
         };
-        records.map(|records| (digest.clone(), records)).ok_or(HistoryError::Altered { digest })
+        let altered = || {
+            let run = short(&digest);
+            format!(
+                "run {run} came out of the database with other bytes than went in: the database is damaged"
+            )
+        };
+        let records = records.with_context(altered)?;
+        Ok((digest, records))
     }
 }
 
 /// One name for a row of stored names, none of which holds a line's end.
-fn joined(names: &[Value]) -> Result<String, HistoryError> {
+fn joined(names: &[Value]) -> anyhow::Result<String> {
     names.iter().map(text).process_results(|mut names| names.join("\n"))
 }
 

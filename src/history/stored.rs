@@ -2,15 +2,16 @@
 
 use std::collections::HashMap;
 
+use anyhow::{Context, bail};
 use itertools::Itertools;
 use jiff::Timestamp;
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 
-use super::database::{Value, integer, keep, stored_name, text};
+use super::History;
+use super::database::{Value, integer, keep, other_type, stored_name, text};
 use super::run::{FigureKey, NANOSECONDS};
 use super::store::{FIGURE_COLUMNS, RUN_COLUMNS, SERIES_COLUMNS};
-use super::{History, HistoryError};
 use fathom_base::text::line;
 use fathom_record::{Estimate, Interval, Name};
 use fathom_report::format::NS_PER_MS;
@@ -133,7 +134,7 @@ type Keys = HashMap<i64, (Name, FigureKey)>;
 
 impl History {
     /// The runs that a selection leaves, in their order.
-    pub fn runs(&mut self, selection: &Selection) -> Result<Vec<StoredRun>, HistoryError> {
+    pub fn runs(&mut self, selection: &Selection) -> anyhow::Result<Vec<StoredRun>> {
         let statement =
             format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
         let rows = self.database.rows(&statement, Vec::new())?;
@@ -152,7 +153,7 @@ impl History {
     ///
     /// # Errors
     /// Where nothing is left.
-    pub fn stored(&mut self, selection: &Selection) -> Result<StoredRuns, HistoryError> {
+    pub fn stored(&mut self, selection: &Selection) -> anyhow::Result<StoredRuns> {
         let runs = self.runs(selection)?;
         let keys = self.keys(selection.filter.as_deref().unwrap_or_default())?;
         let values = self.values(&keys, &runs)?;
@@ -162,21 +163,20 @@ impl History {
             let filter = selection.filter.iter().map(|filter| format!(" `{filter}`"));
             let branch = selection.branch.iter().map(|branch| format!(" on branch `{branch}`"));
             let since = selection.since.iter().map(|since| format!(" since {since}"));
-            return Err(HistoryError::NothingFits {
-                what: filter.chain(branch).chain(since).collect(),
-            });
+            let what: String = filter.chain(branch).chain(since).collect();
+            bail!("nothing in this history fits{}", line(&what));
         }
         Ok(StoredRuns { runs, series })
     }
 
     /// Machines and figures by the ids of their series.
-    fn keys(&mut self, filter: &str) -> Result<Keys, HistoryError> {
+    fn keys(&mut self, filter: &str) -> anyhow::Result<Keys> {
         let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
         let (mut keys, mut bytes) = (HashMap::new(), 0);
         self.database.each(&statement, Vec::new(), &mut |row| {
             let names: Vec<Name> =
                 row[1..].iter().map(|name| text(name).map(Name::from)).try_collect()?;
-            let names: [Name; 9] = names.try_into().map_err(|_| HistoryError::Type)?;
+            let names: [Name; 9] = names.try_into().map_err(|_| other_type())?;
             let [machine, key @ ..] = names;
             let key = FigureKey::of_names(key);
             if format!("{} {}", key.cell, key.figure).contains(filter) {
@@ -193,7 +193,7 @@ impl History {
         &mut self,
         keys: &Keys,
         runs: &[StoredRun],
-    ) -> Result<HashMap<i64, Vec<Point>>, HistoryError> {
+    ) -> anyhow::Result<HashMap<i64, Vec<Point>>> {
         let places: HashMap<i64, usize> =
             runs.iter().enumerate().map(|(at, run)| (run.id, at)).collect();
         let mut values: HashMap<i64, Vec<Point>> =
@@ -207,7 +207,7 @@ impl History {
         }
         self.database.each(&statement, asked, &mut |row| {
             let [Value::Integer(series), Value::Integer(run), value @ ..] = row.as_slice() else {
-                return Err(HistoryError::Type);
+                return Err(other_type());
             };
             if let (Some(points), Some(run)) = (values.get_mut(series), places.get(run)) {
                 points.push(Point { run: *run, value: estimate(value)? });
@@ -218,7 +218,7 @@ impl History {
     }
 }
 
-fn of_row(row: &[Value]) -> Result<StoredRun, HistoryError> {
+fn of_row(row: &[Value]) -> anyhow::Result<StoredRun> {
     let name = |column: usize| text(&row[column]).map(str::to_owned);
     Ok(StoredRun {
         id: integer(&row[0])?,
@@ -235,9 +235,9 @@ fn of_row(row: &[Value]) -> Result<StoredRun, HistoryError> {
     })
 }
 
-fn estimate(row: &[Value]) -> Result<Estimate, HistoryError> {
+fn estimate(row: &[Value]) -> anyhow::Result<Estimate> {
     let [Value::Real(median), low, high, Value::Integer(n)] = row else {
-        return Err(HistoryError::Type);
+        return Err(other_type());
     };
     let interval = match (low, high) {
         (Value::Real(low), Value::Real(high)) => Some(Interval { low: *low, high: *high }),
@@ -263,11 +263,14 @@ fn grouped(keys: Keys, mut values: HashMap<i64, Vec<Point>>, runs: &[StoredRun])
 }
 
 /// Seconds of Unix time of a date (its beginning, UTC), a moment, or a commit of these runs.
-fn moment(since: &str, runs: &[StoredRun]) -> Result<i64, HistoryError> {
+fn moment(since: &str, runs: &[StoredRun]) -> anyhow::Result<i64> {
     let date = since.parse::<Date>().ok().filter(|_| !since.contains('T'));
     let date = date.and_then(|date| date.to_zoned(TimeZone::UTC).ok()).map(|day| day.timestamp());
     let moment = date.or_else(|| since.parse().ok()).map(Timestamp::as_second);
     let commit = || runs.iter().find(|run| run.commit.starts_with(since));
     let found = moment.or_else(|| commit().map(|run| run.committed_at));
-    found.ok_or_else(|| HistoryError::Since { text: since.to_owned() })
+    found.with_context(|| {
+        let since = line(since);
+        format!("`{since}` is neither a date such as 2026-01-31 nor a commit of this history")
+    })
 }
