@@ -2,46 +2,28 @@
 //! Adding one costs a file and an entry in `OF_RUNS` or `OF_COMPARISONS`.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use anyhow::{anyhow, bail};
 use itertools::Itertools;
-use thiserror::Error;
 
 use crate::folder::Folder;
 use crate::gates::changes::Changes;
 use crate::gates::files::RunFile;
-use crate::gates::store::{StoreError, StoredComparison, holds_comparison};
+use crate::gates::store::{StoredComparison, holds_comparison};
 use crate::gates::tables::on_page;
 use crate::gates::verdict::Verdicts;
 use crate::record::output::RECORDS;
 use crate::record::{self, Reading};
 use crate::report::page::{self, ComparisonOnPage, Page};
 use crate::report::{
-    Artifact, Exported, Exporter, FrameChoice, LeftOut, OF_RUNS, OfRun, ReportError, ReportView,
-    RunExporter, Written,
+    Artifact, Exported, Exporter, FrameChoice, LeftOut, OF_RUNS, OfRun, ReportView, RunExporter,
+    Written,
 };
 use crate::{public, text};
 
 pub use crate::gates::tables::OF_COMPARISONS;
-
-#[derive(Debug, Error)]
-pub enum ExportError {
-    #[error(transparent)]
-    Report(#[from] ReportError),
-    #[error(transparent)]
-    Comparison(#[from] StoreError),
-    #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error("unknown format `{}`{}; see `fathom list exporters`", text::line(.name), text::did_you_mean(.nearest))]
-    Unknown { name: String, nearest: Option<String> },
-    #[error("{} holds {held}, which cannot be written as `{name}`, only as {formats}", folder.display())]
-    OtherKind { folder: PathBuf, held: &'static str, name: &'static str, formats: String },
-    #[error(
-        "--cell and --frame do not apply to `{name}`, only to a format of one frame ({formats})"
-    )]
-    NoFrame { name: &'static str, formats: String },
-}
 
 /// The files of a comparison's report.
 pub fn of_comparison(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
@@ -50,11 +32,11 @@ pub fn of_comparison(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
 }
 
 /// Whether there is a format of this name: told before a folder is read.
-pub fn check_format(name: &str) -> Result<(), ExportError> {
+pub fn check_format(name: &str) -> anyhow::Result<()> {
     if known().any(|known| known == name) {
         return Ok(());
     }
-    Err(ExportError::Unknown { name: name.to_owned(), nearest: text::nearest(name, known()) })
+    Err(unknown(name))
 }
 
 /// One format, of the records that were read in a folder.
@@ -63,7 +45,7 @@ pub fn export(
     folder: &Path,
     reading: Reading,
     choice: &FrameChoice,
-) -> Result<Exported, ExportError> {
+) -> anyhow::Result<Exported> {
     if holds_comparison(&reading.records) {
         let exporter = find(name, folder, "a comparison", &OF_COMPARISONS)?;
         refuse_choice(exporter.name, choice)?;
@@ -84,15 +66,21 @@ fn find<'a, F>(
     folder: &Path,
     held: &'static str,
     exporters: &'a [Exporter<F>],
-) -> Result<&'a Exporter<F>, ExportError> {
+) -> anyhow::Result<&'a Exporter<F>> {
     let found = exporters.iter().find(|exporter| exporter.name == name);
     found.ok_or_else(|| match known().find(|known| *known == name) {
         Some(name) => {
             let formats = exporters.iter().map(|exporter| exporter.name).join(", ");
-            ExportError::OtherKind { folder: folder.to_owned(), held, name, formats }
+            let folder = folder.display();
+            anyhow!("{folder} holds {held}, which cannot be written as `{name}`, only as {formats}")
         }
-        None => ExportError::Unknown { name: name.to_owned(), nearest: None },
+        None => unknown(name),
     })
+}
+
+fn unknown(name: &str) -> anyhow::Error {
+    let meant = text::did_you_mean(&text::nearest(name, known()));
+    anyhow!("unknown format `{}`{meant}; see `fathom list exporters`", text::line(name))
 }
 
 /// Names of all exporters.
@@ -102,13 +90,13 @@ fn known() -> impl Iterator<Item = &'static str> {
 }
 
 /// A choice that changes nothing is an error.
-pub fn refuse_choice(name: &'static str, choice: &FrameChoice) -> Result<(), ExportError> {
+pub fn refuse_choice(name: &'static str, choice: &FrameChoice) -> anyhow::Result<()> {
     if choice.cell.is_none() && choice.frame.is_none() {
         return Ok(());
     }
     let of_frames = OF_RUNS.iter().filter(|exporter| matches!(exporter.export, OfRun::Frame(_)));
     let formats = of_frames.map(|exporter| exporter.name).join(", ");
-    Err(ExportError::NoFrame { name, formats })
+    bail!("--cell and --frame do not apply to `{name}`, only to a format of one frame ({formats})")
 }
 
 /// Name, what it is a format of, file, when that is written, and description of each exporter.
@@ -124,7 +112,7 @@ pub fn listing() -> Vec<[String; 5]> {
 }
 
 /// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.
-pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportError> {
+pub fn write(folder: &Path, reading: Reading) -> anyhow::Result<Vec<PathBuf>> {
     if holds_comparison(&reading.records) {
         let comparison = StoredComparison::of(reading, &folder.join(RECORDS))?;
         return put(folder, of_comparison(&Verdicts::of(&comparison)));
@@ -134,19 +122,18 @@ pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportErro
 }
 
 /// Writes the files of a run beside its records, and gives their paths.
-pub fn write_view(folder: &Path, view: &ReportView<'_>) -> Result<Vec<PathBuf>, ExportError> {
+pub fn write_view(folder: &Path, view: &ReportView<'_>) -> anyhow::Result<Vec<PathBuf>> {
     let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
     let put = |exporter: &RunExporter| match exporter.export {
         OfRun::Rows(rows) => {
             let path = folder.join(exporter.file);
-            let fault = |source| ExportError::Write { path: path.clone(), source };
             let write = |file: &mut File| {
                 let mut file = BufWriter::new(file);
                 rows(view, &mut file)?;
                 file.flush()
             };
-            let opened = Folder::make(folder).map_err(fault)?;
-            opened.write_with(exporter.file, write).map_err(fault)?;
+            let opened = Folder::make(folder).map_err(unwritable(&path))?;
+            opened.write_with(exporter.file, write).map_err(unwritable(&path))?;
             Ok(vec![path])
         }
         _ => put(folder, exporter.run(view, &FrameChoice::default())?.files()),
@@ -164,7 +151,7 @@ pub struct Folders {
 
 impl Folders {
     /// Where nothing can be read the first folder's error is returned.
-    pub fn read(folders: &[PathBuf]) -> Result<Self, ExportError> {
+    pub fn read(folders: &[PathBuf]) -> anyhow::Result<Self> {
         let mut all = Self::default();
         let mut errors = Vec::new();
         for folder in folders {
@@ -179,9 +166,9 @@ impl Folders {
         Ok(all)
     }
 
-    fn add(&mut self, folder: &Path) -> Result<(), ExportError> {
+    fn add(&mut self, folder: &Path) -> anyhow::Result<()> {
         let path = folder.join(RECORDS);
-        let reading = record::read_good(&path).map_err(StoreError::from)?;
+        let reading = record::read_good(&path)?;
         self.left_out.extend(LeftOut::lines(&path, &reading.damaged));
         if holds_comparison(&reading.records) {
             let comparison = StoredComparison::of(reading, &path)?;
@@ -212,16 +199,16 @@ impl Folders {
     }
 }
 
+fn unwritable(path: &Path) -> impl Fn(io::Error) -> anyhow::Error {
+    move |source| anyhow!("cannot write {}: {source}", path.display())
+}
+
 /// Writes files into a folder, which is made if need be, and gives their paths.
-pub fn put(folder: &Path, files: Vec<Artifact>) -> Result<Vec<PathBuf>, ExportError> {
-    let fault = |path: &Path| {
-        let path = path.to_owned();
-        move |source| ExportError::Write { path, source }
-    };
-    let opened = Folder::make(folder).map_err(fault(folder))?;
+pub fn put(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<Vec<PathBuf>> {
+    let opened = Folder::make(folder).map_err(unwritable(folder))?;
     let write = |file: Artifact| {
         let path = folder.join(&file.name);
-        opened.write(&file.name, &file.bytes).map_err(fault(&path))?;
+        opened.write(&file.name, &file.bytes).map_err(unwritable(&path))?;
         Ok(path)
     };
     files.into_iter().map(write).collect()

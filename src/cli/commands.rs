@@ -449,7 +449,7 @@ fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
             "{folder}: {cells} cells with {pairs} pairs of frames have no record yet; `fathom run --resume --out {folder}` continues"
         ));
     }
-    Ok(exporters::write(&output.folder, reading)?)
+    exporters::write(&output.folder, reading)
 }
 
 #[cfg(feature = "bench")]

@@ -12,14 +12,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use anyhow::{Context, anyhow, bail};
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use self::shards::{Folder, Progress, Shard};
-use self::slurm::{Slurm, SlurmError};
+use self::slurm::Slurm;
 use fathom_base::folder;
 use fathom_base::text;
-use fathom_record::{FolderLock, LockError, MOST_SHARDS};
+use fathom_record::{FolderLock, MOST_SHARDS};
 
 /// Time between two looks at the queue.
 const LOOK_INTERVAL: Duration = Duration::from_secs(2);
@@ -36,29 +36,6 @@ const LONGEST_END: Duration = Duration::from_secs(60);
 const FLEET: &str = "fleet.json";
 /// Version of that file.
 const FORMAT: u32 = 2;
-
-#[derive(Debug, Error)]
-pub enum FleetError {
-    #[error(transparent)]
-    Slurm(#[from] SlurmError),
-    #[error(transparent)]
-    Lock(#[from] LockError),
-    #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error("{} holds a fleet already: continue it with --resume, or choose another folder with --out", folder.display())]
-    Occupied { folder: PathBuf },
-    #[error("{} holds no fleet to continue: {reason}", folder.display())]
-    NothingToResume { folder: PathBuf, reason: String },
-    #[error("{} holds a fleet for {holds}: continue it with the same command", folder.display())]
-    OtherFleet { folder: PathBuf, holds: String },
-    #[error(
-        "{} cannot be a fleet's folder or program: Slurm and its scripts take no path that is not UTF-8 or holds a backslash or a control character",
-        text::line(&path.to_string_lossy())
-    )]
-    Path { path: PathBuf },
-    #[error("{shards} shards are more than {MOST_SHARDS}")]
-    TooMany { shards: u32 },
-}
 
 /// Batch systems.
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -113,11 +90,11 @@ pub fn run(
     options: &Options,
     program: &Path,
     interrupted: &AtomicBool,
-) -> Result<Followed, FleetError> {
+) -> anyhow::Result<Followed> {
     let Engine::Slurm = options.engine;
     let shards = options.shards.map_or_else(|| Slurm::node_count(&options.slurm), Ok)?;
     if shards > MOST_SHARDS {
-        return Err(FleetError::TooMany { shards });
+        bail!("{shards} shards are more than {MOST_SHARDS}");
     }
     let mut fleet = Fleet::open(options, shards, program, interrupted)?;
     let looked = fleet.look();
@@ -147,7 +124,7 @@ impl<'a> Fleet<'a> {
         shards: u32,
         program: &'a Path,
         interrupted: &'a AtomicBool,
-    ) -> Result<Self, FleetError> {
+    ) -> anyhow::Result<Self> {
         let [out, program] = [&options.out, program].map(usable);
         let (out, program) = (out?, program?);
         let _lock = FolderLock::take(&options.out, &fathom_record::output::holder())?;
@@ -160,10 +137,12 @@ impl<'a> Fleet<'a> {
         if options.resume {
             check_resumed(&options.out, &stored)?;
         } else if folder::is_there(&options.out.join(FLEET)) {
-            return Err(FleetError::Occupied { folder: options.out.clone() });
+            bail!(
+                "{} holds a fleet already: continue it with --resume, or choose another folder with --out",
+                options.out.display()
+            );
         }
-        Folder::prepare(&options.out, shards)
-            .map_err(|source| FleetError::Write { path: options.out.clone(), source })?;
+        Folder::prepare(&options.out, shards).map_err(unwritable(&options.out))?;
         let shard = |number| Shard::new(Folder::of(&options.out, number), number);
         let shards = (1..=shards).map(shard).collect();
         let progress = Progress::default();
@@ -175,7 +154,7 @@ impl<'a> Fleet<'a> {
     }
 
     /// Takes over what queue and folders say, and submits the shards that are neither done nor in the queue.
-    fn look(&mut self) -> Result<(), FleetError> {
+    fn look(&mut self) -> anyhow::Result<()> {
         let queue = self.slurm.queue()?;
         for shard in &mut self.shards {
             if let Some(event) = shard.look(&queue) {
@@ -187,7 +166,7 @@ impl<'a> Fleet<'a> {
         if due.is_empty() { Ok(()) } else { self.submit(&due) }
     }
 
-    fn submit(&mut self, due: &[u32]) -> Result<(), FleetError> {
+    fn submit(&mut self, due: &[u32]) -> anyhow::Result<()> {
         let Stored { shards, run, .. } = &self.stored;
         let script = script::text(self.program, run, *shards, self.out);
         let script = write(&self.options.out, script::NAME, script.as_bytes())?;
@@ -205,7 +184,7 @@ impl<'a> Fleet<'a> {
     }
 
     /// Looks until every shard is done or given up, or the fleet is interrupted. Slurm may fail for a while.
-    fn follow(&mut self) -> Result<(), FleetError> {
+    fn follow(&mut self) -> anyhow::Result<()> {
         let mut heard = Instant::now();
         while !self.is_interrupted() {
             match self.look() {
@@ -227,7 +206,7 @@ impl<'a> Fleet<'a> {
     }
 
     /// Removes what waits, and ends what runs with what it has measured.
-    fn cancel(&mut self) -> Result<(), FleetError> {
+    fn cancel(&mut self) -> anyhow::Result<()> {
         self.progress.say("cancelling the jobs; what is measured is kept");
         self.slurm.interrupted = None;
         // Jobs that another process submitted are known from the queue.
@@ -259,32 +238,44 @@ impl<'a> Fleet<'a> {
 }
 
 /// A path that means the same to this process, to a shell and to Slurm.
-fn usable(path: &Path) -> Result<&str, FleetError> {
+fn usable(path: &Path) -> anyhow::Result<&str> {
     let plain = |c: char| c != '\\' && !c.is_control();
     let text = path.to_str().filter(|text| text.chars().all(plain));
-    text.ok_or_else(|| FleetError::Path { path: path.to_owned() })
+    text.with_context(|| {
+        format!(
+            "{} cannot be a fleet's folder or program: Slurm and its scripts take no path that is not UTF-8 or holds a backslash or a control character",
+            text::line(&path.to_string_lossy())
+        )
+    })
+}
+
+fn unwritable(path: &Path) -> impl Fn(std::io::Error) -> anyhow::Error {
+    move |source| anyhow!("cannot write {}: {source}", path.display())
 }
 
 /// Writes a file of a fleet's folder, all or nothing.
-fn write(out: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf, FleetError> {
+fn write(out: &Path, name: &str, bytes: &[u8]) -> anyhow::Result<PathBuf> {
     let path = out.join(name);
-    let written = folder::write(&path, bytes);
-    written.map(|()| path.clone()).map_err(|source| FleetError::Write { path, source })
+    folder::write(&path, bytes).map_err(unwritable(&path))?;
+    Ok(path)
 }
 
 /// The folder holds the fleet that is asked for.
-fn check_resumed(out: &Path, asked: &Stored) -> Result<(), FleetError> {
-    let folder = out.to_owned();
-    let nothing = |reason: String| FleetError::NothingToResume { folder: folder.clone(), reason };
+fn check_resumed(out: &Path, asked: &Stored) -> anyhow::Result<()> {
+    let nothing =
+        |reason: String| anyhow!("{} holds no fleet to continue: {FLEET}: {reason}", out.display());
     let json = folder::Folder::open(out)
         .and_then(|folder| folder.plain(FLEET, fathom_base::input::MAX_TEXT)?.text())
-        .map_err(|error| nothing(format!("{FLEET}: {error}")))?;
-    let stored: Stored =
-        serde_json::from_str(&json).map_err(|error| nothing(format!("{FLEET}: {error}")))?;
+        .map_err(|error| nothing(error.to_string()))?;
+    let stored: Stored = serde_json::from_str(&json).map_err(|error| nothing(error.to_string()))?;
     if stored != *asked {
         let run = stored.run.iter().map(|word| text::shell(word)).collect::<Vec<_>>();
-        let holds = format!("{} shards of `run {}`", stored.shards, run.join(" "));
-        return Err(FleetError::OtherFleet { folder, holds });
+        bail!(
+            "{} holds a fleet for {} shards of `run {}`: continue it with the same command",
+            out.display(),
+            stored.shards,
+            run.join(" ")
+        );
     }
     Ok(())
 }

@@ -13,7 +13,7 @@ use maud::{Markup, html};
 
 use crate::adapters::AdapterRelation;
 use crate::exact::{Difference, DifferenceScope, FigureKind};
-use crate::files::{FilesError, RunFile, SameCells};
+use crate::files::{RunFile, SameCells};
 use crate::tables::rows;
 use crate::verdict::{Status, Verdicts};
 use cells::{Cells, Told};
@@ -76,7 +76,7 @@ impl Block {
 
 impl Changes {
     /// From the files alone.
-    pub fn of_files([base, head]: [&RunFile; 2]) -> Result<Self, FilesError> {
+    pub fn of_files([base, head]: [&RunFile; 2]) -> anyhow::Result<Self> {
         let SameCells { comparison, untimed } = SameCells::of([base, head])?;
         let verdicts = &Verdicts::of(&comparison);
         let views = [base, head].map(|file| ReportView::new(&file.reading.records, None));

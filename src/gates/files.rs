@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use anyhow::{Context, bail};
 use itertools::Itertools;
-use thiserror::Error;
 
 use crate::adapters::AdapterRelation;
 use crate::store::StoredComparison;
@@ -16,16 +16,6 @@ use fathom_record::comparison::{
 use fathom_record::{
     Adapter, Cell, Measured, OVER_BUDGET, Outcome, Reading, Record, RecordError, Run,
 };
-
-#[derive(Debug, Error)]
-pub enum FilesError {
-    #[error(transparent)]
-    Lines(#[from] RecordError),
-    #[error("{} holds no run", path.display())]
-    NoRun { path: PathBuf },
-    #[error("the files have no measured cell in common: {} of the base, {} of the head", .base, .head)]
-    NothingInCommon { base: usize, head: usize },
-}
 
 /// A file of a run's records, as it was read.
 pub struct RunFile {
@@ -58,7 +48,7 @@ pub struct SameCells {
 }
 
 impl SameCells {
-    pub fn of([base, head]: [&RunFile; 2]) -> Result<Self, FilesError> {
+    pub fn of([base, head]: [&RunFile; 2]) -> anyhow::Result<Self> {
         let [base, head] = [sorted(base)?, sorted(head)?];
         let untimed = timed(base.run, head.run).err();
         let mut contents = Contents { same_driver: untimed.is_none(), ..Contents::default() };
@@ -70,7 +60,9 @@ impl SameCells {
         }
         if ids.is_empty() {
             let (base, head) = (base.cells.len(), head.cells.len());
-            return Err(FilesError::NothingInCommon { base, head });
+            bail!(
+                "the files have no measured cell in common: {base} of the base, {head} of the head"
+            );
         }
         let mut comparison = contents.comparison;
         let header = &mut comparison.header;
@@ -97,7 +89,7 @@ fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
     }
 }
 
-fn sorted(file: &RunFile) -> Result<Sorted<'_>, FilesError> {
+fn sorted(file: &RunFile) -> anyhow::Result<Sorted<'_>> {
     let RunFile { path, reading } = file;
     let name = private::path(path);
     let damaged = reading.damaged.told(ToString::to_string).into_iter();
@@ -119,7 +111,7 @@ fn sorted(file: &RunFile) -> Result<Sorted<'_>, FilesError> {
             Record::Experiment(_) | Record::End(_) | Record::Comparison(_) => {}
         }
     }
-    let run = last.ok_or_else(|| FilesError::NoRun { path: path.clone() })?;
+    let run = last.with_context(|| format!("{} holds no run", path.display()))?;
     Ok(Sorted { run, cells, notes })
 }
 

@@ -1,9 +1,9 @@
 //! A comparison's folder: what its records hold, sorted for the verdicts.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use thiserror::Error;
+use anyhow::{Context, bail};
 
 use fathom_base::folder;
 use fathom_record as record;
@@ -13,16 +13,6 @@ use fathom_record::comparison::{
 };
 use fathom_record::output::{Held, RECORDS};
 use fathom_record::{Reading, Record, RecordError};
-
-#[derive(Debug, Error)]
-pub enum StoreError {
-    #[error(transparent)]
-    Records(#[from] RecordError),
-    #[error("no comparison in {}", path.display())]
-    Absent { path: PathBuf },
-    #[error("{} has no readable header, so its other records cannot be interpreted", path.display())]
-    NoHeader { path: PathBuf },
-}
 
 /// Appends records in one piece. Nothing else than this writes, so that measuring is not disturbed.
 pub fn write(held: &mut Held, lines: Vec<Compared>) -> Result<(), RecordError> {
@@ -60,26 +50,28 @@ impl StoredComparison {
     }
 
     /// The comparison stored in a folder.
-    pub fn read(folder: &Path) -> Result<Self, StoreError> {
+    pub fn read(folder: &Path) -> anyhow::Result<Self> {
         let path = folder.join(RECORDS);
         if !folder::is_there(&record::stored(&path)) {
-            return Err(StoreError::Absent { path: folder.to_owned() });
+            bail!("no comparison in {}", folder.display());
         }
         Self::of(record::read(&path)?, &path)
     }
 
     /// The comparison that the records of a file hold.
-    pub fn of(reading: Reading, path: &Path) -> Result<Self, StoreError> {
+    pub fn of(reading: Reading, path: &Path) -> anyhow::Result<Self> {
         let mut damaged: Vec<String> = reading.damaged.told(ToString::to_string);
         damaged.extend(record::kept_aside(path).into_iter().map(|aside| {
             let name = aside.file_name().unwrap_or_default().to_string_lossy();
             format!("unreadable lines were skipped; they are in {name}")
         }));
         let foreign = !reading.records.is_empty() && !holds_comparison(&reading.records);
-        let all = Self::from_records(reading.records);
-        let mut all = all.ok_or_else(|| {
-            let path = path.to_owned();
-            if foreign { StoreError::Absent { path } } else { StoreError::NoHeader { path } }
+        if foreign {
+            bail!("no comparison in {}", path.display());
+        }
+        let mut all = Self::from_records(reading.records).with_context(|| {
+            let path = path.display();
+            format!("{path} has no readable header, so its other records cannot be interpreted")
         })?;
         all.damaged.splice(0..0, damaged);
         Ok(all)
