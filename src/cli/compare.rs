@@ -12,14 +12,12 @@ use crate::compare::flow::{self, CompareOptions, Program};
 use crate::compare::launch::{Waiting, WorkerStart};
 use crate::compare::tables;
 use crate::gates::changes::Changes;
-use crate::gates::files::{self, RunFile};
+use crate::gates::files::RunFile;
 use crate::gates::schedule::MORE_PAIRS;
-use crate::gates::store::{self, StoredComparison};
-use crate::gates::verdict::Verdicts;
+use crate::gates::store::StoredComparison;
+use crate::gates::verdict::{Status, Verdicts};
 use crate::harness::catalog::Catalog;
 use crate::record::comparison::{self, Gate, GateSettings, Side};
-use crate::record::output::{FolderKind, Taken};
-use crate::report::ReportView;
 use crate::{exporters, folder, private, tell, text};
 use anyhow::Context;
 
@@ -41,7 +39,7 @@ pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
         return dry_run(catalog, &args);
     }
     if let [base, head] = args.records.as_slice() {
-        return two_runs(&args, [base, head]);
+        return two_runs([base, head], &args.gates);
     }
     let folder = match builds(catalog, &args) {
         Err(error) if INTERRUPT.load(Ordering::Relaxed) => {
@@ -194,27 +192,16 @@ fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {
     build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)
 }
 
-/// Two files of records: what changed is printed, or one format of the comparison.
-fn two_runs(args: &CompareArgs, files: [&PathBuf; 2]) -> Outcome {
+/// Two files of records: what changed.
+fn two_runs(files: [&PathBuf; 2], gates: &[Gate]) -> Outcome {
     let [base, head] = [RunFile::read(files[0])?, RunFile::read(files[1])?];
-    let lines = files::lines(&base, &head, &settings(args))?;
-    let folder = match &args.out {
-        Some(folder) => folder.clone(),
-        None => flow::fresh()?,
+    let changes = Changes::of_files([&base, &head])?;
+    let status = match changes.status {
+        Status::TimesNotJudged if !gates.contains(&Gate::Time) => Status::NoRegression,
+        status => status,
     };
-    let mut held = Taken::free(&folder)?.open(FolderKind::Comparison)?;
-    store::write(&mut held, lines)?;
-    if args.format != TEXT {
-        return tell(&folder, &args.format, true);
-    }
-    let views = [&base, &head].map(|file| ReportView::new(&file.reading.records, None));
-    let comparison = StoredComparison::read(&folder)?;
-    let verdicts = Verdicts::of(&comparison);
-    let paths = [files[0].as_path(), files[1].as_path()];
-    let changes = Changes::of(&verdicts, [&views[0], &views[1]], paths);
-    let status = verdicts.status;
     tell::answer(format!("{status} (status {}): {}", status as u8, changes.text()));
-    write(&folder, &verdicts, true)
+    Ok(ExitCode::from(status as u8))
 }
 
 /// Prints one of the tables of a folder, and writes all of them.

@@ -427,7 +427,7 @@ pub struct ExportArgs {
 #[derive(Args)]
 pub struct CompareArgs {
     /// Two files of records in place of two builds: what changed from one run to the other. Exact figures are judged; times are not, as two runs share no pairs
-    #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_bin", "replay", "resume"])]
+    #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_bin", "replay", "resume", "out", "format"])]
     pub records: Vec<PathBuf>,
     /// Revision to build as the base
     #[arg(long, value_name = "REV", conflicts_with_all = ["base_bin", "replay"])]

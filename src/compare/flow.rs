@@ -211,7 +211,6 @@ fn resumed(
         ("environment or driver of the head", then.head.environment.is_same(&now.head.environment)),
         ("adapter", then.adapter == now.adapter && then.base_adapter == now.base_adapter),
         ("selection of cells", then.cells == now.cells),
-        ("kind of measurement", !then.settings.unpaired),
     ];
     if let Some((what, _)) = same.iter().find(|(_, same)| !same) {
         let rule = "resume it with the same, or choose another folder with --out";

@@ -20,4 +20,4 @@ pub mod survey;
 mod valgrind;
 pub mod worker;
 
-pub use fathom_gates::{adapters, exact, files, rank, store, tables, time, unpaired, verdict};
+pub use fathom_gates::{adapters, exact, files, rank, store, tables, time, verdict};

@@ -374,7 +374,7 @@ fn axes_that_set_names_are_categories_and_those_that_set_numbers_are_not() {
         ("vao-voxelize", "scene", true),
         ("vao-voxelize", "dragon", true),
         ("vao-voxelize", "voxel.resolution", false),
-        ("vao-resolution", "step", true),
+        ("vao-resolution", "method", true),
         ("vao-skipping", "ao.skipping", true),
         ("spt-photons", "photons", false),
         ("uw-buffers", "caustics.buffer", false),

@@ -13,15 +13,14 @@ use maud::{Markup, html};
 
 use crate::adapters::AdapterRelation;
 use crate::exact::{Difference, DifferenceScope, FigureKind};
-use crate::files::{self, FilesError, RunFile};
-use crate::store::StoredComparison;
+use crate::files::{FilesError, RunFile, SameCells};
 use crate::tables::rows;
-use crate::verdict::Verdicts;
+use crate::verdict::{Status, Verdicts};
 use cells::{Cells, Told};
 use claims::ClaimChange;
 use fathom_base::text;
-use fathom_record::comparison::{CellId, Gate, GateSettings, Side};
-use fathom_record::{Adapter, Cell, Record, Run};
+use fathom_record::comparison::{CellId, Side};
+use fathom_record::{Adapter, Cell, Run};
 use fathom_report::format::{NS_PER_MS, interval, three};
 use fathom_report::noise::{Noise, RunVerdict};
 use fathom_report::page::parts::{table, words};
@@ -35,6 +34,8 @@ const MOST_NAMED: usize = 3;
 
 /// What there is to say, the most important first.
 pub struct Changes {
+    /// By what is exact.
+    pub status: Status,
     /// What was judged, and what cannot be.
     pub headline: String,
     /// Why the runs are hard to compare.
@@ -76,20 +77,12 @@ impl Block {
 impl Changes {
     /// From the files alone.
     pub fn of_files([base, head]: [&RunFile; 2]) -> Result<Self, FilesError> {
-        let lines = files::lines(base, head, &GateSettings::default())?;
-        let lines = lines.into_iter().map(Record::from);
-        let comparison = StoredComparison::from_records(lines).expect("a header stands first");
+        let SameCells { comparison, untimed } = SameCells::of([base, head])?;
+        let verdicts = &Verdicts::of(&comparison);
         let views = [base, head].map(|file| ReportView::new(&file.reading.records, None));
+        let views = [&views[0], &views[1]];
         let paths = [&base.path, &head.path].map(PathBuf::as_path);
-        Ok(Self::of(&Verdicts::of(&comparison), [&views[0], &views[1]], paths))
-    }
-
-    /// Of runs that lie there.
-    pub fn of(verdicts: &Verdicts<'_>, views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Self {
         let cells = Cells::of(views);
-        let skipped = verdicts.comparison.header.skipped.iter();
-        let untimed =
-            skipped.filter(|skip| skip.gate == Gate::Time).map(|skip| &skip.reason).next();
         let times = Times::of(if untimed.is_some() { &[] } else { &cells.both });
         let not_judged = match untimed {
             None => format!(
@@ -98,9 +91,10 @@ impl Changes {
             ),
             Some(reason) => format!("times not compared: {reason}"),
         };
-        Self {
+        Ok(Self {
+            status: verdicts.status,
             headline: format!("{}; {not_judged}", exact_headline(verdicts)),
-            doubts: doubts(views),
+            doubts: [comparison.header.notes.clone(), doubts(views)].concat(),
             blocks: vec![
                 claims_block(views),
                 times_block(&times, views),
@@ -108,7 +102,7 @@ impl Changes {
                 machine_block(views, paths),
                 cells_block(&cells),
             ],
-        }
+        })
     }
 
     /// For the terminal.

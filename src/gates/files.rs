@@ -7,19 +7,15 @@ use itertools::Itertools;
 use thiserror::Error;
 
 use crate::adapters::AdapterRelation;
-use fathom_base::input;
+use crate::store::StoredComparison;
 use fathom_base::private;
 use fathom_record as record;
 use fathom_record::comparison::{
-    CellId, Compared, ComparedBuild, ComparisonHeader, ConfigurationFigures, ExactFigures, Fault,
-    Gate, GateSettings, Side, SideEnvironment, Skip, UnpairedSamples,
+    CellId, ComparisonEnd, ConfigurationFigures, ExactFigures, Fault, Gate, Side, Skip,
 };
 use fathom_record::{
     Adapter, Cell, Measured, OVER_BUDGET, Outcome, Reading, Record, RecordError, Run,
 };
-
-/// Cells that a note names before it breaks off.
-const MOST_NAMED: usize = 5;
 
 #[derive(Debug, Error)]
 pub enum FilesError {
@@ -49,53 +45,42 @@ impl RunFile {
 /// What a file holds of its last run.
 struct Sorted<'a> {
     run: &'a Run,
-    build: ComparedBuild,
     /// By resume key: the same pipeline, scene and parameters.
     cells: BTreeMap<String, &'a Cell>,
     notes: Vec<String>,
 }
 
-/// The lines that two files amount to.
-pub fn lines(
-    base: &RunFile,
-    head: &RunFile,
-    settings: &GateSettings,
-) -> Result<Vec<Compared>, FilesError> {
-    let [base, head] = [sorted(base)?, sorted(head)?];
-    let timed = timed(base.run, head.run);
-    let mut contents = Contents { same_driver: timed.is_ok(), ..Contents::default() };
-    let mut ids = BTreeMap::new();
-    for (key, cell) in &base.cells {
-        if let Some(of_head) = head.cells.get(key) {
-            contents.add(&numbered(name(cell), &mut ids), [cell, of_head]);
+/// What two files hold of the same cells, as the exact gate judges it.
+pub struct SameCells {
+    pub comparison: StoredComparison,
+    /// Why the times may not even stand beside each other.
+    pub untimed: Option<String>,
+}
+
+impl SameCells {
+    pub fn of([base, head]: [&RunFile; 2]) -> Result<Self, FilesError> {
+        let [base, head] = [sorted(base)?, sorted(head)?];
+        let untimed = timed(base.run, head.run).err();
+        let mut contents = Contents { same_driver: untimed.is_none(), ..Contents::default() };
+        let mut ids = BTreeMap::new();
+        for (key, cell) in &base.cells {
+            if let Some(of_head) = head.cells.get(key) {
+                contents.add(&numbered(name(cell), &mut ids), [cell, of_head]);
+            }
         }
+        if ids.is_empty() {
+            let (base, head) = (base.cells.len(), head.cells.len());
+            return Err(FilesError::NothingInCommon { base, head });
+        }
+        let mut comparison = contents.comparison;
+        let header = &mut comparison.header;
+        (header.adapter, header.settings.gates) = (head.run.adapter.clone(), vec![Gate::Exact]);
+        header.notes = [base.notes, head.notes].concat();
+        let reason = untimed.as_deref().unwrap_or("two runs share no pairs").to_owned();
+        header.skipped.push(Skip { gate: Gate::Time, reason });
+        comparison.end = Some(ComparisonEnd { wall_s: 0.0, interrupted: false });
+        Ok(Self { comparison, untimed })
     }
-    if ids.is_empty() {
-        let (base, head) = (base.cells.len(), head.cells.len());
-        return Err(FilesError::NothingInCommon { base, head });
-    }
-    let alone = [only_in(Side::Base, &base, &head), only_in(Side::Head, &head, &base)];
-    let notes = [base.notes, head.notes, contents.notes].into_iter().flatten();
-    let skip = |gate, reason: &str| Skip { gate, reason: reason.to_owned() };
-    let no_counts = skip(Gate::Instructions, "files of records hold no instruction counts");
-    let untimed = timed.err().filter(|_| settings.gates.contains(&Gate::Time));
-    let untimed = untimed.map(|reason| skip(Gate::Time, &reason));
-    let skipped: Vec<Skip> = std::iter::once(no_counts).chain(untimed).collect();
-    let asked = settings.gates.iter().copied();
-    let gates = asked.filter(|gate| skipped.iter().all(|skip| skip.gate != *gate)).collect();
-    let header = ComparisonHeader {
-        base: base.build,
-        head: head.build,
-        adapter: head.run.adapter.clone(),
-        base_adapter: (base.run.adapter != head.run.adapter).then(|| base.run.adapter.clone()),
-        settings: GateSettings { gates, unpaired: true, launches: 0, pairs: 0, ..settings.clone() },
-        cells: contents.cells,
-        skipped,
-        notes: notes.chain(alone.into_iter().flatten()).collect(),
-        ..ComparisonHeader::default()
-    };
-    contents.lines.insert(0, Compared::Header(Box::new(header)));
-    Ok(contents.lines)
 }
 
 fn name(cell: &Cell) -> String {
@@ -110,16 +95,6 @@ fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
         1 => name,
         n => format!("{name} ({n})"),
     }
-}
-
-/// Which cells the other side's file lacks.
-fn only_in(side: Side, own: &Sorted<'_>, other: &Sorted<'_>) -> Option<String> {
-    let alone = own.cells.iter().filter(|(key, _)| !other.cells.contains_key(*key));
-    let count = alone.clone().count();
-    let more = (count > MOST_NAMED).then(|| "…".to_owned());
-    let names = alone.map(|(_, cell)| name(cell)).take(MOST_NAMED).chain(more).join("; ");
-    let told = || format!("only in the {side}, and not compared: {count} of its cells: {names}");
-    (count > 0).then(told)
 }
 
 fn sorted(file: &RunFile) -> Result<Sorted<'_>, FilesError> {
@@ -145,18 +120,7 @@ fn sorted(file: &RunFile) -> Result<Sorted<'_>, FilesError> {
         }
     }
     let run = last.ok_or_else(|| FilesError::NoRun { path: path.clone() })?;
-    Ok(Sorted {
-        build: ComparedBuild {
-            label: name,
-            version: run.fathom_version.clone(),
-            protocol: None,
-            digest: input::open(path).and_then(input::sha256).unwrap_or_default(),
-            environment: SideEnvironment::default(),
-        },
-        run,
-        cells,
-        notes,
-    })
+    Ok(Sorted { run, cells, notes })
 }
 
 /// Why the times of two runs may not stand beside each other. Two versions of one driver may: what that changes is of interest.
@@ -187,11 +151,9 @@ fn same_shaders(base: &Run, head: &Run) -> Result<(), String> {
 /// What the cells of two files amount to.
 #[derive(Default)]
 struct Contents {
-    /// Times and counters may stand beside each other.
+    /// Counters may stand beside each other: they belong to a driver, like times.
     same_driver: bool,
-    lines: Vec<Compared>,
-    cells: Vec<CellId>,
-    notes: Vec<String>,
+    comparison: StoredComparison,
 }
 
 impl Contents {
@@ -201,25 +163,19 @@ impl Contents {
             let stages = side.measured().into_iter().flat_map(|measured| &measured.stages);
             stages.map(|stage| CellId::new(configuration, &stage.stage)).collect()
         };
-        self.cells.extend(cells_of(base).into_iter().chain(cells_of(head)).unique());
-        if let (Outcome::Skipped { reason } | Outcome::Failed { reason }, None) =
-            (&base.outcome, head.measured())
-        {
-            let note = format!("{configuration}: measured on neither side: {reason}");
-            return self.notes.push(note);
-        }
+        let all = cells_of(base).into_iter().chain(cells_of(head)).unique();
+        self.comparison.header.cells.extend(all);
         for (side, own, other) in [(Side::Base, base, head), (Side::Head, head, base)] {
             if let Some(own) = own.measured() {
                 self.figures(side, configuration, own);
             }
             let lacking = |cell| lacking(side, cell, &own.outcome);
-            self.lines.extend(cells_of(other).into_iter().filter_map(lacking));
+            self.comparison.faults.extend(cells_of(other).into_iter().filter_map(lacking));
         }
     }
 
-    /// Counters belong to a driver, like times.
     fn figures(&mut self, side: Side, configuration: &str, measured: &Measured) {
-        self.lines.push(Compared::Configuration(ConfigurationFigures {
+        self.comparison.configurations.push(ConfigurationFigures {
             side,
             configuration: configuration.to_owned(),
             allocated_bytes: measured.allocated_bytes,
@@ -227,30 +183,21 @@ impl Contents {
             judged: measured.errors.clone(),
             quantities: measured.quantities.to_map(),
             notes: Vec::new(),
-        }));
-        for stage in &measured.stages {
-            let cell = CellId::new(configuration, &stage.stage);
+        });
+        self.comparison.exact.extend(measured.stages.iter().map(|stage| {
             let counters = self.same_driver.then(|| stage.counters.to_map());
-            self.lines.push(Compared::Exact(ExactFigures {
+            ExactFigures {
                 side,
-                cell: cell.clone(),
+                cell: CellId::new(configuration, &stage.stage),
                 work: stage.work,
                 counters: counters.unwrap_or_default(),
-            }));
-            if self.same_driver {
-                self.lines.push(Compared::Samples(UnpairedSamples {
-                    side,
-                    cell,
-                    ns: stage.samples_ns.clone(),
-                    resolution_ns: stage.resolution_ns(),
-                }));
             }
-        }
+        }));
     }
 }
 
 /// The fault of a side that lacks a cell which the other has. What the base skipped or never had is new in the head.
-fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Compared> {
+fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Fault> {
     let (reason, failed) = match own {
         Outcome::Measured(measured) => {
             let mut stages = measured.stages.iter();
@@ -264,7 +211,7 @@ fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Compared> {
         Outcome::OverBudget => (OVER_BUDGET, false),
     };
     let fault = Fault::new(Gate::Exact, Some(side), Some(cell), reason);
-    Some(Compared::Fault(Fault { absent: side == Side::Base && !failed, ..fault }))
+    Some(Fault { absent: side == Side::Base && !failed, ..fault })
 }
 
 #[cfg(test)]

@@ -13,5 +13,4 @@ pub mod schedule;
 pub mod store;
 pub mod tables;
 pub mod time;
-pub mod unpaired;
 pub mod verdict;

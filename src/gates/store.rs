@@ -9,7 +9,7 @@ use fathom_base::folder;
 use fathom_record as record;
 use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ComparisonEnd, ComparisonHeader, ConfigurationFigures,
-    ExactFigures, Fault, InstructionCounts, Launch, MOST_LAUNCHES, Pair, Side, UnpairedSamples,
+    ExactFigures, Fault, InstructionCounts, Launch, MOST_LAUNCHES, Pair, Side,
 };
 use fathom_record::output::{Held, RECORDS};
 use fathom_record::{Reading, Record, RecordError};
@@ -43,7 +43,6 @@ pub struct StoredComparison {
     pub launches: Vec<Launch>,
     /// The highest number of a launch that anything was stored of, complete or not.
     pub last_launch: Option<u32>,
-    pub samples: Vec<UnpairedSamples>,
     pub faults: Vec<Fault>,
     /// So many of the faults, the first, stood when measuring was last interrupted: the interruption may have caused
     /// them, so what they took is tried again.
@@ -100,7 +99,6 @@ impl StoredComparison {
                 Compared::Instructions(line) => all.instructions.push(line),
                 Compared::Pair(line) => all.pairs.push(line),
                 Compared::Launch(line) => all.launches.push(line),
-                Compared::Samples(line) => all.samples.push(line),
                 Compared::Fault(line) => all.faults.push(line),
                 Compared::End(line) => all.ended(line),
             }

@@ -10,7 +10,6 @@ use super::counts::{self, Change, Counted};
 use super::exact::{self, Difference, FigureKind};
 use super::store::StoredComparison;
 use super::time::{self, CellTime, TimeGate, TimeVerdict};
-use super::unpaired::{self, Unpaired};
 use fathom_record::comparison::{CellId, Fault, Gate, Side};
 
 /// What is concluded of a cell, the worst first.
@@ -34,7 +33,7 @@ pub enum CellVerdict {
     NotMeasured,
     /// Its time is neither shown to be the same nor to differ.
     Inconclusive,
-    /// Its exact figures are the same; its times, unpaired or of different adapters, decide nothing.
+    /// Its exact figures are the same; its times, of different adapters, decide nothing.
     #[strum(to_string = "not judged")]
     NotJudged,
     Faster,
@@ -57,8 +56,6 @@ pub struct JudgedCell {
     pub cell: CellId,
     pub verdict: CellVerdict,
     pub time: Option<CellTime>,
-    /// Times of runs apart from each other: reported, but not judged.
-    pub unpaired: Option<Unpaired>,
     pub instructions: Option<Counted>,
     /// Differences of exact figures charged to this cell.
     pub differences: Vec<Difference>,
@@ -124,7 +121,7 @@ impl<'a> Verdicts<'a> {
         }
         let times: BTreeMap<&CellId, &CellTime> =
             time.cells.iter().map(|cell| (&cell.cell, cell)).collect();
-        let (counts, unpaired) = (counts::judge(comparison), unpaired::judge(comparison));
+        let counts = counts::judge(comparison);
         let differences = exact::judge(comparison);
         let is_left = |fault: &&Fault| !overcome(comparison, fault);
         let judged = |cell: &CellId| {
@@ -133,7 +130,6 @@ impl<'a> Verdicts<'a> {
                 cell: cell.clone(),
                 verdict: CellVerdict::NotMeasured,
                 time: times.get(cell).copied().cloned(),
-                unpaired: unpaired.get(cell).copied(),
                 instructions: counts.get(cell).cloned(),
                 differences: differences.iter().filter(|d| d.concerns(cell)).cloned().collect(),
                 faults: unique(comparison.faults.iter().filter(own).filter(is_left)),
@@ -160,8 +156,7 @@ impl<'a> Verdicts<'a> {
     fn status(&self) -> Status {
         let settings = &self.comparison.header.settings;
         let any = |verdict| self.cells.iter().any(|cell| cell.verdict == verdict);
-        let incomplete = !settings.unpaired
-            && (!self.comparison.came_to_its_end() || any(CellVerdict::NotMeasured));
+        let incomplete = !self.comparison.came_to_its_end() || any(CellVerdict::NotMeasured);
         let regression = self.cells.iter().any(|cell| cell.verdict.is_regression())
             || self.configurations.iter().any(|difference| difference.worse);
         let unjudged = any(CellVerdict::NotJudged)
@@ -211,7 +206,7 @@ impl JudgedCell {
         let has = |gate: Gate| match gate {
             Gate::Exact => comparison.has_exact(&self.cell),
             Gate::Instructions => self.instructions.is_some(),
-            Gate::Time => self.time.is_some() || self.unpaired.is_some(),
+            Gate::Time => self.time.is_some(),
         };
         ran.peek().is_some() && ran.all(|(gate, _)| has(*gate))
     }
@@ -258,7 +253,6 @@ fn verdict(cell: &JudgedCell, measured: bool) -> CellVerdict {
                 CellVerdict::NotJudged
             }
             (_, Some(Change::Fewer)) => CellVerdict::Cheaper,
-            (None, None) if cell.unpaired.is_some() => CellVerdict::NotJudged,
             _ => CellVerdict::Same,
         }
     }
@@ -274,7 +268,7 @@ fn state(comparison: &StoredComparison, gate: Gate, time: &TimeGate) -> GateStat
     let measured = match gate {
         Gate::Exact => !comparison.exact.is_empty(),
         Gate::Instructions => !comparison.instructions.is_empty(),
-        Gate::Time => !comparison.pairs.is_empty() || !comparison.samples.is_empty(),
+        Gate::Time => !comparison.pairs.is_empty(),
     };
     if !measured {
         let fault = comparison.faults.iter().find(|fault| fault.gate == gate);
@@ -287,9 +281,6 @@ fn state(comparison: &StoredComparison, gate: Gate, time: &TimeGate) -> GateStat
 
 /// Why the pairs of the time gate have no control that covers them, if so.
 fn uncontrolled(comparison: &StoredComparison, time: &TimeGate) -> Option<String> {
-    if comparison.header.settings.unpaired {
-        return None;
-    }
     let measurements = 1 + usize::from(comparison.launches_of(true) > 0);
     let mut faults = comparison.faults.iter();
     if let Some(lost) = faults.find(|fault| fault.control && !overcome(comparison, fault)) {

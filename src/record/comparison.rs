@@ -131,7 +131,6 @@ pub enum Compared {
     Instructions(InstructionCounts),
     Pair(Pair),
     Launch(Launch),
-    Samples(UnpairedSamples),
     Fault(Fault),
     End(ComparisonEnd),
 }
@@ -211,7 +210,7 @@ pub struct ComparedBuild {
     pub label: String,
     /// Of the program.
     pub version: String,
-    /// Of the worker's line protocol; none for a file of records.
+    /// Of the worker's line protocol. None for a file of records, two of which earlier versions compared in this form.
     pub protocol: Option<u32>,
     /// SHA-256 of the program or file.
     pub digest: String,
@@ -293,9 +292,6 @@ pub struct GateSettings {
     pub seed: u64,
     /// Gates that were asked for.
     pub gates: Vec<Gate>,
-    /// Sides were measured one after the other, in no pairs: from files of records.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub unpaired: bool,
 }
 
 impl Default for GateSettings {
@@ -308,7 +304,6 @@ impl Default for GateSettings {
             pairs: PAIRS,
             seed: 0,
             gates: Gate::ALL.to_vec(),
-            unpaired: false,
         }
     }
 }
@@ -479,18 +474,6 @@ impl Fault {
         let reason = private::words(&reason.into());
         Self { gate, side, cell, launch: None, control: false, absent: false, reason }
     }
-}
-
-/// Times of a cell that were taken without a partner.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct UnpairedSamples {
-    pub side: Side,
-    pub cell: CellId,
-    /// Samples, nanoseconds.
-    pub ns: Vec<f64>,
-    /// A shorter median cannot be distinguished from 0, nanoseconds.
-    #[serde(default)]
-    pub resolution_ns: f64,
 }
 
 /// How measuring ended.

@@ -362,7 +362,7 @@ fn files_of_records_are_judged_by_what_is_exact() {
         records.iter_mut().for_each(change);
         write_records(&place.path(name), &records);
         let files = format!("base/records.jsonl {name}/records.jsonl");
-        let told = place.fathom(format!("compare {files} --out out-of-{name}")).ends(status);
+        let told = place.fathom(format!("compare {files}")).ends(status);
         told.out + &told.err
     };
     let of_cell = |change: fn(&mut Measured)| {
@@ -373,8 +373,8 @@ fn files_of_records_are_judged_by_what_is_exact() {
     let told = compare("same", 4, &|_| ());
     let first = "times not judged (status 4): exact figures of 1 cell: same; times of 1 cell not judged: two runs share no pairs";
     assert_eq!(told.lines().next(), Some(first));
-    let again = place.fathom("compare --replay out-of-same").ends(4).out;
-    holds(&again, &["times are unpaired", "times not judged;"]);
+    let exact = "compare base/records.jsonl same/records.jsonl --gates exact";
+    holds(&place.fathom(exact).ends(0).out, &["no regression (status 0): exact figures"]);
 
     // Times of two runs raise no alarm, and are told.
     let slower = of_cell(|measured| {

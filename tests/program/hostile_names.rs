@@ -1,7 +1,12 @@
 //! One set of hostile names through everything that is written of records: Markdown, SVG, CSV, terminal, JUnit, JSON.
 
 use crate::common::hostile::{HOSTILE, PICTURE, records};
-use crate::common::{Ends, Place, holds, names};
+use crate::common::{Ends, Place, holds, names, write_records};
+use fathom::record::comparison::{
+    CellId, Compared, ComparisonEnd, ComparisonHeader, ConfigurationFigures, ExactFigures, Gate,
+    GateSettings, InstructionCounts, Side,
+};
+use fathom::record::{Record, Work};
 use itertools::Itertools;
 use serde_json::Value;
 
@@ -128,17 +133,54 @@ fn reports_show_hostile_names_as_text() {
     assert_eq!(rows, 4 * HOSTILE.len());
 }
 
+/// Of configurations with these names, whose head has more work.
+fn comparison() -> Vec<Record> {
+    let cells: Vec<CellId> = HOSTILE.iter().map(|name| CellId::new(name, "compose")).collect();
+    let settings =
+        GateSettings { gates: vec![Gate::Exact, Gate::Instructions], ..Default::default() };
+    let header = ComparisonHeader { cells: cells.clone(), settings, ..Default::default() };
+    let mut lines = vec![Compared::Header(Box::new(header))];
+    for ((side, photons), cell) in
+        [(Side::Base, 100), (Side::Head, 200)].iter().cartesian_product(cells)
+    {
+        let (side, work) = (*side, Work { photons: *photons, ..Work::default() });
+        lines.push(Compared::Configuration(ConfigurationFigures {
+            side,
+            configuration: cell.configuration().to_owned(),
+            allocated_bytes: 1,
+            errors: Default::default(),
+            judged: Vec::new(),
+            quantities: Default::default(),
+            notes: Vec::new(),
+        }));
+        let counts = vec![*photons; 3];
+        lines.push(Compared::Instructions(InstructionCounts { side, cell: cell.clone(), counts }));
+        lines.push(Compared::Exact(ExactFigures {
+            side,
+            cell,
+            work,
+            counters: Default::default(),
+        }));
+    }
+    lines.push(Compared::End(ComparisonEnd { wall_s: 1.0, interrupted: false }));
+    lines.into_iter().map(Record::from).collect()
+}
+
 #[test]
 fn tables_of_a_comparison_show_hostile_names_as_text() {
     let place = Place::new();
     place.write("base.jsonl", records());
     // More work: regressions, which every table names.
     place.write("head.jsonl", records().replace("\"photons\":100", "\"photons\":200"));
-    let told = place.fathom("compare base.jsonl head.jsonl --out out").ends(1);
-    let told = told.out + &told.err;
-    plain("the terminal", &told);
-    holds(&told, &["<script>alert(1)</script>", "exact figures of 19 cells: worse"]);
-    assert!(!told.lines().any(|line| line.starts_with("# heading")), "{told}");
+    let changes = place.fathom("compare base.jsonl head.jsonl").ends(1);
+    holds(&changes.out, &["exact figures of 19 cells: worse"]);
+    write_records(&place.path("out"), &comparison());
+    let tables = place.fathom("compare --replay out").ends(1);
+    for told in [changes, tables].map(|told| told.out + &told.err) {
+        plain("the terminal", &told);
+        holds(&told, &["<script>alert(1)</script>"]);
+        assert!(!told.lines().any(|line| line.starts_with("# heading")), "{told}");
+    }
     for format in ["markdown", "junit", "bencher", "benchmark"] {
         let output = place.fathom(format!("compare --replay out --format {format}")).output();
         let output = output.unwrap();

@@ -6,11 +6,11 @@ use fathom::experiments::Experiment;
 use fathom::history::{History, Location, NewRun, Origin};
 use fathom::npy;
 use fathom::record::Record;
-use fathom::record::comparison::{Compared, Gate, Side, Skip, UnpairedSamples};
+use fathom::record::comparison::{Gate, Side, Skip};
 
 use super::common::{Place, lines, reference};
 use super::files::nifti;
-use super::stored::{BYTES, Stored, TRACE, cell};
+use super::stored::{BYTES, Stored, TRACE};
 
 type Seeds = Vec<Vec<u8>>;
 
@@ -122,14 +122,10 @@ pub fn records() -> Seeds {
 /// A comparison with lines of every kind, and a part of it.
 pub fn comparisons() -> Seeds {
     let other = "tank godrays/trace";
-    let samples = |side, ns: Vec<f64>| {
-        Compared::Samples(UnpairedSamples { side, cell: cell(TRACE), ns, resolution_ns: 5e4 })
-    };
     let mut comparison = Stored::new(&[TRACE, other])
         .configuration(BYTES + 1, 0.01)
         .same(TRACE)
         .check(("caustics/trace", "landing"), 0.1, 0.2)
-        .both(vec![1e6, 1.1e6], vec![1e6, 1.2e6], samples)
         .fault(Gate::Time, Side::Head, Some(other), false);
     comparison.header.skipped = vec![Skip { gate: Gate::Instructions, reason: "none".into() }];
     comparison.header.notes = vec!["a note".into()];

@@ -110,7 +110,7 @@ pub(super) fn lowest(
     Ok(others.iter().map(|other| quotient(own, other, band)).collect())
 }
 
-/// Every cell inside the band against every cell outside.
+/// The least of the cells inside the band against every cell outside.
 pub(super) fn band(y: &Measure, x: &Measure, [low, high]: [f64; 2], cells: &[&Cell]) -> Tested {
     let points = points(y, x, cells);
     let below = points.iter().any(|(x, _)| *x < low);
@@ -120,10 +120,12 @@ pub(super) fn band(y: &Measure, x: &Measure, [low, high]: [f64; 2], cells: &[&Ce
     if inside.is_empty() || !below || !above {
         return Err(format!("cells within {low} – {high} and on both sides of it are needed"));
     }
-    let pairs = inside.iter().cartesian_product(&outside);
-    let compared = pairs.map(|((x, y), (x_outside, y_outside))| {
-        let name = format!("at {x_outside} over at {x}");
-        Comparison::new(name, y_outside.over(y), ABOVE_ONE)
+    let least = inside.iter().min_by(|a, b| a.1.median().total_cmp(&b.1.median()));
+    let compared = outside.iter().flat_map(|(x_outside, y_outside)| {
+        least.map(|(x, y)| {
+            let name = format!("at {x_outside} over at {x}, the least inside");
+            Comparison::new(name, y_outside.over(y), ABOVE_ONE)
+        })
     });
     Ok(compared.collect())
 }

@@ -145,7 +145,7 @@ pub enum Test {
         #[serde(default)]
         margin: f64,
     },
-    /// `y` at every x within `low … high` is less than at every x outside; cells must lie on both sides of the band.
+    /// The least `y` lies at an x within `low … high`; cells must lie on both sides of the band.
     Band { y: Measure, x: Measure, over: String, low: f64, high: f64 },
 }
 

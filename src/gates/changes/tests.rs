@@ -6,7 +6,7 @@ use rand_pcg::Pcg64;
 use super::*;
 use fathom_base::statistics::estimate;
 use fathom_experiments::fixtures;
-use fathom_record::{Clock, Damaged, ErrorFigure, Measured, Outcome, Reading};
+use fathom_record::{Clock, Damaged, ErrorFigure, Measured, Outcome, Reading, Record};
 
 /// How many times as long each time takes in the second run.
 const DRIFT: f64 = 1.4;

@@ -1,6 +1,5 @@
 use serde_json::json;
 
-use super::super::store::StoredComparison;
 use super::super::verdict::{CellVerdict, Status, Verdicts};
 use super::*;
 use fathom_record::StageRecord;
@@ -51,37 +50,7 @@ fn compared(base: &[Record], head: &[Record]) -> StoredComparison {
     };
     let [base, head] = [("base", base), ("head", head)]
         .map(|(name, records)| RunFile::read(&write(name, records)).unwrap());
-    let compared = lines(&base, &head, &GateSettings::default()).unwrap();
-    StoredComparison::from_records(compared.into_iter().map(Record::from)).unwrap()
-}
-
-#[test]
-fn unpaired_times_are_not_judged_and_have_no_ratio_below_the_clock_s_resolution() {
-    let short = |ns: f64| {
-        let Outcome::Measured(mut measured) = measured(&["s"], ns) else {
-            panic!("it is measured");
-        };
-        measured.stages[0].fenced = Some(record::Fenced {
-            wall_samples_ns: vec![6e4; 5],
-            submit_cost_samples_ns: vec![6e4; 5],
-            resolution_ns: 5e4,
-        });
-        Outcome::Measured(measured)
-    };
-    let both = [5e4, 9e4].map(|ns| [run("a"), cell("x=1", 1, short(ns))]);
-    let comparison = compared(&both[0], &both[1]);
-    let verdicts = Verdicts::of(&comparison);
-    assert_eq!(verdicts.status, Status::TimesNotJudged);
-    assert_eq!(verdicts.cells[0].verdict, CellVerdict::NotJudged);
-    let times = verdicts.cells[0].unpaired.expect("both have times");
-    assert!(!times.base.is_resolved() && times.head.is_resolved());
-    assert_eq!(times.change(), None);
-    let both = [1.0, 1.5].map(|ns| [run("a"), cell("x=1", 1, measured(&["s"], ns))]);
-    let comparison = compared(&both[0], &both[1]);
-    let verdicts = Verdicts::of(&comparison);
-    assert_eq!(verdicts.status, Status::TimesNotJudged);
-    assert_eq!(verdicts.cells[0].verdict, CellVerdict::NotJudged);
-    assert_eq!(verdicts.cells[0].unpaired.and_then(|times| times.change()), Some(0.5));
+    SameCells::of([&base, &head]).unwrap().comparison
 }
 
 #[test]
@@ -89,10 +58,10 @@ fn a_cell_or_stage_that_the_head_lacks_fails() {
     let whole = || measured(&["s", "t"], 1.0);
     let base = [run("a"), cell("x=1", 1, whole()), cell("x=2", 1, whole())];
     let head = [run("a"), cell("x=1", 1, failed()), cell("x=2", 1, measured(&["s"], 1.0))];
-    let (failed, unjudged) = (CellVerdict::Failed, CellVerdict::NotJudged);
+    let (failed, same) = (CellVerdict::Failed, CellVerdict::Same);
     for (base, head, expected) in [
-        (&base, &head, [failed, failed, unjudged, failed]),
-        (&head, &base, [failed, failed, unjudged, CellVerdict::New]),
+        (&base, &head, [failed, failed, same, failed]),
+        (&head, &base, [failed, failed, same, CellVerdict::New]),
     ] {
         let comparison = compared(base, head);
         let verdicts = Verdicts::of(&comparison);
@@ -100,15 +69,6 @@ fn a_cell_or_stage_that_the_head_lacks_fails() {
         let cells = verdicts.cells.iter().map(|cell| cell.verdict);
         assert_eq!(cells.collect::<Vec<_>>(), expected);
     }
-}
-
-#[test]
-fn cells_of_one_file_only_are_named() {
-    let one = || cell("x=1", 1, measured(&["s"], 1.0));
-    let two = cell("x=2", 1, measured(&["s"], 1.0));
-    let comparison = compared(&[run("a"), one(), two], &[run("a"), one()]);
-    let note = "only in the base, and not compared: 1 of its cells: e:x=2";
-    assert_eq!(comparison.header.notes, [note]);
 }
 
 #[test]

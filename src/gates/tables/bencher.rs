@@ -24,10 +24,6 @@ fn add(cell: &JudgedCell, all: &mut Benchmarks) {
         all.add(name, "time-ratio", ratio.median, ratio.interval);
         all.add(name, LATENCY, time.head_ns.round(), None);
     }
-    if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {
-        let time = &unpaired.head.ns;
-        all.add(name, LATENCY, time.median, time.interval);
-    }
     if let Some(counted) = &cell.instructions {
         all.add(name, "instructions", counted.head, None);
     }

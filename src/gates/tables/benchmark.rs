@@ -23,10 +23,6 @@ fn entries(cell: &JudgedCell) -> Vec<Entry> {
         let range = time.change.interval.map(range);
         add("time", "ms", time.head_ns / NS_PER_MS, extra, range);
     }
-    if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {
-        let value = unpaired.head.ns.median / NS_PER_MS;
-        add("time", "ms", value, "unpaired".to_owned(), None);
-    }
     if let Some(counted) = &cell.instructions {
         let change = 100.0 * (counted.ratio - 1.0);
         let extra = format!("{verdict}: {change:+.3} % against the base");

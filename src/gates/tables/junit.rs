@@ -27,8 +27,7 @@ pub fn export(verdicts: &Verdicts<'_>) -> String {
         let status = failed(NotPassed::Error, "fault", &rows::fault(fault));
         gates.add("gate", &name, status);
     }
-    let comparison = verdicts.comparison;
-    if !comparison.header.settings.unpaired && !comparison.came_to_its_end() {
+    if !verdicts.comparison.came_to_its_end() {
         let status = failed(NotPassed::Error, "incomplete", rows::INCOMPLETE);
         gates.add("gate", "end", status);
     }

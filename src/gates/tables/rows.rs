@@ -10,7 +10,6 @@ use crate::counts::{Change, Counted};
 use crate::exact::{Difference, DifferenceScope, FigureKind};
 use crate::store::StoredComparison;
 use crate::time::{CellTime, ThrottledLaunches, TimeVerdict};
-use crate::unpaired::{RunTime, Unpaired};
 use crate::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
 use fathom_record::comparison::{ComparedBuild, Fault, Gate, Side, SideEnvironment};
 use fathom_record::{Adapter, Interval, machine};
@@ -22,7 +21,7 @@ pub const HEADER: [&str; 7] =
 
 /// One cell of a table of cells.
 pub fn cell(cell: &JudgedCell) -> [String; 7] {
-    let (time, unpaired) = (cell.time.as_ref(), cell.unpaired.as_ref());
+    let time = cell.time.as_ref();
     let base = time.map(|time| in_ms(time.base_ns));
     let detectable = time.and_then(|time| time.detectable);
     let counted = cell.instructions.as_ref();
@@ -32,8 +31,8 @@ pub fn cell(cell: &JudgedCell) -> [String; 7] {
     [
         cell.cell.to_string(),
         cell.verdict.to_string(),
-        or_none(base.or(unpaired.map(|unpaired| run_time(&unpaired.base)))),
-        or_none(time.map(change).or(unpaired.map(unpaired_change))),
+        or_none(base),
+        or_none(time.map(change)),
         or_none(detectable.map(|least| format!("{:.1} %", 100.0 * least))),
         or_none(counted.map(|counted| format!("{} {}", si(counted.base), more(counted)))),
         differences.chain(faults).chain(time.and_then(throttled)).join("; "),
@@ -87,21 +86,6 @@ fn throttled(time: &CellTime) -> Option<String> {
 
 fn in_ms(ns: f64) -> String {
     format!("{} ms", three(ns / NS_PER_MS))
-}
-
-fn run_time(time: &RunTime) -> String {
-    if time.is_resolved() {
-        in_ms(time.ns.median)
-    } else {
-        format!("< {}", in_ms(time.resolution_ns))
-    }
-}
-
-fn unpaired_change(unpaired: &Unpaired) -> String {
-    match unpaired.change() {
-        Some(change) => format!("{}, unpaired", signed(change, 1)),
-        None => "below the clock's resolution".to_owned(),
-    }
 }
 
 /// How many more instructions the head takes.
@@ -173,7 +157,6 @@ pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
 /// What was compared, on what, by which gates; and everything else that is to be known.
 pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
     let header = &verdicts.comparison.header;
-    let settings = &header.settings;
     let mut notes: Vec<String> = verdicts
         .gates
         .iter()
@@ -194,12 +177,6 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
     notes.extend(inconclusive(verdicts));
     notes.extend(on_two_adapters(verdicts));
     notes.extend(held_down(verdicts));
-    if settings.unpaired {
-        notes.push(
-            "times are unpaired: the runs were made one after the other, so they are reported, but not judged"
-                .to_owned(),
-        );
-    }
     let better = verdicts.configurations.iter();
     notes.extend(better.filter(|other| !other.worse).map(difference));
     notes.extend(verdicts.faults.iter().map(fault));
@@ -212,7 +189,7 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
     if let Some(end) = &verdicts.comparison.end {
         let cut = if end.interrupted { ", interrupted" } else { "" };
         notes.push(format!("measured in {:.0} s{cut}", end.wall_s));
-    } else if !settings.unpaired {
+    } else {
         notes.push(INCOMPLETE.to_owned());
     }
     notes
@@ -236,7 +213,7 @@ fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
 /// What it means that the sides ran on two adapters, if they did.
 fn on_two_adapters(verdicts: &Verdicts<'_>) -> Option<String> {
     let header = &verdicts.comparison.header;
-    header.base_adapter.as_ref().filter(|_| !header.settings.unpaired)?;
+    header.base_adapter.as_ref()?;
     let told = match AdapterRelation::in_header(header) {
         AdapterRelation::Same => "one device and driver under two settings: everything is judged",
         AdapterRelation::OtherVersion => {
@@ -283,7 +260,6 @@ fn configuration_notes(comparison: &StoredComparison) -> Vec<String> {
 fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
     let settings = &verdicts.comparison.header.settings;
     match gate {
-        Gate::Time if settings.unpaired => "medians of each run".to_owned(),
         Gate::Time => format!(
             "{} launches of {} pairs{}; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
             verdicts.comparison.launches_of(false),

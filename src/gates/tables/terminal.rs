@@ -1,17 +1,14 @@
 //! A table for people at a terminal: columns in step, regressions once more at the end, where the eye is.
 
 use super::rows;
-use crate::verdict::{JudgedCell, Verdicts};
+use crate::verdict::Verdicts;
 use fathom_base::text;
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {
     let [sides, adapter] = rows::sides(verdicts).map(|side| text::line(&side));
     let mut told = format!("{sides}\n{adapter}\n\n");
     let header = rows::HEADER.map(str::to_owned);
-    // Of two runs, `crate::changes` tells what their hundreds of times amount to.
-    let unpaired = verdicts.comparison.header.settings.unpaired;
-    let says_something = |cell: &&JudgedCell| !unpaired || cell.verdict.is_regression();
-    let cells = verdicts.cells.iter().filter(says_something);
+    let cells = verdicts.cells.iter();
     let cells = cells.map(|cell| rows::cell(cell).map(|field| text::line(&field)));
     told += &text::columns(&std::iter::once(header).chain(cells).collect::<Vec<_>>()).join("\n");
     told += "\n\n";

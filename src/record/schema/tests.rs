@@ -144,8 +144,6 @@ fn compared() -> Vec<Value> {
         json!({"kind": "pair", "launch": 0, "round": 1, "cell": "tank compose", "control": true,
             "second": true, "first": "head", "base_ns": 1.5, "head_ns": 2.5,
             "machine": {"base": {"clock_mhz": 900.0}, "head": {"throttle": ["hw_slowdown", "a later word"]}}}),
-        json!({"kind": "samples", "side": "base", "cell": "tank compose", "ns": [1.5],
-            "resolution_ns": 0.5}),
     ];
     let written = lines.into_iter().map(|line| serde_json::to_value(Record::from(line)).unwrap());
     let figures = figures.into_iter().map(|mut figure| {
