@@ -202,12 +202,12 @@ impl Experiment {
         let mut scales = Vec::new();
         let (mut comparisons, mut not_run) = (Vec::new(), Vec::new());
         for Group { prefix, cells } in groups {
-            let scale = match claim.balance {
-                Some(Balance::Published) => Scale::of(&self.balance, &cells).map(Some),
-                Some(Balance::Free(_)) | None => Ok(None),
+            let balanced = match claim.balance {
+                Some(Balance::Published) => balance::of(&self.balance, &claim.test, cells),
+                Some(Balance::Free(_)) | None => Ok((cells, None)),
             };
-            let tested =
-                scale.and_then(|scale| Ok((scale, test_group(&claim.test, &cells, software)?)));
+            let tested = balanced
+                .and_then(|(cells, scale)| Ok((scale, test_group(&claim.test, &cells, software)?)));
             match tested {
                 Ok((scale, more)) => {
                     scales.extend(scale);

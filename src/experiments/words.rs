@@ -242,6 +242,7 @@ const PARAMETERS: &[Entry] = &[
     ("rays", "ends of rays", One),
     ("rays.method", "method of intersection testing", One),
     ("rays.test", "test for a hit", One),
+    ("rays.tolerance_m", "tolerance of a hit", Metres),
     ("refraction.method", "method of refraction", One),
     ("shadow.size", "side of the shadow map", Pixels),
     ("side", "voxels along the longest side", One),

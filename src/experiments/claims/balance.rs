@@ -5,7 +5,7 @@ use std::fmt;
 
 use itertools::Itertools;
 
-use crate::schema::PublishedSizes;
+use crate::schema::{PublishedSizes, Test};
 use crate::{Measure, measure};
 use fathom_record::Cell;
 
@@ -20,9 +20,32 @@ pub struct Scale {
     high: f64,
 }
 
+/// The cells that a test may look at, and their sizes over the published ones. A test that compares no cells takes those that are
+/// balanced themselves; any other takes all or none.
+pub(super) fn of<'a>(
+    published: &[PublishedSizes],
+    test: &Test,
+    mut cells: Vec<&'a Cell>,
+) -> Result<(Vec<&'a Cell>, Option<Scale>), String> {
+    if let Test::AtLeast { .. } | Test::Within { .. } = test {
+        let scales = cells.iter().map(|cell| Scale::of(published, &[cell]));
+        let scales: Vec<Result<Scale, String>> = scales.collect();
+        let mut kept = scales.iter().map(Result::is_ok);
+        cells.retain(|_| kept.next().unwrap_or(false));
+        let scale = scales.iter().flatten().copied().reduce(Scale::with);
+        let fault = scales.into_iter().find_map(Result::err);
+        return match (scale, fault) {
+            (None, fault) => Err(fault.unwrap_or_else(|| "no measured cell".to_owned())),
+            (scale, _) => Ok((cells, scale)),
+        };
+    }
+    let scale = Scale::of(published, &cells)?;
+    Ok((cells, Some(scale)))
+}
+
 impl Scale {
     /// Of cells that a claim compares. An error says which sizes are out of balance, or not known.
-    pub(super) fn of(published: &[PublishedSizes], cells: &[&Cell]) -> Result<Scale, String> {
+    fn of(published: &[PublishedSizes], cells: &[&Cell]) -> Result<Scale, String> {
         let shares = cells.iter().filter(|cell| cell.measured().is_some());
         let shares: Vec<Vec<Share<'_>>> =
             shares.map(|cell| of_cell(published, cell)).try_collect()?;
@@ -36,8 +59,11 @@ impl Scale {
     }
 
     pub(super) fn join(scales: &[Scale]) -> Option<Scale> {
-        let join = |a: Scale, b: Scale| Scale { low: a.low.min(b.low), high: a.high.max(b.high) };
-        scales.iter().copied().reduce(join)
+        scales.iter().copied().reduce(Scale::with)
+    }
+
+    fn with(self, other: Scale) -> Scale {
+        Scale { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 }
 

@@ -625,6 +625,31 @@ fn a_claim_is_tested_at_the_publications_balance_only() {
 }
 
 #[test]
+fn a_bound_on_every_cell_is_tested_on_the_balanced_ones() {
+    let claim = r#"
+        [[claim]]
+        id = "each"
+        text = "x"
+        source = "UW Table 1"
+        balance = "published"
+        test.within = { y = "quantity:error", low = 0.0, high = 3.0 }
+        "#;
+    let experiment = Experiment::parse("e", &(EXPERIMENT.to_owned() + PUBLISHED + claim)).unwrap();
+    let verdict = |params: [Value; 2]| {
+        let mut cells = swept(&[1.0, 2.0], |n| 2.0 * n);
+        for (cell, params) in cells.iter_mut().zip(params) {
+            cell.params = params.into();
+        }
+        let rulings = experiment.rulings(&cells.iter().collect::<Vec<_>>(), false);
+        rulings.last().unwrap().verdict
+    };
+    // The errors are 2 and 4: the second cell contradicts the claim where it counts.
+    assert_eq!(verdict([sizes(100.0, 250.0), sizes(100.0, 1000.0)]), Contradicted);
+    assert_eq!(verdict([sizes(100.0, 250.0), sizes(100.0, 4000.0)]), Supported);
+    assert_eq!(verdict([sizes(100.0, 1000.0), sizes(100.0, 4000.0)]), NotRun);
+}
+
+#[test]
 fn a_publications_claim_is_tested_with_its_method_only() {
     let other =
         |pixels, triangles| json!({ "pixels": pixels, "triangles": triangles, "filter": true });
