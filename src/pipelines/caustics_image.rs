@@ -6,12 +6,14 @@ use std::rc::Rc;
 use super::occlusion::signed_color;
 use super::settings::Animation;
 use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
+use fathom_base::statistics::median;
 use fathom_gpu::Pixels;
 use fathom_picture::RgbImage;
 use fathom_record::{ErrorSpan, PictureScale};
 use fathom_reference::image::Image;
 use fathom_reference::kept::Content;
 use fathom_reference::photon_map::{Lighting, PhotonMap};
+use fathom_reference::rays::PixelRays;
 use fathom_scene::{Object, Optics};
 use fathom_stages::uniforms::View;
 
@@ -52,6 +54,8 @@ pub fn channel(pixels: &Pixels, channel: usize) -> Image {
 pub struct Compared {
     pub found: Image,
     pub exact: Image,
+    /// Distance from the viewer to what each block shows, metres; infinite where that is nothing.
+    distance_m: Image,
     stage: &'static str,
     block_px: u32,
     noise: f64,
@@ -75,6 +79,7 @@ impl Compared {
         Ok(Self {
             found: found.irradiance.in_blocks(block_px),
             exact: map.irradiance(),
+            distance_m: distances_m(judge, view, size, block_px),
             stage: found.stage,
             block_px,
             noise: map.noise(),
@@ -82,8 +87,9 @@ impl Compared {
     }
 
     /// `caustics_image_error`: Σ |I − I_ref| / Σ I_ref over the pixels; `caustics_image_rms_error`: the root of the mean square
-    /// difference over the mean of I_ref. Beside them `caustics_image_level`, Σ I / Σ I_ref, `caustics_reference_noise`, the first error of
-    /// the map itself, and `caustics_image_block_px`, the side of the blocks of pixels that were compared.
+    /// difference over the mean of I_ref. Beside them `caustics_image_level`, Σ I / Σ I_ref, `…_level_near` and `…_level_far`, the same of
+    /// the nearer and of the farther half of what is seen, `caustics_reference_noise`, the first error of the map itself, and
+    /// `caustics_image_block_px`, the side of the blocks of pixels that were compared.
     pub fn judged(&self) -> Judged {
         let pairs = || self.found.data().iter().zip(self.exact.data());
         let count = self.exact.data().len() as f64;
@@ -94,12 +100,30 @@ impl Compared {
             (IMAGE_ERROR, absolute / sum, "1"),
             ("caustics_image_rms_error", (square / count).sqrt() * count / sum, "1"),
         ];
+        let [near, far] = self.levels_near_and_far();
         let quantities = [
             ("caustics_image_level", self.found.sum() / sum),
+            ("caustics_image_level_near", near),
+            ("caustics_image_level_far", far),
             ("caustics_reference_noise", self.noise),
             ("caustics_image_block_px", f64::from(self.block_px)),
         ];
         Judged::of(self.stage, errors, quantities)
+    }
+
+    /// Σ I / Σ I_ref over the blocks nearer than the median of those that show something, and over the others.
+    fn levels_near_and_far(&self) -> [f64; 2] {
+        let distances = self.distance_m.data();
+        let seen: Vec<f64> = distances.iter().copied().filter(|d| d.is_finite()).collect();
+        let middle_m = median(&seen);
+        [true, false].map(|near| {
+            let sum = |image: &Image| -> f64 {
+                let blocks = image.data().iter().zip(distances);
+                let of_half = blocks.filter(|(_, d)| d.is_finite() && (**d < middle_m) == near);
+                of_half.map(|(value, _)| value).sum()
+            };
+            sum(&self.found) / sum(&self.exact)
+        })
     }
 
     /// The irradiance that was found, or the exact one, in greys: 1 − exp(−E / 3 M), M the mean of the exact one, so that pictures of one
@@ -140,6 +164,19 @@ fn block_px([width, height]: [u32; 2]) -> u32 {
         u64::from(width.div_ceil(*side)) * u64::from(height.div_ceil(*side)) <= MOST_BLOCKS
     };
     (1..).find(fits).unwrap_or(1)
+}
+
+/// Distances from the viewer along the rays through the blocks' middles.
+fn distances_m(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Image {
+    let tracer = judge.known.occlusion.tracer(judge.scene, &Animation::default());
+    let [width, height] = size;
+    let rays = PixelRays::new(&view.camera, width, height);
+    Image::of(size.map(|side| side.div_ceil(block_px)), |x, y| {
+        let middle = |block: u32| (f64::from(block) + 0.5) * f64::from(block_px);
+        let (origin, direction, length_m) = rays.ray_at(middle(x), middle(y));
+        let hit = tracer.cast(origin, direction, 0.0, length_m);
+        hit.map_or(f64::INFINITY, |hit| hit.position.distance(view.camera.position()))
+    })
 }
 
 /// The photon map of a view, from an earlier cell or run where it is known.
@@ -183,7 +220,9 @@ mod tests {
     fn compared(found: [f64; 4]) -> Judged {
         let image = |data: [f64; 4]| Image::from_data([2, 2], data.into());
         let exact = image([1.0, 3.0, 0.0, 4.0]);
-        Compared { found: image(found), exact, stage: "a/b", block_px: 1, noise: 0.01 }.judged()
+        let distance_m = image([2.0, 1.0, f64::INFINITY, 3.0]);
+        let found = image(found);
+        Compared { found, exact, distance_m, stage: "a/b", block_px: 1, noise: 0.01 }.judged()
     }
 
     #[test]
@@ -195,6 +234,9 @@ mod tests {
         let moved = compared([3.0, 1.0, 0.0, 4.0]);
         assert_eq!((figures(&moved)[0], moved.quantities["caustics_image_level"]), (0.5, 1.0));
         assert!((figures(&moved)[1] - 2f64.sqrt() / 2.0).abs() < 1e-12);
+        let far = compared([0.5, 4.5, 9.0, 6.0]);
+        assert_eq!(far.quantities["caustics_image_level_near"], 1.5);
+        assert_eq!(far.quantities["caustics_image_level_far"], 6.5 / 5.0);
     }
 
     #[test]

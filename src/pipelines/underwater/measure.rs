@@ -40,7 +40,18 @@ impl Underwater {
         lines.map(|line| covered_px(line, width_px, size)).sum()
     }
 
-    /// Shares of the photons that never enter the water, and that leave the light's frustum; pixels that godrays cover; of the paper's
+    /// Share of the photons that land within the camera's frustum, hidden or not.
+    fn in_view(&self, photons: &[Photon]) -> f64 {
+        let matrix = self.view.camera.view_projection(self.view.aspect());
+        let lands = |photon: &&Photon| {
+            let clip = matrix * photon.hit_m.as_dvec3().extend(1.0);
+            let across = clip.truncate().truncate().abs().max_element() <= clip.w;
+            photon.residual_m >= 0.0 && across && (0.0..=clip.w).contains(&clip.z)
+        };
+        photons.iter().filter(lands).count() as f64 / photons.len() as f64
+    }
+
+    /// Shares of the photons that never enter the water, that leave the light's frustum, and that land in view; pixels that godrays cover; of the paper's
     /// estimator the factor of its error in an iteration, where it is largest.
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let mut quantities = BTreeMap::new();
@@ -54,8 +65,11 @@ impl Underwater {
                 let alike = photons.iter().filter(|p| p.residual_m == residual_m);
                 alike.count() as f64 / photons.len() as f64
             };
-            let figures =
-                [("missed_water_rate", share(MISSED)), ("left_frustum_rate", share(OUTSIDE))];
+            let figures = [
+                ("missed_water_rate", share(MISSED)),
+                ("left_frustum_rate", share(OUTSIDE)),
+                ("in_view_rate", self.in_view(&photons)),
+            ];
             quantities.extend(figures.map(|(figure, value)| (format!("{name}_{figure}"), value)));
             if name == "godrays" {
                 quantities
