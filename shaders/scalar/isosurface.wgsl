@@ -1,8 +1,8 @@
-// defs: AT_ISOSURFACE=1, LINEAR=1, REJECTION=0
+// defs: AT_ISOSURFACE=1, LINEAR=1, OPACITY=0, REJECTION=1
 // First isosurface on the view ray with ambient occlusion. VAO §5.2.1; marching as in §5.1.
 //
 // AT_ISOSURFACE 1: rays stop at values near the isosurface's; 0: at values from V_thres. LINEAR 1: ρ = 1 − d / r_max; 0: 1.
-// REJECTION 1: rays begin at the surface and gather opacity up to their stop (Eq. 7), samples of falling value rejected (Eq. 4).
+// OPACITY 1: rays begin at the surface and gather opacity up to their stop (Eq. 7). REJECTION 1: samples of falling value do not count (Eq. 4).
 #import fathom::ray_cast::{march, Ray, windowed, view_ray, along, seed_of, lit, background, display, OPAQUE}
 #import fathom::scalar_field::{field, value, outward, through_box, look_ups}
 #import fathom::screen
@@ -63,7 +63,7 @@ fn occluder(v: f32) -> bool {
 #endif
 }
 
-#if REJECTION == 1
+#if OPACITY == 1
 // γ: obscurance along a ray up to its stop. VAO Eq. 7, with strata of equal length, jittered alike (§5.2.3).
 fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jitter: f32) -> f32 {
     let reach = min(march.r_max_m, through_box(position_m, direction).y);
@@ -78,11 +78,13 @@ fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jit
         }
         let raw = value(position_m + d * direction, 0.0);
         let v = windowed(raw);
+#if REJECTION == 1
         let falling = v < before;
         before = v;
         if falling {
             continue;
         }
+#endif
         clear *= 1.0 - march.opacity * v;
         if occluder(raw) || clear < least {
             break;

@@ -1,47 +1,63 @@
-//! Occlusion of an isosurface against rays cast through the same field.
+//! Occlusion in a scalar field against rays cast through the same field.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Gather, Mode, ScalarAo};
+use super::{Gather, Law, Mode, Scalar, ScalarAo};
 use crate::occlusion::{figures, lattice};
 use crate::settings::Attenuation;
 use crate::{Judge, JudgeError, Judged, named};
-use fathom_gpu::read_texture;
+use fathom_gpu::{Pixels, read_texture};
 use fathom_reference::isosurface::FieldSurface;
+use fathom_reference::media::{self, Marching};
 use fathom_reference::occlusion as reference;
 use fathom_reference::rays::PixelRays;
-use fathom_stages::scalar::isosurface::INFO;
+use fathom_scene::Volume;
+use fathom_stages::scalar;
 
-/// Pixels that figures rest on at most, and rays at each of them.
+/// Pixels that figures rest on at most, and rays at each point that they show.
 const MOST_POINTS: f64 = 800.0;
 const RAYS: u32 = 256;
+/// The same in a medium, where each pixel shows many points.
+const MOST_IN_MEDIUM: f64 = 300.0;
+const RAYS_IN_MEDIUM: u32 = 96;
+/// Steps along view rays and strata of occlusion rays in a medium, voxels.
+const STEP_VOXELS: f64 = 0.5;
+/// The window and the opacity at its end that leave values as they are.
+const UNCHANGED: ([f64; 2], f64) = ([0.0, 1.0], 1.0);
+
+/// Origin on the near plane, unit direction and length up to the far plane.
+type ViewRay = (DVec3, DVec3, f64);
 
 impl ScalarAo {
-    /// Errors `ao_rmse` and `ao_bias` of an isosurface and the means `ao_mean` and `ao_reference_mean`, in units of A; nothing
-    /// of media. Rays that gather opacity know no ρ: their reference has none.
+    /// Errors `ao_rmse` and `ao_bias` and the means `ao_mean` and `ao_reference_mean`, in units of A. Rays that gather opacity at an
+    /// isosurface know no ρ: their reference has none. That of a medium marches by the same law and rejection in fine strata at
+    /// the field's full resolution, and no threshold ends it. Nothing of a medium whose window or opacity changes values: a
+    /// window's cut and interpolation do not commute.
     pub(super) fn judged(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let (Mode::Isosurface, Some(volume)) = (self.settings.mode, &judge.scene.volume) else {
+        let Some(volume) = &judge.scene.volume else {
             return Ok(Judged::default());
         };
         let pixels = read_texture(judge.gpu, self.result())?;
-        let (width, height) = (pixels.width, pixels.height);
-        let rays = PixelRays::new(&self.camera, width, height);
-        let surface = FieldSurface { field: volume, iso: self.settings.iso };
-        let attenuation = match (self.settings.gather, self.settings.attenuation) {
-            (Gather::End, Attenuation::Linear) => reference::Attenuation::Linear,
-            _ => reference::Attenuation::Hard,
+        let view = PixelRays::new(&self.camera, pixels.width, pixels.height);
+        let (settings, r_max_m) = (&self.settings, self.r_max_m);
+        let exact = Exact { volume, settings, voxel_m: self.field.voxel_m, r_max_m };
+        let unchanged = (settings.window, settings.opacity) == UNCHANGED;
+        let (stage, found) = match settings.mode {
+            Mode::Isosurface => (
+                scalar::isosurface::INFO.name,
+                compared(&pixels, &view, MOST_POINTS, |ray| exact.at_isosurface(ray)),
+            ),
+            _ if !unchanged => return Ok(Judged::default()),
+            Mode::Direct => (
+                scalar::direct::INFO.name,
+                compared(&pixels, &view, MOST_IN_MEDIUM, |ray| exact.down_the_gradient(ray)),
+            ),
+            Mode::Positional => (
+                scalar::positional::INFO.name,
+                compared(&pixels, &view, MOST_IN_MEDIUM, |ray| exact.by_position(ray)),
+            ),
         };
-        let r_max_m = self.r_max_m;
-        let step = (f64::from(width) * f64::from(height) / MOST_POINTS).sqrt().max(1.0);
-        let places: Vec<[u32; 2]> = lattice([width, height], step).collect();
-        let found = places.into_par_iter().filter_map(|[x, y]| {
-            let shown = pixels.texel(x, y);
-            let (origin, direction, length_m) = rays.ray(x, y);
-            let point = surface.seen(origin, direction, length_m)?;
-            let exact = surface.occlusion(point, r_max_m, attenuation, RAYS)?;
-            (shown[1] > 0.0).then(|| (1.0 - f64::from(shown[0]), exact))
-        });
-        let found: Vec<(f64, f64)> = found.collect();
         if found.is_empty() {
             return Err(JudgeError::Nothing);
         }
@@ -49,7 +65,74 @@ impl ScalarAo {
         let (values, exact): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
         let errors: Vec<f64> = values.iter().zip(&exact).map(|(a, exact)| a - exact).collect();
         let quantities = [("ao_mean", mean(&values)), ("ao_reference_mean", mean(&exact))];
-        let errors = figures("ao", INFO.name, &errors).into();
-        Ok(Judged { errors, quantities: named(quantities) })
+        Ok(Judged { errors: figures("ao", stage, &errors).into(), quantities: named(quantities) })
+    }
+}
+
+/// A as shown and as it should be, at a lattice of the pixels that show something.
+fn compared(
+    pixels: &Pixels,
+    view: &PixelRays,
+    most: f64,
+    exact: impl Fn(ViewRay) -> Option<f64> + Sync,
+) -> Vec<(f64, f64)> {
+    let size = [pixels.width, pixels.height];
+    let step = (f64::from(size[0]) * f64::from(size[1]) / most).sqrt().max(1.0);
+    let places: Vec<[u32; 2]> = lattice(size, step).collect();
+    let found = places.into_par_iter().filter_map(|[x, y]| {
+        let shown = pixels.texel(x, y);
+        let exact = (shown[1] > 0.0).then(|| exact(view.ray(x, y)))??;
+        Some((1.0 - f64::from(shown[0]), exact))
+    });
+    found.collect()
+}
+
+/// What the reference knows of a cell.
+struct Exact<'a> {
+    volume: &'a Volume,
+    settings: &'a Scalar,
+    voxel_m: f64,
+    r_max_m: f64,
+}
+
+impl Exact<'_> {
+    fn surface(&self) -> FieldSurface<'_> {
+        FieldSurface { field: self.volume, iso: self.settings.iso }
+    }
+
+    fn at_isosurface(&self, (origin, direction, length_m): ViewRay) -> Option<f64> {
+        let attenuation = match (self.settings.gather, self.settings.attenuation) {
+            (Gather::End, Attenuation::Linear) => reference::Attenuation::Linear,
+            _ => reference::Attenuation::Hard,
+        };
+        let surface = self.surface();
+        let point = surface.seen(origin, direction, length_m)?;
+        surface.occlusion(point, self.r_max_m, attenuation, RAYS)
+    }
+
+    fn down_the_gradient(&self, ray: ViewRay) -> Option<f64> {
+        let marching = self.marching();
+        let occlusion = |p| {
+            let normal = self.surface().normal(p).unwrap_or(-ray.1);
+            marching.hemispherical(self.volume, p, normal, RAYS_IN_MEDIUM)
+        };
+        marching.along_view(self.volume, ray, STEP_VOXELS * self.voxel_m, occlusion)
+    }
+
+    fn by_position(&self, ray: ViewRay) -> Option<f64> {
+        let marching = self.marching();
+        let occlusion = |p| marching.positional(self.volume, p, RAYS_IN_MEDIUM);
+        marching.along_view(self.volume, ray, STEP_VOXELS * self.voxel_m, occlusion)
+    }
+
+    fn marching(&self) -> Marching {
+        let Scalar { law, density_per_m, rejection, .. } = *self.settings;
+        let law = match law {
+            Law::Opacity => media::Law::Opacity { voxel_m: self.voxel_m },
+            Law::Beer => media::Law::Beer { density_per_m },
+        };
+        let samples = (self.r_max_m / (STEP_VOXELS * self.voxel_m)).ceil() as u32;
+        let threshold = f64::INFINITY;
+        Marching { law, r_max_m: self.r_max_m, samples, rejection, threshold }
     }
 }

@@ -56,9 +56,9 @@ pub enum Stop {
 pub enum Gather {
     /// ρ of the place where it ends. VAO §5.2.1, §5.1.
     End,
-    /// γ of Eq. 7 over the samples up to there, those of falling value rejected (Eq. 4): as the paper shades isosurfaces. It begins
-    /// at the surface, and there is no ρ. VAO §5.2.3, Fig. 7a, b and d.
-    Rejection,
+    /// γ of Eq. 7 over the samples up to there: with `scalar.rejection` as the paper shades isosurfaces. It begins at the surface, and
+    /// there is no ρ. VAO §5.2.3, Fig. 7a, b and d.
+    Opacity,
 }
 
 /// What values of the field mean in a medium.
@@ -99,7 +99,7 @@ settings! {
         r_max_share: f64 = 0.25 => 1e-3 ..= 4.0, "1";
         /// What values of the field mean in a medium.
         law: Law = Law::Opacity;
-        /// Whether samples of falling value count for nothing. VAO Eq. 4.
+        /// Whether samples of falling value count for nothing where opacity is gathered. VAO Eq. 4.
         rejection: bool = true;
         /// V_thres: isosurfaces: value that stops a ray; media: opacity of a voxel beyond which a ray ends, 1: none does.
         /// VAO §6.5: best within 0.2 to 0.8.
@@ -141,7 +141,8 @@ impl Scalar {
         Rays {
             at_isosurface: self.stop == Stop::Isosurface,
             linear: self.attenuation == Attenuation::Linear,
-            rejection: self.gather == Gather::Rejection,
+            opacity: self.gather == Gather::Opacity,
+            rejection: self.rejection,
         }
     }
 

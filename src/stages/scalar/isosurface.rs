@@ -17,7 +17,9 @@ pub struct Rays {
     pub at_isosurface: bool,
     /// ρ = 1 − d / r_max, else 1.
     pub linear: bool,
-    /// They gather γ of Eq. 7 with rejection, else ρ where they end.
+    /// They gather γ of Eq. 7, else ρ where they end.
+    pub opacity: bool,
+    /// Samples of falling value do not count (Eq. 4).
     pub rejection: bool,
 }
 
@@ -30,6 +32,7 @@ pub fn new(
     let defs = [
         ("AT_ISOSURFACE", rays.at_isosurface),
         ("LINEAR", rays.linear),
+        ("OPACITY", rays.opacity),
         ("REJECTION", rays.rejection),
     ];
     ray_cast::new(resources, &INFO, through, &defs, true, settings)

@@ -134,11 +134,12 @@ fn occluded(rig: &Rig<'_>, scalar: Scalar) -> Result<(Volume, Vec<(f64, Hit)>)> 
 
 /// γ of Eq. 7 with Eq. 4, against f64 marching of the same field from where the rays exactly hit.
 fn rejection(rig: &Rig<'_>) -> Checks {
-    let check = |(samples, step): (u32, &str)| {
+    let check = |(samples, step, rejection): (u32, &str, bool)| {
         let all = settings(Mode::Isosurface);
-        let gather = Gather::Rejection;
+        let gather = Gather::Opacity;
         // Of full opacity a single sample would end every ray.
-        let scalar = Scalar { gather, samples, threshold: 0.8, opacity: 0.3, rays: 64, ..all };
+        let scalar =
+            Scalar { gather, rejection, samples, threshold: 0.8, opacity: 0.3, rays: 64, ..all };
         let (mut field, judged) = occluded(rig, scalar)?;
         // The twin's values are opacities.
         field.data.iter_mut().for_each(|v| *v *= 0.3);
@@ -151,14 +152,18 @@ fn rejection(rig: &Rig<'_>) -> Checks {
                     (a - twin.hemispherical(&field, h.position, h.normal, 256)).abs()
                 }))
             };
-        let what = format!("rejection, strata of {step}: mean error of A against f64 marching");
+        let (with, other) = if rejection { ("rejection", "no sample rejected") } else { ("no rejection", "falling samples rejected") };
+        let what = format!("{with}, strata of {step}: mean error of A against f64 marching");
         Ok(Check::of(rig, what)
-            .within((0.02, "1"), error(true))
-            .control("no sample rejected", error(false))
+            .within((0.02, "1"), error(rejection))
+            .control(other, error(!rejection))
             .with("mean_occlusion", mean(judged.iter().map(|(a, _)| *a))))
     };
     // R_MAX_M is 16 voxels.
-    [(32, "half a voxel"), (8, "two voxels")].into_iter().map(check).collect()
+    [(32, "half a voxel", true), (8, "two voxels", true), (32, "half a voxel", false)]
+        .into_iter()
+        .map(check)
+        .collect()
 }
 
 fn ball_over_slab(rig: &Rig<'_>) -> Checks {
