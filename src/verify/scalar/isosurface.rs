@@ -152,7 +152,11 @@ fn rejection(rig: &Rig<'_>) -> Checks {
                     (a - twin.hemispherical(&field, h.position, h.normal, 256)).abs()
                 }))
             };
-        let (with, other) = if rejection { ("rejection", "no sample rejected") } else { ("no rejection", "falling samples rejected") };
+        let (with, other) = if rejection {
+            ("rejection", "no sample rejected")
+        } else {
+            ("no rejection", "falling samples rejected")
+        };
         let what = format!("{with}, strata of {step}: mean error of A against f64 marching");
         Ok(Check::of(rig, what)
             .within((0.02, "1"), error(rejection))
