@@ -88,6 +88,46 @@ fn published_figures_meet_cells_at_the_published_size() {
     }
 }
 
+/// All parameters of a cell.
+fn tree(cell: &CellPlan) -> Value {
+    let kinds = pipelines::KINDS;
+    let kind = kinds.into_iter().find(|kind| kind.name == cell.pipeline).unwrap();
+    let mut tree = (kind.defaults)(&SceneFile::load(&cell.scene).unwrap());
+    for (path, value) in &cell.overrides {
+        parameter::set(&mut tree, path, value.clone()).unwrap();
+    }
+    tree
+}
+
+/// Each names what else could make it true; a paper's also where its balance counts. A paper's method names parameters that cells have.
+#[test]
+fn every_builtin_claim_tells_its_grounds() {
+    let ids = Experiment::builtin_ids();
+    let experiments = ids.iter().map(|id| Experiment::load(id).unwrap());
+    let mut lacking = Vec::new();
+    for experiment in experiments {
+        for claim in &experiment.claim {
+            let grounds =
+                [!claim.otherwise.is_empty(), claim.source.is_none() || claim.balance.is_some()];
+            if grounds != [true; 2] {
+                lacking.push(format!("{}: {}", experiment.id, claim.id));
+            }
+        }
+        let trees: Vec<Value> =
+            experiment.cells(Profile::Quick, &[], &[]).unwrap().iter().map(tree).collect();
+        let method = flatten(&experiment.method);
+        let known = |path: &str| trees.iter().any(|tree| parameter::get(tree, path).is_some());
+        assert!(method.iter().all(|(path, _)| known(path)), "{}: {method:?}", experiment.id);
+        let follows = |tree: &Value| {
+            method.iter().all(|(path, wanted)| {
+                parameter::get(tree, path).is_none_or(|value| same(value, wanted))
+            })
+        };
+        assert!(trees.iter().any(follows), "{}: no cell runs its method", experiment.id);
+    }
+    assert!(lacking.is_empty(), "claims without grounds: {lacking:#?}");
+}
+
 #[test]
 fn sweeps_multiply_axes_and_tables_move_parameters_together() {
     let cells = own().cells(Profile::Quick, &[], &[]).unwrap();

@@ -14,7 +14,7 @@ const MOST_CONTRADICTED: usize = 16;
 const MOST_INCONCLUSIVE: usize = 4;
 const MOST_NOT_RUN: usize = 4;
 /// Experiments whose supported claims are named.
-const MOST_SUPPORTED: usize = 18;
+const MOST_SUPPORTED: usize = 14;
 /// Own hypotheses beside the papers' claims.
 const MOST_OF_OTHERS: usize = 8;
 /// Rows of all frames.
