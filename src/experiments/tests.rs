@@ -91,7 +91,7 @@ fn published_figures_meet_cells_at_the_published_size() {
 /// All parameters of a cell.
 fn tree(cell: &CellPlan) -> Value {
     let kinds = pipelines::KINDS;
-    let kind = kinds.into_iter().find(|kind| kind.name == cell.pipeline).unwrap();
+    let kind = kinds.iter().find(|kind| kind.name == cell.pipeline).unwrap();
     let mut tree = (kind.defaults)(&SceneFile::load(&cell.scene).unwrap());
     for (path, value) in &cell.overrides {
         parameter::set(&mut tree, path, value.clone()).unwrap();

@@ -250,6 +250,7 @@ const PARAMETERS: &[Entry] = &[
     ("rays.tolerance_m", "tolerance of a hit", Metres),
     ("refraction.method", "method of refraction", One),
     ("refraction.surface", "surface that ends a ray", One),
+    ("scalar.pyramid", "mip-maps", One),
     ("shadow.size", "side of the shadow map", Pixels),
     ("side", "voxels along the longest side", One),
     ("step", "step of the march", One),
