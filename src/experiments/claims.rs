@@ -31,7 +31,7 @@ use fathom_base::statistics;
 use fathom_record::Cell;
 
 pub use balance::Scale;
-pub use comparison::RuledFigure;
+pub use comparison::{NO_VISIT, RuledFigure};
 pub use fits::{Scaling, scaling};
 
 /// Most looks at the samples of a cell: five sizes, each twice the one before, and the end of the time.
@@ -187,12 +187,13 @@ pub(super) fn compared<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<Vec<&'a Cel
 }
 
 impl Experiment {
-    fn rule(&self, claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
+    fn rule(&self, claim: &Claim, all: &[&Cell], software: bool) -> Ruling {
         if let Some(reason) = &claim.not_run {
             return Ruling::not_run(claim, reason.clone());
         }
-        let cells = concerned(claim, cells);
-        if cells.is_empty() && !claim.method.is_empty() {
+        let cells = concerned(claim, all);
+        let runs_it = |cell: &&Cell| measure::follows(cell, &claim.method);
+        if !claim.method.is_empty() && !all.iter().any(runs_it) {
             return Ruling::not_run(claim, "no cell runs the publication's method".to_owned());
         }
         let groups = match groups_of(&claim.test, &cells) {

@@ -21,8 +21,8 @@ use fathom_base::text::{did_you_mean, line, nearest};
 use fathom_embedded::{EXPERIMENTS, Folders};
 
 pub use claims::{
-    CHANCE, LOOKS, RuledFigure, Ruling, Scale, Scaling, Standing, Verdict, Whose, concerned,
-    groups, least_samples, scaling,
+    CHANCE, LOOKS, NO_VISIT, RuledFigure, Ruling, Scale, Scaling, Standing, Verdict, Whose,
+    concerned, groups, least_samples, scaling,
 };
 pub use expand::{
     CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, RepetitionPlan, flatten, label_text,

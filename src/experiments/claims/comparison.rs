@@ -157,6 +157,9 @@ pub struct RuledFigure {
     pub n: Option<usize>,
 }
 
+/// In place of a figure of two cells that were never visited together.
+pub const NO_VISIT: &str = "no visit has both cells";
+
 impl RuledFigure {
     /// How many times the value lies beyond the nearest bound: more than 1 outside the band; infinite where a ratio to the bound
     /// says nothing.
@@ -172,6 +175,9 @@ impl RuledFigure {
 
     /// `1.383 (1.301 – 1.462 for the claim)`: plots and other tables show the same figure's interval of 95 %.
     pub fn text(&self) -> String {
+        if self.value.is_nan() {
+            return NO_VISIT.to_owned();
+        }
         let value = number(self.value);
         match self.interval.map(|i| [i.low, i.high]) {
             Some(ends) if self.n.is_some() => {

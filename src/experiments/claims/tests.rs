@@ -404,6 +404,7 @@ fn ratios_are_paired_by_round_so_that_drift_cancels() {
     let (verdict, reason) = ruled(test, &apart, true);
     assert_eq!(verdict, Inconclusive, "{reason}");
     assert!(reason.contains("n = 0") && reason.ends_with("8 samples are needed"), "{reason}");
+    assert!(reason.contains(NO_VISIT) && !reason.contains("NaN"), "{reason}");
 }
 
 #[test]

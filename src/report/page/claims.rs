@@ -9,7 +9,7 @@ use crate::axis::{Axis, ScaleKind, tenth};
 use crate::claims::{balance, in_words};
 use crate::format::{three, trim_zeros};
 use fathom_experiments::schema::Claim;
-use fathom_experiments::{LOOKS, RuledFigure, Ruling, Verdict, Whose};
+use fathom_experiments::{LOOKS, NO_VISIT, RuledFigure, Ruling, Verdict, Whose};
 use fathom_record::Interval;
 
 pub const SECTION: PageSection = PageSection {
@@ -185,6 +185,7 @@ pub fn chip(verdict: Verdict) -> Markup {
 /// `1.38 (1.30 – 1.46)`
 fn text(figure: &RuledFigure) -> String {
     match figure.interval {
+        _ if figure.value.is_nan() => NO_VISIT.to_owned(),
         Some(Interval { low, high }) if low < high => {
             format!("{} ({} – {})", three(figure.value), three(low), three(high))
         }

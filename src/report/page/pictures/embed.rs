@@ -17,7 +17,7 @@ const MAX_MEMORY: usize = 64 << 20;
 /// Pixels of all pictures that are decoded: 2,000 cells of 300 × 300 pixels.
 const MAX_PIXELS: u64 = 180_000_000;
 /// Longest side of a picture on the page, pixels: larger ones are scaled down.
-const MOST_SIDE_PX: u32 = 480;
+const MOST_SIDE_PX: u32 = 360;
 /// Of WebP, 0 … 100. Pictures of errors are noise, which takes the most bytes and needs the least detail.
 const QUALITY: f32 = 60.0;
 const QUALITY_OF_ERRORS: f32 = 40.0;
