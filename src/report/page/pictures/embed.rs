@@ -17,12 +17,12 @@ const MAX_MEMORY: usize = 64 << 20;
 /// Pixels of all pictures that are decoded: 2,000 cells of 300 × 300 pixels.
 const MAX_PIXELS: u64 = 180_000_000;
 /// Longest side of a picture on the page, pixels: larger ones are scaled down.
-const MOST_SIDE_PX: u32 = 360;
+const MOST_SIDE_PX: u32 = 280;
 /// Of WebP, 0 … 100. Pictures of errors are noise, which takes the most bytes and needs the least detail.
 const QUALITY: f32 = 60.0;
 const QUALITY_OF_ERRORS: f32 = 40.0;
 /// All pictures of a page, bytes before base64: with them a page of 2,000 cells stays below 5 MB.
-const MAX_EMBEDDED: usize = 480 << 10;
+const MAX_EMBEDDED: usize = 320 << 10;
 
 /// A picture as it stands in the page.
 pub struct Embedded {
