@@ -354,7 +354,8 @@ fn environments_and_drivers_that_cannot_be_had_are_refused_before_anything_is_me
 #[test]
 fn files_of_records_are_judged_by_what_is_exact() {
     let place = Place::new();
-    let base = reference_of("uw-default");
+    let mut base = reference_of("uw-default");
+    base.retain(|record| record.try_as_cell_ref().is_none_or(|cell| cell.cell == "base"));
     write_records(&place.path("base"), &base);
     // The base against itself with a change; what is printed.
     let compare = |name: &str, status: i32, change: &dyn Fn(&mut Record)| {

@@ -204,8 +204,9 @@ fn a_doctor_tells_what_it_found_and_its_status_follows() {
             "{subject}: {report}"
         );
     }
-    let has_warning = findings.iter().any(|finding| finding["level"] == "warning");
-    assert_eq!(output.status.code(), Some(has_warning.into()), "{report}");
+    let has = |level: &str| findings.iter().any(|finding| finding["level"] == level);
+    let status = if has("fault") { 2 } else { i32::from(has("warning")) };
+    assert_eq!(output.status.code(), Some(status), "{report}");
     assert!(names(&place.path("")).is_empty());
 
     let told = place.fathom("doctor").env("WGPU_BACKEND", "dx12").ends(2);
@@ -236,7 +237,7 @@ fn a_dry_comparison_says_what_it_would_do_and_does_nothing() {
 
 /// A run of the default frame into the folder `out`.
 fn run(place: &Place, options: &str) -> Command {
-    let words = "run uw-default --no-ceilings --budget 10m --precision 1 --seed 1 --out out";
+    let words = "run uw-default --cell base --no-ceilings --budget 10m --precision 1 --seed 1 --out out";
     place.fathom(format!("{words} {SMALL} {options}"))
 }
 
