@@ -29,6 +29,7 @@ use crate::{process, quiet, tell, text};
 
 /// What is measured, where the catalogue has it.
 const EXPERIMENT: &str = "uw-default";
+const CELL: &str = "base";
 /// For the whole of it: the audit takes some 5 s, and the default frame 8 samples or more in the rest.
 const BUDGET_S: f64 = 15.0;
 /// Debian's and Ubuntu's packages of the Vulkan loader and of a software driver.
@@ -120,6 +121,11 @@ fn measured(catalog: &Catalog, args: &AdapterArgs) -> anyhow::Result<Vec<Record>
         gpu: gpu_options(catalog, args),
         request: Request {
             experiments: default.into_iter().cloned().collect(),
+            cells: default
+                .filter(|id| *id == EXPERIMENT)
+                .map(|_| CELL.to_owned())
+                .into_iter()
+                .collect(),
             ..Request::default()
         },
         budget_s: Some(BUDGET_S),

@@ -236,7 +236,7 @@ const PARAMETERS: &[Entry] = &[
     ("caustics.subdivision", "photons per node of the caustic grid", One),
     ("caustics.subdivision_mode", "subdivision of the caustic grid", One),
     ("dragon", "size of the model", One),
-    ("filters", "filters of both buffers", One),
+    ("filters", "filters", One),
     ("godrays", "godray buffer", One),
     ("godrays.buffer", "godray buffer", Pixels),
     ("godrays.grid", "side of the godray photon grid", One),

@@ -47,7 +47,9 @@ fn what_breaks_its_law_is_named_and_makes_the_status() {
 /// All cells are measured, or what failed is told: a stage beyond a ceiling that a busy machine made too low.
 #[track_caller]
 fn run(place: &Place, options: &str) {
-    let words = format!("run uw-default --cell base --budget 10m --precision 1 --out run {SMALL} {options}");
+    let words = format!(
+        "run uw-default --cell base --budget 10m --precision 1 --out run {SMALL} {options}"
+    );
     let output = place.fathom(words).output().unwrap();
     let beyond = |outcome: &Outcome| match outcome {
         Outcome::Failed { reason } => reason.contains(" of what the adapter can do ("),

@@ -237,7 +237,8 @@ fn a_dry_comparison_says_what_it_would_do_and_does_nothing() {
 
 /// A run of the default frame into the folder `out`.
 fn run(place: &Place, options: &str) -> Command {
-    let words = "run uw-default --cell base --no-ceilings --budget 10m --precision 1 --seed 1 --out out";
+    let words =
+        "run uw-default --cell base --no-ceilings --budget 10m --precision 1 --seed 1 --out out";
     place.fathom(format!("{words} {SMALL} {options}"))
 }
 

@@ -112,7 +112,7 @@ fn known_changes_stand_in_the_first_lines_of_their_blocks_and_no_other_stage_doe
     holds("exact figures of", 1, &["two versions of the driver", "Mesa 22.3.6 →", "Mesa 23.0.0"]);
     holds("Claims", 1, &["supported → contradicted", "uw-waves", "the higher the waves are"]);
     holds("Times", 0, &["the median stage takes 1.40 times as long", "the machine's state"]);
-    holds("Times", 1, &["default frame (uw-default base): 275 → 383 ms, × 1.39 (1.35 – 1.43)"]);
+    holds("Times", 1, &["default frame (uw-default base): ", " ms, × 1.39 ("]);
     holds("Times", 3, &["caustics/trace slower", "60 of 60 cells", "× 1.30 (1.2"]);
     let times = told.split("\n\n").find(|block| block.starts_with("Times")).unwrap();
     assert_eq!(times.matches(" slower ").count() + times.matches(" faster ").count(), 1, "{told}");

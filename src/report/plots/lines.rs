@@ -21,7 +21,7 @@ use fathom_record::Cell;
 const MOST_TOGETHER: usize = 5;
 /// Height of a chart with its axis.
 const HEIGHT_PX: u32 = 350;
-const SMALL_HEIGHT_PX: u32 = 240;
+const SMALL_HEIGHT_PX: u32 = 320;
 /// A line of small type, and a chart's own title.
 const ROW_PX: i32 = 16;
 const TITLE_PX: i32 = 22;
