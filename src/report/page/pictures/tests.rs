@@ -40,7 +40,7 @@ fn pictures_lie_in_the_page_with_their_parameters_and_sizes() {
         written(&run(&[picture("a.png", None), picture("b.png", None)]), Some(folder.path()));
     assert_eq!(text.matches("src=\"data:image/").count(), 2);
     assert!(text.contains("40 × 30 px of a viewport of 128 × 128 px"), "{text}");
-    assert!(text.contains("960 × 480 px") && text.contains("shown at 480 × 240 px"));
+    assert!(text.contains("960 × 480 px") && text.contains("shown at 280 × 140 px"));
     assert!(text.contains("class=\"slider"));
 }
 
