@@ -18,7 +18,7 @@ struct Compose {
     occlusion_radius_m: f32,
     // Cells per side of the water grid.
     water_cells: u32,
-    // Share of a pixel's view depth within which a texel of the caustics lies on the pixel's surface.
+    // Share of a pixel's view depth within which a texel of caustics or godrays lies on the pixel's surface.
     depth_share: f32,
 }
 
@@ -56,10 +56,10 @@ fn bilinear(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
     return mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
 }
 
-// The caustics at uv from those of the four nearest texels that lie on the surface seen there; from all where none does. Light of
+// A buffer at uv from those of the four nearest texels that lie on the surface seen there; from all where none does. Light of
 // what is in front then does not spread over what is behind, and the other way.
-fn caustic_flux(uv: vec2<f32>) -> f32 {
-    let size = vec2<f32>(textureDimensions(caustics));
+fn on_surface(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
+    let size = vec2<f32>(textureDimensions(source));
     let place = uv * size - 0.5;
     let base = floor(place);
     let f = place - base;
@@ -72,19 +72,19 @@ fn caustic_flux(uv: vec2<f32>) -> f32 {
         let seen_m = view_depth_m(screen::depth_at(depth, texel + 0.5, size));
         if abs(seen_m - view_m) <= settings.depth_share * view_m {
             let near = 1.0 - abs(place - base - corner);
-            sum += near.x * near.y * textureLoad(caustics, vec2<i32>(texel), 0).x;
+            sum += near.x * near.y * textureLoad(source, vec2<i32>(texel), 0).x;
             weights += near.x * near.y;
         }
     }
     if weights < LEAST_WEIGHT {
-        return bilinear(caustics, uv);
+        return bilinear(source, uv);
     }
     return sum / weights;
 }
 
 // Irradiance that the photons bring to a surface point seen at uv, W/m².
 fn caustic_irradiance(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
-    let flux = caustic_flux(uv);
+    let flux = on_surface(caustics, uv);
 #if CONSERVING == 1
     // Flux of a pixel over the area of the surface behind it: that of its side² at the depth z across the view, times the cosine between
     // line of sight and view, z / d, over that between line of sight and normal.
@@ -150,7 +150,7 @@ fn display(radiance: vec3<f32>) -> vec4<f32> {
 }
 
 fn shafts(uv: vec2<f32>) -> vec3<f32> {
-    return bilinear(godrays, uv) * settings.godrays_scale * shading::SHAFT_TINT;
+    return on_surface(godrays, uv) * settings.godrays_scale * shading::SHAFT_TINT;
 }
 
 @vertex

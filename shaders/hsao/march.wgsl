@@ -6,7 +6,7 @@
 // line. Directions in it are angles θ from the one to the eye, dω = sin θ dθ dψ, and their cosine with the normal is
 // toward · cos θ + aside · sin θ. VAO Eq. 1 is A = 1/π ∫∫ ρ cos dω, cut at the horizon: what lies below is integrated in
 // closed form (part 1), what lies above is sampled with rays (part 2).
-#import fathom::uniforms::{frame, view_depth_m, world_at}
+#import fathom::uniforms::{frame, view_depth_m}
 #import fathom::random::{pcg, unit}
 #import fathom::screen
 #import fathom::sphere::{tangent_frame}
@@ -98,9 +98,30 @@ fn sample_depth(texel: vec2<i32>) -> f32 {
     return textureLoad(depth, texel, 0);
 }
 
+// What is seen through the middle of a texel lies at corner + right · x + down · y, times its view depth, from the camera. One division
+// and two products of vectors then give its place, where the inverse of the camera's matrix takes 16 products and three divisions.
+struct Sight {
+    corner: vec3<f32>,
+    right: vec3<f32>,
+    down: vec3<f32>,
+}
+
+var<private> sight: Sight;
+
+// From the rows of the camera's matrix: right and up times the focal distances, and the direction of view.
+fn sight_of_camera() -> Sight {
+    let rows = transpose(frame.camera_view_projection);
+    let right = rows[0].xyz / dot(rows[0].xyz, rows[0].xyz);
+    let up = rows[1].xyz / dot(rows[1].xyz, rows[1].xyz);
+    let texel = 2.0 / view_px();
+    let first = vec2(0.5 * texel.x - 1.0, 1.0 - 0.5 * texel.y);
+    return Sight(rows[3].xyz + first.x * right + first.y * up, texel.x * right, -texel.y * up);
+}
+
 // The surface in the middle of a texel.
 fn surface_at(texel: vec2<i32>, z: f32) -> vec3<f32> {
-    return world_at((vec2<f32>(texel) + 0.5) / view_px(), z);
+    let ray = sight.corner + f32(texel.x) * sight.right + f32(texel.y) * sight.down;
+    return frame.camera_position_m + view_depth_m(z) * ray;
 }
 
 fn to_pixels(clip: vec4<f32>) -> vec2<f32> {
@@ -274,6 +295,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         return vec4(1.0);
     }
     let place = vec2<u32>(pixel.xy);
+    sight = sight_of_camera();
     let occluded = occlusion(shaded_point(texel, z), pcg(place.x + 65536u * place.y + settings.seed * SEED_STEP));
 #if COUNT == 1
     let slot = place.x & 63u;

@@ -1,7 +1,8 @@
 // defs: WATER=0
-// A line from start to hit for each photon, fading with the way through the medium, added up: SPT §3.2.
+// A line from start to hit for each photon, fading with the way through the medium to it and on to the viewer, added up: SPT §3.2.
 #import fathom::uniforms::{frame}
 #import fathom::photon::{Photon}
+#import fathom::shading::{water_path_m}
 
 struct Shafts {
     // Flux of a photon, W.
@@ -20,19 +21,20 @@ struct Varying {
     // Way from the water's surface, metres.
     @location(0) way_m: f32,
     @location(1) @interpolate(flat) weight: f32,
+    @location(2) position_m: vec3<f32>,
 }
 
 @vertex
 fn vertex(@builtin(vertex_index) end: u32, @builtin(instance_index) index: u32) -> Varying {
     let photon = photons[index];
     if photon.residual_m < 0.0 || photon.distance_m <= 0.0 {
-        return Varying(vec4(2.0, 2.0, 2.0, 1.0), 0.0, 0.0);
+        return Varying(vec4(2.0, 2.0, 2.0, 1.0), 0.0, 0.0, vec3(0.0));
     }
     let place = select(photon.entry_m, photon.hit_m, end == 1u);
     // Behind a mirror or glass some way lies before the start.
     let before_m = max(photon.distance_m - distance(photon.entry_m, photon.hit_m), 0.0);
     let way_m = select(before_m, photon.distance_m, end == 1u);
-    return Varying(frame.camera_view_projection * vec4(place, 1.0), way_m, weights[index]);
+    return Varying(frame.camera_view_projection * vec4(place, 1.0), way_m, weights[index], place);
 }
 
 @fragment
@@ -40,5 +42,5 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
     if in.clip.z > textureLoad(scene_depth, vec2<i32>(in.clip.xy), 0) {
         discard;
     }
-    return vec4(settings.photon_w * in.weight * exp(-frame.attenuation_per_m * in.way_m));
+    return vec4(settings.photon_w * in.weight * exp(-frame.attenuation_per_m * (in.way_m + water_path_m(in.position_m))));
 }

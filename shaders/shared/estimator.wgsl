@@ -102,7 +102,8 @@ fn follow(
     return first_crossing(settings, depth, texels, entry, refracted);
 }
 
-// The iteration of Shah and Konttinen (UW reference [7]).
+// The iteration of Shah and Konttinen (UW reference [7]). An estimate beyond the light's frustum looks up what is seen at its border:
+// only where the photon lands decides whether it is outside.
 fn fixed_point(
     settings: Trace, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
 ) -> Photon {
@@ -112,14 +113,13 @@ fn fixed_point(
     for (var i = 0u; i < settings.iterations; i++) {
         let estimate = entry + d * refracted;
         let ndc = divide(frame.light_view_projection * vec4(estimate, 1.0));
-        var z = 1.0;
-        if inside_frustum(ndc.xy) {
-            z = seen_depth(depth, texels, edge, ndc.xy);
-        }
-        if z >= 1.0 {
+        let place = clamp(ndc.xy, vec2(-1.0), vec2(1.0));
+        let z = seen_depth(depth, texels, edge, place);
+        let last = i + 1u == settings.iterations;
+        if z >= 1.0 || (last && !inside_frustum(ndc.xy)) {
             return Photon(entry, OUTSIDE, estimate, d);
         }
-        let seen = unproject(vec3(ndc.xy, z));
+        let seen = unproject(vec3(place, z));
         residual = distance(estimate, seen);
         d = distance(entry, seen);
     }

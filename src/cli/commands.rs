@@ -33,9 +33,8 @@ use serde_json::{Value, json};
 
 use super::{AdapterArgs, DumpArgs, QueryArgs, Question, RenderArgs, RunArgs};
 
-/// Where figures go that are not told where, and the sheet of all of them there.
+/// Where figures go that are not told where.
 const FIGURES_FOLDER: &str = "figures";
-const ALL_FIGURES: &str = "figures.png";
 /// A cell, a check or a figure failed.
 pub const SOMETHING_FAILED: u8 = 1;
 /// By convention 128 + SIGINT.
@@ -308,28 +307,35 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
     written([path])
 }
 
-/// Each panel and the sheet of each figure; for all figures one sheet more. A figure that cannot be rendered does not keep the
-/// others from it.
+/// Each panel and the sheet of each figure; of several figures also a sheet for each paper. A figure that cannot be rendered does not
+/// keep the others from it.
 fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
-    let figures = Figure::named(&catalog.figures, name)?;
+    let (figures, several) = Figure::named(&catalog.figures, name)?;
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(FIGURES_FOLDER));
     Folder::make(&folder).with_context(|| format!("cannot write to {}", folder.display()))?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
-    let mut parts = Vec::new();
+    let mut parts = BTreeMap::<&str, Vec<RgbImage>>::new();
+    let mut failed = false;
     for figure in &figures {
         let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
         match figure.render(&gpu, &mut subjects, &args.set, args.samples) {
-            Ok(panels) => parts.push(write_figure(&folder, figure, &panels)?),
-            Err(error) if name == figures::ALL => tell::error(error),
+            Ok(panels) => {
+                let part = write_figure(&folder, figure, &panels)?;
+                parts.entry(figure.paper()).or_default().push(part);
+            }
+            Err(error) if several => {
+                tell::error(error);
+                failed = true;
+            }
             Err(error) => return Err(error),
         }
     }
-    if name == figures::ALL {
-        let path = folder.join(ALL_FIGURES);
-        picture::write_to(&sheet::of_all(&parts), &path)?;
+    for (paper, parts) in parts.iter().filter(|_| several) {
+        let path = folder.join(format!("{paper}.png"));
+        picture::write_to(&sheet::of_all(parts), &path)?;
         tell::done(path.display());
     }
-    ended(parts.len() == figures.len())
+    ended(!failed)
 }
 
 /// Writes a figure's files. Its part of a sheet of many comes back.

@@ -10,7 +10,7 @@ use super::{ListArgs, Listing};
 use crate::experiments::Experiment;
 use crate::gpu::Gpu;
 use crate::harness::catalog::Catalog;
-use crate::harness::figures::{self, Figure};
+use crate::harness::figures::Figure;
 use crate::harness::subject::Subjects;
 use crate::parameter::{self, Allowed, Field};
 use crate::record::Adapter;
@@ -125,7 +125,7 @@ fn rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec
         }
         Listing::Claims => experiments(catalog)?.iter().flat_map(claims).collect(),
         Listing::Figures => {
-            let figures = Figure::named(&catalog.figures, figures::ALL)?.into_iter();
+            let figures = Figure::all(&catalog.figures)?.into_iter();
             figures.map(|f| Row::of("id", f.id, f.title).published_in(&f.source)).collect()
         }
         Listing::Scenes => {

@@ -328,7 +328,7 @@ pub struct RenderArgs {
     /// Name of a scene, or path of a scene file
     #[arg(required_unless_present = "figure")]
     pub scene: Option<String>,
-    /// Render a published figure in place of a scene, or `all` of them: see `fathom list figures`
+    /// Render a published figure in place of a scene, those of a paper (`uw`, `vao`, `spt`), or `all`: see `fathom list figures`
     #[arg(long, value_name = "NAME", conflicts_with_all = ["scene", "pipeline"])]
     pub figure: Option<String>,
     #[arg(long, default_value = PIPELINE)]

@@ -19,7 +19,7 @@ use fathom_gpu::Gpu;
 use fathom_pipelines::Known;
 
 /// The name that stands for every figure.
-pub const ALL: &str = "all";
+const ALL: &str = "all";
 /// Samples of a pixel where a panel and the command line say nothing.
 const SAMPLES: u32 = 4;
 
@@ -93,6 +93,10 @@ impl Panel {
     }
 }
 
+fn paper_of(id: &str) -> &str {
+    id.rsplit_once('-').map_or(id, |(paper, _)| paper)
+}
+
 fn two() -> u32 {
     2
 }
@@ -124,10 +128,24 @@ impl Figure {
         Self::parse(id, &text).map_err(|message| anyhow!("figure `{id}`: {message}"))
     }
 
-    /// The figure of this id, or every figure.
-    pub fn named(folders: &Folders, name: &str) -> Result<Vec<Self>> {
-        let ids = if name == ALL { Self::ids(folders) } else { vec![name.to_owned()] };
-        ids.iter().map(|id| Self::load(folders, id)).collect()
+    /// Every figure.
+    pub fn all(folders: &Folders) -> Result<Vec<Self>> {
+        Self::named(folders, ALL).map(|(figures, _)| figures)
+    }
+
+    /// The figure of this id, those of a paper (`uw`), or all of them; and whether the name stands for several.
+    pub fn named(folders: &Folders, name: &str) -> Result<(Vec<Self>, bool)> {
+        let mut ids = Self::ids(folders);
+        let several = name == ALL || ids.iter().any(|id| paper_of(id) == name);
+        ids.retain(|id| name == ALL || paper_of(id) == name);
+        let ids = if several { ids } else { vec![name.to_owned()] };
+        let figures: Result<Vec<_>> = ids.iter().map(|id| Self::load(folders, id)).collect();
+        Ok((figures?, several))
+    }
+
+    /// What its id says before the number: `uw` of `uw-5`.
+    pub fn paper(&self) -> &str {
+        paper_of(&self.id)
     }
 
     fn parse(name: &str, text: &str) -> Result<Self, String> {

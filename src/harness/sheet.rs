@@ -14,7 +14,7 @@ const WIDTH: u32 = 720;
 const SMALL: u32 = 320;
 const SMALL_COLUMNS: u32 = 4;
 /// Pictures that fit beside one another in the sheet of many figures.
-const PAGE_COLUMNS: u32 = 8;
+const PAGE_COLUMNS: u32 = 4;
 
 /// Least width of a figure's part: its title and text need room.
 const NARROWEST: u32 = 400;

@@ -70,8 +70,8 @@ pub fn new(
     let water = Raster::new(resources, &water)?;
     let size_px = settings.size_px.as_uvec2().to_array();
     let pass = Pass::new(resources, &screen, size_px, wgpu::Color::BLACK)?;
-    // Three G-buffer texels, four texels of godrays, and four of caustics with the depth behind each.
-    let texels = 3 + 4 + 2 * 4 + u64::from(settings.occlusion_taps);
+    // Three G-buffer texels, and four each of godrays and of caustics with the depth behind each.
+    let texels = 3 + 2 * (2 * 4) + u64::from(settings.occlusion_taps);
     let quads = settings.water_cells * settings.water_cells;
     let triangles = u64::from(quads) * 2;
     let work = Work { triangles, ..pass.work(texels, 4) };

@@ -26,7 +26,12 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "addition and attenuation of known inputs", known_inputs),
         Case::new(STAGE, "Fresnel reflection of the water from above and below", fresnel),
-        Case::new(STAGE, "caustics brought to the picture's size within surfaces", upscaled),
+        Case::new(STAGE, "caustics brought to the picture's size within surfaces", |rig| {
+            upscaled(rig, "caustics")
+        }),
+        Case::new(STAGE, "godrays brought to the picture's size within surfaces", |rig| {
+            upscaled(rig, "godrays")
+        }),
         Case::new(STAGE, "flux of pixels over the area behind them", conserved),
         Case::new(STAGE, "screen-space ambient occlusion", occlusion),
     ]
@@ -121,8 +126,14 @@ impl Known {
 
     /// What caustics add to the radiance of each pixel.
     fn added(self, rig: &Rig<'_>, view: &View, caustics: Image) -> Result<Image> {
+        let lit = Known { caustics, ..self.clone() };
+        self.less(lit, rig, view)
+    }
+
+    /// By how much each pixel is brighter in `lit`.
+    fn less(self, lit: Known, rig: &Rig<'_>, view: &View) -> Result<Image> {
         let without = self.radiance(rig, view)?;
-        let with = Known { caustics, ..self }.radiance(rig, view)?;
+        let with = lit.radiance(rig, view)?;
         Ok(Image::of(SIZE, |x, y| with.at((x, y)) - without.at((x, y))))
     }
 }
@@ -163,15 +174,21 @@ fn dry(rig: &Rig<'_>, mut scene: Scene) -> Result<(Stand, wgpu::Texture)> {
     Ok((stand, depth))
 }
 
-/// Caustics in a smaller buffer, each half of them of its own brightness: a texel counts for the pixels whose surface it is on.
-fn upscaled(rig: &Rig<'_>) -> Result<Check> {
+/// Caustics or godrays in a smaller buffer, each texel of its own brightness: a texel counts for the pixels whose surface it is on.
+fn upscaled(rig: &Rig<'_>, buffer: &str) -> Result<Check> {
     const BUFFER: [u32; 2] = [61, 41];
     const LEAST_WEIGHT: f64 = 1e-3;
     let (stand, drawn) = dry(rig, Scene::load("tank")?)?;
     let depth = rig.channel(&drawn, 0)?;
     let seen = CameraDepth { depth: &depth, camera: &stand.view.camera };
-    let caustics = noise(BUFFER, 5).map(|value| 1.0 + 3.0 * value);
-    let light = Known::unlit(drawn, 0.8).added(rig, &stand.view, caustics.clone())?;
+    let texels = noise(BUFFER, 5).map(|value| 1.0 + 3.0 * value);
+    let dark = Known::unlit(drawn, 0.8);
+    // Godrays are radiance; of irradiance a white surface sends a πth to the eye.
+    let lit = match buffer {
+        "godrays" => Known { godrays: texels.map(|value| value / PI), ..dark.clone() },
+        _ => Known { caustics: texels.clone(), ..dark.clone() },
+    };
+    let light = dark.less(lit, rig, &stand.view)?;
     let twin = |x: u32, y: u32, share: f64| {
         let place = [0, 1].map(|k| {
             (f64::from([x, y][k]) + 0.5) * f64::from(BUFFER[k]) / f64::from(SIZE[k]) - 0.5
@@ -184,7 +201,7 @@ fn upscaled(rig: &Rig<'_>) -> Result<Check> {
             let texel = [0, 1].map(|k| base[k].clamp(0.0, f64::from(BUFFER[k]) - 1.0) as i64);
             let [column, row] = seen.texel(texel, BUFFER);
             let off = (seen.view_m(depth.clamped(column, row)) - view_m).abs() / view_m;
-            let value = caustics.clamped(texel[0], texel[1]);
+            let value = texels.clamped(texel[0], texel[1]);
             all += weight * value;
             if off <= share {
                 sum += weight * value;
@@ -199,8 +216,9 @@ fn upscaled(rig: &Rig<'_>) -> Result<Check> {
         percentile::<95>(seen_pixels.map(error)) / light.mean()
     };
     // Steps of an 8-bit display; a few pixels may decide otherwise in f32.
-    let what =
-        "caustics within surfaces: 95th percentile of |difference from the twin|, of the mean";
+    let what = format!(
+        "{buffer} within surfaces: 95th percentile of |difference from the twin|, of the mean"
+    );
     Ok(Check::of(rig, what)
         .within((0.03, "1"), errors(DEPTH_SHARE))
         .control("texels of all surfaces", errors(f64::INFINITY)))

@@ -11,6 +11,7 @@ const SIZE: [u32; 2] = [160, 120];
 const GAMMA_PER_M: f64 = 0.13;
 const PHOTON_W: f64 = 0.7;
 const LINES: usize = 12;
+const DEPTH_M: f64 = 20.0;
 /// Standard deviations below and above a texel.
 const SIGMAS_PX: [f64; 2] = [0.6, 2.5];
 
@@ -57,10 +58,11 @@ impl Line {
         near + self.share_at(pixel) * (far - near)
     }
 
-    /// Its intensity at the middle of a pixel.
-    fn at(&self, pixel: (u32, u32), gamma_per_m: f64) -> f64 {
-        let way_m = self.share_at(pixel) * self.ends_m[0].distance(self.ends_m[1]);
-        PHOTON_W * transmittance(gamma_per_m, way_m)
+    /// Its intensity at the middle of a pixel, seen from `eye` under water.
+    fn at(&self, pixel: (u32, u32), gamma_per_m: f64, eye: DVec3) -> f64 {
+        let [start, end] = self.ends_m;
+        let place = start.lerp(end, self.share_at(pixel));
+        PHOTON_W * transmittance(gamma_per_m, start.distance(place) + place.distance(eye))
     }
 }
 
@@ -86,11 +88,16 @@ fn drawn(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<Drawn>
 }
 
 fn single_lines(rig: &Rig<'_>) -> Checks {
-    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    let mut view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    // So deep that all lines lie under water.
+    view.camera.position_m[1] -= DEPTH_M;
+    view.camera.target_m[1] -= DEPTH_M;
     let lines = drawn(rig, &view, 3, 1.0)?;
+    let eye = view.camera.position();
     let error = |gamma_per_m: f64| {
         percentile::<90>(lines.iter().flat_map(|(line, lit)| {
-            lit.iter().map(move |(at, value)| relative_error(*value, line.at(*at, gamma_per_m)))
+            lit.iter()
+                .map(move |(at, value)| relative_error(*value, line.at(*at, gamma_per_m, eye)))
         }))
     };
     // A driver draws rectangles a pixel wide, or a pixel for each step along the longer axis: Vulkan leaves both. A slanted rectangle holds

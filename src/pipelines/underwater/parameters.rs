@@ -269,8 +269,8 @@ photon_settings! {
         line_width_px: f64 = 2.0 => 0.1 ..= 1024.0, "px";
         /// Schlick's k of the phase function. UW gives none; 0.5 scatters forward, yet leaves shafts seen from the side.
         phase_k: f64 = 0.5 => -0.99 ..= 0.99, "1";
-        /// Scattering coefficient that scales the composed godrays. Tuned on scene tank.
-        scattering_per_m: f64 = 0.5 => 0.0 ..= 1e3, "1/m";
+        /// Scattering coefficient that scales the composed godrays: less than the attenuation, 0.13.
+        scattering_per_m: f64 = 0.1 => 0.0 ..= 1e3, "1/m";
         /// How much a photon adds.
         intensity: Intensity = Intensity::Paper;
         /// Whether the buffer is smoothed.
