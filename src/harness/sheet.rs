@@ -11,7 +11,7 @@ const MARGIN: u32 = 12;
 /// Largest width of a picture in the sheet of one figure.
 const WIDTH: u32 = 720;
 /// Width of a picture, and pictures side by side, in the sheet of many figures.
-const SMALL: u32 = 320;
+const SMALL: u32 = 280;
 const SMALL_COLUMNS: u32 = 4;
 /// Pictures that fit beside one another in the sheet of many figures.
 const PAGE_COLUMNS: u32 = 4;
@@ -94,7 +94,8 @@ pub fn small(figure: &Figure, panels: &[Rendered]) -> RgbImage {
 
 /// Parts side by side in rows as wide as the widest of them, in their order.
 pub fn of_all(parts: &[RgbImage]) -> RgbImage {
-    let width = (PAGE_COLUMNS * (SMALL + MARGIN) + MARGIN)
+    // Each part has margins of its own.
+    let width = (PAGE_COLUMNS * (SMALL + 2 * MARGIN))
         .max(parts.iter().map(RgbImage::width).max().unwrap_or(1));
     let (mut x, mut y, mut row) = (0, 0, 0);
     let places: Vec<(u32, u32)> = parts
