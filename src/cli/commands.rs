@@ -316,11 +316,16 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let mut parts = BTreeMap::<&str, Vec<RgbImage>>::new();
     let mut failed = false;
+    let width = |paper| {
+        let of_paper = figures.iter().filter(|figure| figure.paper() == paper);
+        sheet::width_among(of_paper.map(|figure| figure.panel.len()).sum())
+    };
     for figure in &figures {
         let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
         match figure.render(&gpu, &mut subjects, &args.set, args.samples) {
             Ok(panels) => {
-                let part = write_figure(&folder, figure, &panels)?;
+                write_figure(&folder, figure, &panels)?;
+                let part = sheet::small(figure, &panels, width(figure.paper()));
                 parts.entry(figure.paper()).or_default().push(part);
             }
             Err(error) if several => {
@@ -332,14 +337,14 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     }
     for (paper, parts) in parts.iter().filter(|_| several) {
         let path = folder.join(format!("{paper}.png"));
-        picture::write_to(&sheet::of_all(parts), &path)?;
+        picture::write_to(&sheet::of_all(parts, width(paper)), &path)?;
         tell::done(path.display());
     }
     ended(!failed)
 }
 
-/// Writes a figure's files. Its part of a sheet of many comes back.
-fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::Result<RgbImage> {
+/// Writes a figure's files.
+fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::Result<()> {
     for (panel, number) in panels.iter().zip(0..) {
         picture::write_to(
             &panel.picture.explained(),
@@ -349,7 +354,7 @@ fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::
     let path = folder.join(format!("{}.png", figure.id));
     picture::write_to(&sheet::of_figure(figure, panels), &path)?;
     tell::done(path.display());
-    Ok(sheet::small(figure, panels))
+    Ok(())
 }
 
 pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {

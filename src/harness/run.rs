@@ -193,7 +193,8 @@ pub fn outline(options: &Options) -> Result<Outline> {
             timed,
             errors_only: runs().count() - timed,
             skipped: planned.cells.len() - runs().count(),
-            frames_s: runs().map(|cell| cell.declared_s).sum(),
+            // From 0: the sum of nothing is -0.
+            frames_s: runs().fold(0.0, |sum, cell| sum + cell.declared_s),
         }
     };
     let limits = limits(options, profile, &planned);

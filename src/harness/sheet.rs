@@ -10,8 +10,10 @@ use super::picture;
 const MARGIN: u32 = 12;
 /// Largest width of a picture in the sheet of one figure.
 const WIDTH: u32 = 720;
-/// Width of a picture, and pictures side by side, in the sheet of many figures.
-const SMALL: u32 = 280;
+/// Largest width of a picture in the sheet of many figures, and how many pictures of that width make a file of about 1.5 MB.
+const SMALL: f64 = 280.0;
+const PICTURES: f64 = 24.0;
+/// Pictures of a figure side by side there.
 const SMALL_COLUMNS: u32 = 4;
 /// Pictures that fit beside one another in the sheet of many figures.
 const PAGE_COLUMNS: u32 = 4;
@@ -87,15 +89,20 @@ pub fn of_figure(figure: &Figure, panels: &[Rendered]) -> RgbImage {
     block(figure, panels, figure.columns, widest.min(WIDTH))
 }
 
-/// A figure's part of the sheet of many.
-pub fn small(figure: &Figure, panels: &[Rendered]) -> RgbImage {
-    block(figure, panels, figure.columns.min(SMALL_COLUMNS), SMALL)
+/// Width of each of so many pictures in one sheet: more of them are smaller.
+pub fn width_among(pictures: usize) -> u32 {
+    (SMALL * (PICTURES / pictures as f64).sqrt().min(1.0)) as u32
 }
 
-/// Parts side by side in rows as wide as the widest of them, in their order.
-pub fn of_all(parts: &[RgbImage]) -> RgbImage {
+/// A figure's part of the sheet of many, its pictures so many pixels wide.
+pub fn small(figure: &Figure, panels: &[Rendered], width: u32) -> RgbImage {
+    block(figure, panels, figure.columns.min(SMALL_COLUMNS), width)
+}
+
+/// Parts with pictures of a width side by side, in rows as wide as the widest of them, in their order.
+pub fn of_all(parts: &[RgbImage], picture: u32) -> RgbImage {
     // Each part has margins of its own.
-    let width = (PAGE_COLUMNS * (SMALL + 2 * MARGIN))
+    let width = (PAGE_COLUMNS * (picture + 2 * MARGIN))
         .max(parts.iter().map(RgbImage::width).max().unwrap_or(1));
     let (mut x, mut y, mut row) = (0, 0, 0);
     let places: Vec<(u32, u32)> = parts
@@ -167,7 +174,7 @@ mod tests {
         let color = |i: usize| [i as u8 + 1, 0, 0];
         let part = |(i, &(w, h))| RgbImage::filled(w, h, color(i));
         let parts: Vec<_> = sizes.iter().enumerate().map(part).collect();
-        let sheet = of_all(&parts);
+        let sheet = of_all(&parts, 700);
         for (i, (w, h)) in sizes.into_iter().enumerate() {
             assert_eq!(count(&sheet, color(i)), (w * h) as usize);
         }
