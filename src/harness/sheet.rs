@@ -12,7 +12,7 @@ const MARGIN: u32 = 12;
 const WIDTH: u32 = 720;
 /// Largest width of a picture in the sheet of many figures, and how many pictures of that width make a file of about 1.5 MB.
 const SMALL: f64 = 280.0;
-const PICTURES: f64 = 24.0;
+const PICTURES: f64 = 20.0;
 /// Pictures of a figure side by side there.
 const SMALL_COLUMNS: u32 = 4;
 /// Pictures that fit beside one another in the sheet of many figures.
