@@ -266,6 +266,20 @@ mod tests {
     use fathom_scene::SceneFile;
 
     #[test]
+    fn a_name_stands_for_a_figure_a_paper_or_all() {
+        let folders = Folders::of(FIGURES);
+        let named = |name| Figure::named(&folders, name).unwrap();
+        let (all, several) = named("all");
+        assert!(several && all.len() == Figure::ids(&folders).len());
+        let (of_paper, several) = named("uw");
+        assert!(several && of_paper.len() > 1 && of_paper.len() < all.len());
+        assert!(of_paper.iter().all(|figure| figure.paper() == "uw"));
+        let (one, several) = named("uw-5");
+        assert!(!several && one.len() == 1 && one[0].id == "uw-5");
+        assert!(Figure::named(&folders, "u").is_err());
+    }
+
+    #[test]
     fn every_figure_parses_and_its_parameters_exist() {
         let (folders, catalog) = (Folders::of(FIGURES), Catalog::builtin());
         let ids = Figure::ids(&folders);

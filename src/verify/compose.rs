@@ -27,10 +27,12 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, "addition and attenuation of known inputs", known_inputs),
         Case::new(STAGE, "Fresnel reflection of the water from above and below", fresnel),
         Case::new(STAGE, "caustics brought to the picture's size within surfaces", |rig| {
-            upscaled(rig, "caustics")
+            upscaled(rig, "caustics", |dark, caustics| Known { caustics, ..dark })
         }),
         Case::new(STAGE, "godrays brought to the picture's size within surfaces", |rig| {
-            upscaled(rig, "godrays")
+            // They are radiance; of irradiance a white surface sends a πth to the eye.
+            let lit = |dark, rays: Image| Known { godrays: rays.map(|value| value / PI), ..dark };
+            upscaled(rig, "godrays", lit)
         }),
         Case::new(STAGE, "flux of pixels over the area behind them", conserved),
         Case::new(STAGE, "screen-space ambient occlusion", occlusion),
@@ -127,11 +129,11 @@ impl Known {
     /// What caustics add to the radiance of each pixel.
     fn added(self, rig: &Rig<'_>, view: &View, caustics: Image) -> Result<Image> {
         let lit = Known { caustics, ..self.clone() };
-        self.less(lit, rig, view)
+        self.brightened(lit, rig, view)
     }
 
     /// By how much each pixel is brighter in `lit`.
-    fn less(self, lit: Known, rig: &Rig<'_>, view: &View) -> Result<Image> {
+    fn brightened(self, lit: Known, rig: &Rig<'_>, view: &View) -> Result<Image> {
         let without = self.radiance(rig, view)?;
         let with = lit.radiance(rig, view)?;
         Ok(Image::of(SIZE, |x, y| with.at((x, y)) - without.at((x, y))))
@@ -175,7 +177,7 @@ fn dry(rig: &Rig<'_>, mut scene: Scene) -> Result<(Stand, wgpu::Texture)> {
 }
 
 /// Caustics or godrays in a smaller buffer, each texel of its own brightness: a texel counts for the pixels whose surface it is on.
-fn upscaled(rig: &Rig<'_>, buffer: &str) -> Result<Check> {
+fn upscaled(rig: &Rig<'_>, buffer: &str, lit: impl Fn(Known, Image) -> Known) -> Result<Check> {
     const BUFFER: [u32; 2] = [61, 41];
     const LEAST_WEIGHT: f64 = 1e-3;
     let (stand, drawn) = dry(rig, Scene::load("tank")?)?;
@@ -183,12 +185,8 @@ fn upscaled(rig: &Rig<'_>, buffer: &str) -> Result<Check> {
     let seen = CameraDepth { depth: &depth, camera: &stand.view.camera };
     let texels = noise(BUFFER, 5).map(|value| 1.0 + 3.0 * value);
     let dark = Known::unlit(drawn, 0.8);
-    // Godrays are radiance; of irradiance a white surface sends a πth to the eye.
-    let lit = match buffer {
-        "godrays" => Known { godrays: texels.map(|value| value / PI), ..dark.clone() },
-        _ => Known { caustics: texels.clone(), ..dark.clone() },
-    };
-    let light = dark.less(lit, rig, &stand.view)?;
+    let lit = lit(dark.clone(), texels.clone());
+    let light = dark.brightened(lit, rig, &stand.view)?;
     let twin = |x: u32, y: u32, share: f64| {
         let place = [0, 1].map(|k| {
             (f64::from([x, y][k]) + 0.5) * f64::from(BUFFER[k]) / f64::from(SIZE[k]) - 0.5

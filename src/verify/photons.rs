@@ -30,6 +30,7 @@ pub fn cases() -> Vec<Case> {
         }
     }
     cases.push(Case::new(STAGE, "photons that meet nothing", beside_the_floor));
+    cases.push(Case::new(STAGE, "estimates beyond the light's frustum", beyond_the_frustum));
     cases.push(Case::new(STAGE, "run-time subdivision", dynamic_subdivision));
     cases.push(Case::new(STAGE, "strewn photons", strewn));
     let models = [WaterModel::Circular, WaterModel::Directional];
@@ -81,6 +82,16 @@ impl Traced {
         land_all(&self.frame, water, tracer, self.grid, 1)
     }
 
+    /// Largest distance of a landing point from the exact one through water of this index, relative to the path under water.
+    fn relative_error(&self, refractive_index: f64) -> f64 {
+        let water = with_index(&self.stand.scene.water, refractive_index);
+        let landings = self.exact(&water, &self.stand.tracer);
+        largest(self.photons.iter().zip(&landings).filter_map(|(photon, landing)| {
+            let exact = landing.landed().filter(|_| photon.landed())?;
+            Some(photon.hit.distance(exact.hit.position) / exact.hit.distance_m)
+        }))
+    }
+
     /// Against exact ones through this water.
     pub fn errors(&self, water: &Water) -> PhotonErrors {
         photon_errors(&self.photons, &self.exact(water, &self.stand.tracer))
@@ -112,17 +123,9 @@ fn with_index(water: &Water, refractive_index: f64) -> Water {
 fn flat(rig: &Rig<'_>, info: &'static StageInfo, kind: LightKind, what: &str) -> Result<Check> {
     let traced = Traced::by(rig, (info, false), rig::flat_plane(kind)?, settings(FLAT_GRID, 2))?;
     let water = &traced.stand.scene.water;
-    // Of the landing points, relative to the path under water.
-    let error = |index: f64| {
-        let landings = traced.exact(&with_index(water, index), &traced.stand.tracer);
-        largest(traced.photons.iter().zip(&landings).filter_map(|(photon, landing)| {
-            let exact = landing.landed().filter(|_| photon.landed())?;
-            Some(photon.hit.distance(exact.hit.position) / exact.hit.distance_m)
-        }))
-    };
     let check = Check::of(rig, format!("{what}: largest |hit − exact| / path"))
-        .within((FLAT_RELATIVE, "1"), error(water.refractive_index))
-        .control("refractive index 1.34", error(1.34));
+        .within((FLAT_RELATIVE, "1"), traced.relative_error(water.refractive_index))
+        .control("refractive index 1.34", traced.relative_error(1.34));
     Ok(with_rates(check, &traced.errors(water)))
 }
 
@@ -138,6 +141,41 @@ fn beside_the_floor(rig: &Rig<'_>) -> Result<Check> {
     Ok(Check::of(rig, "photons beside the floor: share that lands")
         .within((0.01, "1"), false_hits(&traced.stand.tracer))
         .control("no floor", false_hits(&Tracer::new(&[]))))
+}
+
+/// The paper's estimator from a first estimate so far away that many leave the light's frustum: photons that land within it are found.
+fn beyond_the_frustum(rig: &Rig<'_>) -> Checks {
+    const START_M: f64 = 40.0;
+    let paper = PhotonEstimator::Paper as u32;
+    let settings =
+        TraceUniforms { estimator: paper, start_m: START_M as f32, ..settings(FLAT_GRID, 2) };
+    let traced = Traced::new(rig, rig::flat_plane(LightKind::Directional)?, settings)?;
+    let frame = &traced.frame;
+    let landings = traced.exact(&traced.stand.scene.water, &traced.stand.tracer);
+    let within: Vec<(&StoredPhoton, &Landed)> = traced
+        .photons
+        .iter()
+        .zip(&landings)
+        .filter_map(|(photon, landing)| Some((photon, landing.landed()?)))
+        .filter(|(_, exact)| in_frustum(frame, exact.hit.position))
+        .collect();
+    let lost = share(within.iter().map(|(photon, _)| !photon.landed()));
+    let leaves =
+        |exact: &Landed| !in_frustum(frame, exact.entry.position + START_M * exact.direction);
+    Ok(vec![
+        Check::of(rig, "photons that land in the light's frustum: share that is lost")
+            .within((0.01, "1"), lost)
+            .control(
+                "lost where the first estimate leaves it",
+                share(within.iter().map(|(_, exact)| leaves(exact))),
+            ),
+        Check::of(rig, "largest |hit − exact| / path of those that are found")
+            .within(
+                (FLAT_RELATIVE, "1"),
+                traced.relative_error(traced.stand.scene.water.refractive_index),
+            )
+            .control("refractive index 1.34", traced.relative_error(1.34)),
+    ])
 }
 
 /// The loop bound read at run time gives the very photons of the one compiled in. UW §4.1.

@@ -11,13 +11,15 @@ const SIZE: [u32; 2] = [160, 120];
 const GAMMA_PER_M: f64 = 0.13;
 const PHOTON_W: f64 = 0.7;
 const LINES: usize = 12;
-const DEPTH_M: f64 = 20.0;
+/// Heights of the eye: so deep that all lines lie under water, and above the water with lines on both sides of it.
+const EYES_M: [f64; 2] = [-20.0, 1.0];
 /// Standard deviations below and above a texel.
 const SIGMAS_PX: [f64; 2] = [0.6, 2.5];
 
 pub fn cases() -> Vec<Case> {
     let what = |sigma_px| format!("standard deviation {sigma_px} px");
-    let mut cases = vec![Case::new(lines::INFO.name, "one line after the other", single_lines)];
+    let seen = |eye_m| format!("one line after the other, seen from {eye_m} m");
+    let mut cases: Vec<Case> = Case::each(lines::INFO.name, EYES_M, seen, single_lines).collect();
     cases.extend(Case::each(blur::INFO.name, SIGMAS_PX, what, gaussian));
     cases
 }
@@ -58,11 +60,11 @@ impl Line {
         near + self.share_at(pixel) * (far - near)
     }
 
-    /// Its intensity at the middle of a pixel, seen from `eye` under water.
+    /// Its intensity at the middle of a pixel, seen from `eye`; of the way to it only the part below y = 0 is in the water.
     fn at(&self, pixel: (u32, u32), gamma_per_m: f64, eye: DVec3) -> f64 {
         let [start, end] = self.ends_m;
         let place = start.lerp(end, self.share_at(pixel));
-        PHOTON_W * transmittance(gamma_per_m, start.distance(place) + place.distance(eye))
+        PHOTON_W * transmittance(gamma_per_m, start.distance(place) + wet_m(place, eye))
     }
 }
 
@@ -87,11 +89,20 @@ fn drawn(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<Drawn>
     lines.into_iter().map(draw).collect()
 }
 
-fn single_lines(rig: &Rig<'_>) -> Checks {
+/// Length of the part of a segment that is below y = 0.
+fn wet_m(a: DVec3, b: DVec3) -> f64 {
+    let (low, high) = if a.y < b.y { (a, b) } else { (b, a) };
+    if low.y >= 0.0 {
+        return 0.0;
+    }
+    let share = if high.y <= 0.0 { 1.0 } else { low.y / (low.y - high.y) };
+    share * a.distance(b)
+}
+
+fn single_lines(rig: &Rig<'_>, eye_m: f64) -> Checks {
     let mut view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
-    // So deep that all lines lie under water.
-    view.camera.position_m[1] -= DEPTH_M;
-    view.camera.target_m[1] -= DEPTH_M;
+    view.camera.position_m[1] = eye_m;
+    view.camera.target_m[1] = eye_m;
     let lines = drawn(rig, &view, 3, 1.0)?;
     let eye = view.camera.position();
     let error = |gamma_per_m: f64| {
