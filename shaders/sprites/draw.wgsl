@@ -1,5 +1,6 @@
-// defs: WATER=0
-// A sprite in the receiver's tangent plane for each photon that has landed: SPT §3.1, Eq. 1.
+// defs: FACING=0, WATER=0
+// A sprite for each photon that has landed, in the receiver's tangent plane: SPT §3.1, Eq. 1. FACING 1 puts it in the screen's plane, as
+// point sprites lie: SPT Fig. 6, left.
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{surface_near, texel_of}
 #import fathom::photon::{Photon}
@@ -8,7 +9,7 @@ struct Sprites {
     size_px: vec2<f32>,
     // s of Eq. 1.
     radius_m: f32,
-    // A pixel is lit when what it shows lies this near to the tangent plane, along its line of sight.
+    // A pixel is lit when what it shows lies this near to the sprite's plane, along its line of sight.
     visible_m: f32,
     // Irradiance of a photon for each metre of s − r, W/m³.
     rise_w_m3: f32,
@@ -37,6 +38,19 @@ const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), vec3<f32>(0.0), 
 // Sight along a plane meets it nowhere.
 const LEAST_COSINE: f32 = 1e-4;
 
+#if FACING == 1
+// Against the camera's axis, which is the projection's last row.
+fn normal_at(ndc: vec2<f32>, depth_m: f32) -> vec3<f32> {
+    let projection = frame.camera_view_projection;
+    return -vec3(projection[0].w, projection[1].w, projection[2].w);
+}
+#else
+fn normal_at(ndc: vec2<f32>, depth_m: f32) -> vec3<f32> {
+    let texel = texel_of(ndc, settings.size_px);
+    return surface_near(depths, surfaces, settings.layers, texel, depth_m).xyz;
+}
+#endif
+
 @vertex
 fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varying {
     let index = instance * settings.photons_per_instance + vertex / 4u;
@@ -52,8 +66,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     if any(abs(ndc) > vec2(1.0)) {
         return NOWHERE;
     }
-    let texel = texel_of(ndc, settings.size_px);
-    let normal = surface_near(depths, surfaces, settings.layers, texel, clip.w).xyz;
+    let normal = normal_at(ndc, clip.w);
     // A ball about the hit on the screen. Rows of the projection hold its scales times unit vectors.
     let projection = frame.camera_view_projection;
     let x = length(vec3(projection[0].x, projection[1].x, projection[2].x));

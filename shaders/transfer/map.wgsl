@@ -10,6 +10,8 @@
 struct Map {
     // Photons along the light's screen, to the right and upwards.
     grid: vec2<u32>,
+    // Place of a photon within its cell.
+    offset: vec2<f32>,
 }
 
 @group(1) @binding(0) var<uniform> settings: Map;
@@ -24,7 +26,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let photon = vec2(index % settings.grid.x, index / settings.grid.x);
-    let ndc = (vec2<f32>(photon) + 0.5) / vec2<f32>(settings.grid) * 2.0 - 1.0;
+    let ndc = (vec2<f32>(photon) + settings.offset) / vec2<f32>(settings.grid) * 2.0 - 1.0;
     let ray = light_ray(ndc);
     let entry = meet_water(ray);
     // Photons that geometry above the water stops are dropped.

@@ -24,6 +24,8 @@ use fathom_stages::sprites::compose::{self, Composed};
 use fathom_stages::sprites::draw::{self, Sprite};
 use fathom_stages::uniforms::{Shared, View};
 
+use parameters::SpritePlane;
+
 pub use parameters::Params;
 
 /// Photons traced through layered depth, drawn as sprites.
@@ -141,6 +143,7 @@ fn sprite(params: &Params, view: &View) -> Sprite {
     Sprite {
         radius_m,
         visible_m: params.sprites.visible_m,
+        facing: params.sprites.plane == SpritePlane::Screen,
         photon_w: photon_w(params, view),
         side_px: 2.0 * radius_m / (view.pixel_tangent(params.view.height) * params.middle_m()),
     }

@@ -284,6 +284,8 @@ settings! {
     pub struct Transfer {
         /// Photons along the light's screen, to the right and upwards. SPT §5: 256 × 256.
         grid: [u32; 2] = [256, 256] => 1 ..= 16384, "1";
+        /// Place of each photon within its cell of the grid; [0.5, 0.5] is the middle.
+        offset: [f64; 2] = [0.5, 0.5] => 0.0 ..= 1.0, "1";
     }
 }
 
@@ -293,7 +295,10 @@ impl Transfer {
     }
 
     pub fn uniforms(&self) -> MapUniforms {
-        MapUniforms { grid: UVec2::from(self.grid) }
+        MapUniforms {
+            grid: UVec2::from(self.grid),
+            offset: Vec2::from(self.offset.map(|share| share as f32)),
+        }
     }
 }
 

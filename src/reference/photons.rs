@@ -93,10 +93,11 @@ impl Landing {
     }
 }
 
-/// Normalised device coordinates of a photon of a plain grid of columns and rows.
-pub fn place_in_grid(number: u32, [columns, rows]: [u32; 2]) -> [f64; 2] {
-    let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
-    [ndc(number % columns, columns), ndc(number / columns, rows)]
+/// Normalised device coordinates of a photon of a plain grid of columns and rows, each at the place `offset` of its cell.
+pub fn place_in_grid(number: u32, [columns, rows]: [u32; 2], offset: [f64; 2]) -> [f64; 2] {
+    let ndc =
+        |k: u32, axis: usize, n: u32| 2.0 * (f64::from(k) + offset[axis]) / f64::from(n) - 1.0;
+    [ndc(number % columns, 0, columns), ndc(number / columns, 1, rows)]
 }
 
 /// Follows the photon through point `ndc` of the light's screen: air, refraction at the surface, water.

@@ -76,7 +76,7 @@ impl Setup {
         let Stand { shared, geometry, .. } = &stand;
         let depth = shadow::depth::new(rig, shared, geometry, 512)?;
         let mask = shadow::mask::new(rig, shared, depth.texture(), 64)?;
-        let settings = MapUniforms { grid: UVec2::from(GRID) };
+        let settings = rig::light_grid(GRID);
         let map = map::new(rig, shared, mask.texture(), &settings)?;
         let peel = peel::new(rig, shared, (geometry, Part::Solid), SIZE, layers)?;
         rig.run(&[&depth, &mask, &map, &peel])?;

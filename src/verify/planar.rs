@@ -114,7 +114,7 @@ impl Drawn {
         let Stand { shared, geometry, view, scene, .. } = &stand;
         let depth = shadow::depth::new(rig, shared, geometry, 512)?;
         let mask = shadow::mask::new(rig, shared, depth.texture(), 64)?;
-        let settings = MapUniforms { grid: UVec2::from(grid) };
+        let settings = rig::light_grid(grid);
         let transfers = map::new(rig, shared, mask.texture(), &settings)?;
         let count = transfers.transfers.count;
         let basin = Basin::of(&scene.water, scene.floor_depth_m);

@@ -26,7 +26,7 @@ pub use fathom_stages::photon::{MISSED, Photon, PhotonEstimator, Photons, TraceU
 pub use fathom_stages::screen_ray::*;
 pub use fathom_stages::shadow;
 pub use fathom_stages::splatting::PHOTONS_PER_INSTANCE;
-pub use fathom_stages::transfer::map::{self, MapUniforms};
+pub use fathom_stages::transfer::map;
 pub use fathom_stages::uniforms::{Shared, View};
 pub use fathom_stages::voxels::Voxels;
 pub use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec2, Vec3};

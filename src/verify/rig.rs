@@ -2,7 +2,7 @@
 
 use std::ops::Deref;
 
-use glam::{DVec3, UVec2};
+use glam::{DVec3, UVec2, Vec2};
 
 use super::{Result, VerifyError};
 use fathom_gpu::{
@@ -21,6 +21,7 @@ use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::photon::{Photon, Photons};
 use fathom_stages::scene::gbuffer;
+use fathom_stages::transfer::map::MapUniforms;
 use fathom_stages::uniforms::{Shared, View};
 
 /// The device, what is made on it, and the stage that a case judges.
@@ -266,9 +267,18 @@ pub fn through_water(scene: &Scene, place: DVec3) -> f64 {
     transmittance(scene.water.attenuation_per_m, camera.distance(place) * below.max(0.0))
 }
 
+/// Where photons start within the cells of a light's grid: off the middle.
+const IN_CELL: [f64; 2] = [0.375, 0.625];
+
+/// Settings of `transfer/map` whose photons [`grid_ray`] follows.
+pub fn light_grid(grid: [u32; 2]) -> MapUniforms {
+    let offset = Vec2::from(IN_CELL.map(|share| share as f32));
+    MapUniforms { grid: UVec2::from(grid), offset }
+}
+
 /// The ray of a light's grid that a photon of this number takes.
 pub fn grid_ray(frame: &LightFrame, number: u32, grid: [u32; 2]) -> (DVec3, DVec3) {
-    let [x, y] = place_in_grid(number, grid);
+    let [x, y] = place_in_grid(number, grid, IN_CELL);
     frame.ray(x, y)
 }
 

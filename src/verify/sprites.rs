@@ -11,6 +11,7 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(draw::INFO.name, "energy on a slanted plane", energy),
         Case::new(draw::INFO.name, "Eq. 1 pixel by pixel", sprite_shape),
+        Case::new(draw::INFO.name, "in the screen's plane, pixel by pixel", facing_shape),
         Case::new(draw::INFO.name, "behind a wall", hidden),
         Case::new(compose::INFO.name, "light of sprites", composed),
     ]
@@ -18,7 +19,8 @@ pub fn cases() -> Vec<Case> {
 
 /// The photons' way is a metre.
 const GAMMA_PER_M: f64 = 0.13;
-const SPRITE: Sprite = Sprite { radius_m: 0.4, visible_m: 0.05, photon_w: 0.7, side_px: 40.0 };
+const SPRITE: Sprite =
+    Sprite { radius_m: 0.4, visible_m: 0.05, facing: false, photon_w: 0.7, side_px: 40.0 };
 
 /// A slanted view of scene `plane` with photons strewn in the middle of the view.
 struct Lit {
@@ -56,6 +58,20 @@ impl Lit {
         let photons = (&self.photons, &rig.ones(self.photons.count));
         let stage = draw::new(rig, &stand.shared, photons, &self.layers, &seen, sprite)?;
         rig.drawn(&[&stage], stage.texture(), 0)
+    }
+
+    /// Largest difference from Eq. 1 in planes of this normal, over the greatest irradiance.
+    fn errors(&self, irradiance: &Image, normal: DVec3, radius_m: f64) -> f64 {
+        let error = |(x, y): (u32, u32)| {
+            let (origin, direction, _) = self.stand.rays.ray(x, y);
+            let of_sprite = |hit: &DVec3| {
+                let far_m = (*hit - origin).dot(normal) / direction.dot(normal);
+                let r = (origin + direction * far_m).distance(*hit);
+                SPRITE.rise_w_m3() * transmittance(GAMMA_PER_M, 1.0) * (radius_m - r).max(0.0)
+            };
+            (irradiance.at((x, y)) - self.hits.iter().map(of_sprite).sum::<f64>()).abs()
+        };
+        largest(pixels(SIZE).map(error)) / largest(irradiance.data().iter().copied())
     }
 }
 
@@ -100,21 +116,23 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
 fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
     let lit = Lit::new(rig)?;
     let irradiance = lit.irradiance(rig, &lit.stand, &SPRITE)?;
-    let errors = |radius_m: f64| {
-        let error = |(x, y): (u32, u32)| {
-            let (origin, direction, _) = lit.stand.rays.ray(x, y);
-            let of_sprite = |hit: &DVec3| {
-                let far_m = (hit.y - origin.y) / direction.y;
-                let r = (origin + direction * far_m).distance(*hit);
-                SPRITE.rise_w_m3() * transmittance(GAMMA_PER_M, 1.0) * (radius_m - r).max(0.0)
-            };
-            (irradiance.at((x, y)) - lit.hits.iter().map(of_sprite).sum::<f64>()).abs()
-        };
-        largest(pixels(SIZE).map(error)) / largest(irradiance.data().iter().copied())
-    };
+    let errors = |radius_m| lit.errors(&irradiance, DVec3::Y, radius_m);
     Ok(Check::of(rig, "largest |irradiance − Eq. 1| over the greatest irradiance")
         .within((0.01, "1"), errors(SPRITE.radius_m))
         .control("radius 5 % larger", errors(1.05 * SPRITE.radius_m)))
+}
+
+/// Eq. 1 in the plane against the camera's axis, on a floor that lies slanted to it.
+fn facing_shape(rig: &Rig<'_>) -> Result<Check> {
+    let lit = Lit::new(rig)?;
+    let sprite = Sprite { facing: true, visible_m: 100.0, ..SPRITE };
+    let irradiance = lit.irradiance(rig, &lit.stand, &sprite)?;
+    let camera = &lit.stand.scene.camera;
+    let axis = (DVec3::from(camera.target_m) - camera.position()).normalize();
+    let errors = |normal| lit.errors(&irradiance, normal, SPRITE.radius_m);
+    Ok(Check::of(rig, "largest |irradiance − Eq. 1| over the greatest irradiance")
+        .within((0.01, "1"), errors(axis))
+        .control("in the receiver's plane", errors(DVec3::Y)))
 }
 
 /// Radiance that known irradiance adds to a grey floor, against Lambert's law and Beer's; and that shafts add to what is behind them.

@@ -10,7 +10,7 @@ use crate::{Drawing, Judge, JudgeError, Judged, exact_of, named, objects_of, sha
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
-use fathom_reference::rays::Tracer;
+use fathom_reference::rays::{Hit, Tracer};
 use fathom_reference::specular::{End, Surfaces};
 use fathom_scene::Scene;
 use fathom_stages::geometry::Part;
@@ -21,6 +21,8 @@ use fathom_stages::sprites;
 const MOST_PHOTONS: usize = 10_000;
 /// A photon that ends farther than this from its exact end lies on another surface: ten times the tolerance of SPT §5.
 const WRONG_M: f64 = 0.1;
+/// A ray goes on this far behind a surface, so as not to meet it again.
+const BEYOND_M: f64 = 1e-6;
 
 /// Photons held against their exact ends.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,6 +35,17 @@ struct Ends {
     off_frustum: usize,
     /// Of these, found to end in view.
     false_hits: usize,
+    /// Exact ends, in view, with the surface of another object behind them.
+    occluded: usize,
+    /// Of these, found to end behind the occluder.
+    passed: usize,
+}
+
+/// Where a photon ends.
+struct Exact {
+    position: DVec3,
+    /// Whether it would meet another object if the one that it ends on were not there.
+    occluder: bool,
 }
 
 impl Ends {
@@ -45,6 +58,13 @@ impl Ends {
                 self.false_hits += usize::from(landed);
             }
         }
+    }
+
+    /// Of a photon that ends in view on what stands before another object.
+    fn add_occluded(&mut self, found: &StoredPhoton, exact: DVec3) {
+        let way_m = |end: DVec3| end.distance(found.entry);
+        self.occluded += 1;
+        self.passed += usize::from(found.landed() && way_m(found.hit) > way_m(exact) + WRONG_M);
     }
 }
 
@@ -95,13 +115,14 @@ impl PhotonTracing {
 
     /// Errors of the last frame's photons: `photon_error_median_m`, `photon_error_p99_m`, `photon_wrong_surface_rate` of those that
     /// end in view by both, and `photon_miss_rate` of those that end in view. The quantities `photon_off_frustum_rate` and
-    /// `photon_false_hit_rate` are shares of all photons that end anywhere. `caustics_photon_error_median_m` and
+    /// `photon_false_hit_rate` are shares of all photons that end anywhere; `photon_occluded_rate` is the share of those in view that end
+    /// before another object, and `photon_passed_rate` the share of these that were found behind what they end on. `caustics_photon_error_median_m` and
     /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names: the second is a share of all photons that
     /// end anywhere, in view or not. Of large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let found = self.stored(gpu)?;
         let ends = self.ends(&found, scene)?;
-        let Ends { mut errors_m, lost, off_frustum, false_hits } = ends;
+        let Ends { mut errors_m, lost, off_frustum, false_hits, occluded, passed } = ends;
         let in_view = errors_m.len() + lost;
         let wrong = errors_m.iter().filter(|error_m| **error_m > WRONG_M).count();
         let all = in_view + off_frustum;
@@ -117,6 +138,8 @@ impl PhotonTracing {
         let quantities = [
             ("photon_off_frustum_rate", share(off_frustum, all)),
             ("photon_false_hit_rate", share(false_hits, all)),
+            ("photon_occluded_rate", share(occluded, in_view)),
+            ("photon_passed_rate", share(passed, occluded)),
         ];
         Ok(Judged::of(self.params.rays.method.info().name, errors, quantities))
     }
@@ -133,27 +156,47 @@ impl PhotonTracing {
             top_m: under_water(scene).max.y,
         };
         let matrix = self.view.camera.view_projection(self.view.aspect());
-        let grid = self.params.transfer.grid;
+        let transfer = &self.params.transfer;
         let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
-            let place = place_in_grid(index as u32, grid);
+            let place = place_in_grid(index as u32, transfer.grid, transfer.offset);
             let landing = land(&frame, water, tracer, place);
             let landed = landing.landed()?;
             let ray = surfaces.ray(landed.entry.position, landed.direction);
             match surfaces.follow(ray, bounces) {
-                End::Diffuse(hit) => Some(hit.position),
+                End::Diffuse(hit) => Some(Exact {
+                    position: hit.position,
+                    occluder: bounces == 0 && stands_before_another(tracer, &hit, landed.direction),
+                }),
                 End::Leaves(_) | End::OnItsWay => None,
             }
         });
         let mut ends = Ends::default();
         for (index, exact) in exact {
-            let clip = matrix * exact.extend(1.0);
+            let Exact { position, occluder } = exact;
+            let clip = matrix * position.extend(1.0);
             let in_view = clip.x.abs() <= clip.w
                 && clip.y.abs() <= clip.w
                 && (0.0..=clip.w).contains(&clip.z);
-            ends.add(&found[index], exact, in_view);
+            ends.add(&found[index], position, in_view);
+            if in_view && occluder {
+                ends.add_occluded(&found[index], position);
+            }
         }
         Ok(ends)
     }
+}
+
+/// Whether a ray that ends on a surface would go on to another object.
+fn stands_before_another(tracer: &Tracer, hit: &Hit, direction: DVec3) -> bool {
+    let mut origin = hit.position;
+    // Surfaces of the same object are passed; a ray meets few of them.
+    for _ in 0..16 {
+        match tracer.cast(origin, direction, BEYOND_M, f64::MAX) {
+            Some(next) if next.object == hit.object => origin = next.position,
+            next => return next.is_some(),
+        }
+    }
+    false
 }
 
 #[cfg(test)]
@@ -173,6 +216,14 @@ mod tests {
         ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, true);
         ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, false);
         ends.add(&found(0.0), DVec3::NEG_Y, false);
-        assert_eq!(ends, Ends { errors_m: vec![0.5], lost: 1, off_frustum: 2, false_hits: 1 });
+        // Before another object: one that stops there, and one that goes through.
+        ends.add_occluded(&found(0.0), DVec3::NEG_Y);
+        ends.add_occluded(&found(0.0), DVec3::new(0.0, -0.5, 0.0));
+        let (occluded, passed) = (2, 1);
+        let errors_m = vec![0.5];
+        assert_eq!(
+            ends,
+            Ends { errors_m, lost: 1, off_frustum: 2, false_hits: 1, occluded, passed }
+        );
     }
 }

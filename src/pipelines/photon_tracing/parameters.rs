@@ -6,8 +6,9 @@ use crate::Parameters;
 use crate::screen_tracing::{Composition, LayeredDepth, RaySettings};
 use crate::settings::{Shadow, Transfer, View};
 use fathom_base::parameter::ParamError;
-use fathom_base::settings;
+use fathom_base::{choices, settings};
 use fathom_scene::{Camera, Light, SceneFile, Water};
+use serde::{Deserialize, Serialize};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -51,13 +52,27 @@ settings! {
     }
 }
 
+/// The plane in which a sprite lies. SPT §3.1, Fig. 6.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpritePlane {
+    /// The receiver's tangent plane, which SPT casts rays against.
+    Receiver,
+    /// The screen's, as of point sprites.
+    Screen,
+}
+
+choices!(SpritePlane);
+
 settings! {
     /// Sprites on the receivers. SPT §3.1.
     pub struct SpriteSettings {
+        /// The plane in which they lie.
+        plane: SpritePlane = SpritePlane::Receiver;
         /// s of Eq. 1: distance from the hit at which nothing is left. SPT gives none. Tuned on scene tank
         /// at the default grid.
         radius_m: f64 = 0.1 => 1e-4 ..= 100.0, "m";
-        /// A pixel is lit when what it shows lies this near to the receiver's tangent plane, along its line of sight. SPT says
+        /// A pixel is lit when what it shows lies this near to the sprite's plane, along its line of sight. SPT says
         /// "close together".
         visible_m: f64 = 0.1 => 1e-6 ..= 1e3, "m";
     }

@@ -109,8 +109,9 @@ impl Planar {
     fn ends(&self, found: &[Transfer], tracer: &Tracer) -> Ends {
         let (frame, water) = (self.view.light_frame(), &self.view.water);
         let grid = self.params.transfer.grid;
+        let offset = self.params.transfer.offset;
         let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
-            let place = place_in_grid(index as u32, grid);
+            let place = place_in_grid(index as u32, grid, offset);
             let hit = land(&frame, water, tracer, place).landed()?.hit;
             Some((hit.position, hit.normal))
         });

@@ -1,4 +1,4 @@
-//! `sprites/draw`: a sprite in the receiver's tangent plane for each photon that has landed. SPT §3.1, Eq. 1.
+//! `sprites/draw`: a sprite for each photon that has landed, in the receiver's tangent plane or in the screen's. SPT §3.1, Eq. 1, Fig. 6.
 
 use glam::Vec2;
 
@@ -9,7 +9,7 @@ use crate::splatting::{PHOTONS_PER_INSTANCE, quads};
 
 pub const INFO: StageInfo = StageInfo {
     name: "sprites/draw",
-    about: "a sprite in the receiver's tangent plane for each photon, on visible pixels",
+    about: "a sprite for each photon, in the receiver's tangent plane or the screen's, on visible pixels",
     source: "SPT §3.1, Eq. 1",
 };
 
@@ -32,6 +32,8 @@ pub struct Sprite {
     /// s of Eq. 1: the distance at which nothing is left.
     pub radius_m: f64,
     pub visible_m: f64,
+    /// Whether it lies in the screen's plane, not in the receiver's.
+    pub facing: bool,
     /// Flux of a photon.
     pub photon_w: f64,
     /// Side of a sprite in the middle of the view, for the declared work.
@@ -69,7 +71,8 @@ pub fn new(
     let own = Group::new(&[&settings, photons, depths, surfaces, seen, weights]);
     let groups = [&shared.group, &own];
     let targets = [kit::additive(kit::accumulation_format(resources.gpu))];
-    let spec = RenderSpec::new(INFO.name, &groups, &targets);
+    let defs = [("FACING", i32::from(sprite.facing))];
+    let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
     let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
     let count = u64::from(photons.count);
     let fragments = (f64::from(photons.count) * sprite.side_px.powi(2)) as u64;

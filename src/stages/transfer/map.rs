@@ -1,6 +1,6 @@
 //! `transfer/map`: where each photon of the light's grid enters the water, and its refracted direction. SPT §2.
 
-use glam::UVec2;
+use glam::{UVec2, Vec2};
 
 use crate::prelude::*;
 use crate::screen_ray::{Transfer, Transfers};
@@ -15,6 +15,7 @@ shader_struct! {
     /// `Map` in `shaders/transfer/map.wgsl`.
     pub struct MapUniforms {
         pub grid: UVec2,
+        pub offset: Vec2,
     }
 }
 
