@@ -259,6 +259,7 @@ const PARAMETERS: &[Entry] = &[
     ("scalar.pyramid", "mip-maps", One),
     ("shadow.size", "side of the shadow map", Pixels),
     ("side", "voxels along the longest side", One),
+    ("sprites.plane", "plane of the sprites", One),
     ("step", "step of the march", One),
     ("transfer.grid", "photon grid", One),
     ("view.height", "height of the picture", Pixels),
