@@ -12,7 +12,7 @@ use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
 use fathom_reference::rays::{Hit, Tracer};
 use fathom_reference::specular::{End, Surfaces};
-use fathom_scene::Scene;
+use fathom_scene::{Optics, Scene};
 use fathom_stages::geometry::Part;
 use fathom_stages::photon::{MISSED, ON_ITS_WAY, OUTSIDE};
 use fathom_stages::sprites;
@@ -39,6 +39,8 @@ struct Ends {
     occluded: usize,
     /// Of these, found to end behind the occluder.
     passed: usize,
+    /// Of photons that go on from mirrors or glass and end in view, by both: distance from the exact end, metres.
+    specular_errors_m: Vec<f64>,
 }
 
 /// Where a photon ends.
@@ -46,6 +48,8 @@ struct Exact {
     position: DVec3,
     /// Whether it would meet another object if the one that it ends on were not there.
     occluder: bool,
+    /// Whether it has come by a mirror or glass.
+    specular: bool,
 }
 
 impl Ends {
@@ -65,6 +69,11 @@ impl Ends {
         let way_m = |end: DVec3| end.distance(found.entry);
         self.occluded += 1;
         self.passed += usize::from(found.landed() && way_m(found.hit) > way_m(exact) + WRONG_M);
+    }
+
+    /// Of a photon that ends in view behind a mirror or glass.
+    fn add_specular(&mut self, found: &StoredPhoton, exact: DVec3) {
+        self.specular_errors_m.extend(found.landed().then(|| found.hit.distance(exact)));
     }
 }
 
@@ -116,13 +125,22 @@ impl PhotonTracing {
     /// Errors of the last frame's photons: `photon_error_median_m`, `photon_error_p99_m`, `photon_wrong_surface_rate` of those that
     /// end in view by both, and `photon_miss_rate` of those that end in view. The quantities `photon_off_frustum_rate` and
     /// `photon_false_hit_rate` are shares of all photons that end anywhere; `photon_occluded_rate` is the share of those in view that end
-    /// before another object, and `photon_passed_rate` the share of these that were found behind what they end on. `caustics_photon_error_median_m` and
-    /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names: the second is a share of all photons that
+    /// before another object, and `photon_passed_rate` the share of these that were found behind what they end on. `photon_specular_rate` is
+    /// the share of those in view that come by a mirror or glass and are found; `photon_specular_error_median_m` is their error.
+    /// `caustics_photon_error_median_m` and `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names: the second is a share of all photons that
     /// end anywhere, in view or not. Of large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let found = self.stored(gpu)?;
         let ends = self.ends(&found, scene)?;
-        let Ends { mut errors_m, lost, off_frustum, false_hits, occluded, passed } = ends;
+        let Ends {
+            mut errors_m,
+            lost,
+            off_frustum,
+            false_hits,
+            occluded,
+            passed,
+            mut specular_errors_m,
+        } = ends;
         let in_view = errors_m.len() + lost;
         let wrong = errors_m.iter().filter(|error_m| **error_m > WRONG_M).count();
         let all = in_view + off_frustum;
@@ -140,8 +158,15 @@ impl PhotonTracing {
             ("photon_false_hit_rate", share(false_hits, all)),
             ("photon_occluded_rate", share(occluded, in_view)),
             ("photon_passed_rate", share(passed, occluded)),
+            ("photon_specular_rate", share(specular_errors_m.len(), in_view)),
         ];
-        Ok(Judged::of(self.params.rays.method.info().name, errors, quantities))
+        let stage = self.params.rays.method.info().name;
+        let mut judged = Judged::of(stage, errors, quantities);
+        if !specular_errors_m.is_empty() {
+            let median_m = quantile(&mut specular_errors_m, 0.5);
+            judged.quantities.insert("photon_specular_error_median_m".to_owned(), median_m);
+        }
+        Ok(judged)
     }
 
     fn ends(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Ends, JudgeError> {
@@ -166,18 +191,23 @@ impl PhotonTracing {
                 End::Diffuse(hit) => Some(Exact {
                     position: hit.position,
                     occluder: bounces == 0 && stands_before_another(tracer, &hit, landed.direction),
+                    specular: bounces > 0
+                        && objects[landed.hit.object].material.optics != Optics::Diffuse,
                 }),
                 End::Leaves(_) | End::OnItsWay => None,
             }
         });
         let mut ends = Ends::default();
         for (index, exact) in exact {
-            let Exact { position, occluder } = exact;
+            let Exact { position, occluder, specular } = exact;
             let clip = matrix * position.extend(1.0);
             let in_view = clip.x.abs() <= clip.w
                 && clip.y.abs() <= clip.w
                 && (0.0..=clip.w).contains(&clip.z);
             ends.add(&found[index], position, in_view);
+            if in_view && specular {
+                ends.add_specular(&found[index], position);
+            }
             if in_view && occluder {
                 ends.add_occluded(&found[index], position);
             }
@@ -221,9 +251,14 @@ mod tests {
         ends.add_occluded(&found(0.0), DVec3::new(0.0, -0.5, 0.0));
         let (occluded, passed) = (2, 1);
         let errors_m = vec![0.5];
+        // By a mirror: one that is found, and one that is not.
+        ends.add_specular(&found(0.0), DVec3::new(0.0, -1.0, 0.25));
+        ends.add_specular(&found(f64::from(OUTSIDE)), DVec3::NEG_Y);
+        let specular_errors_m = vec![0.25];
+        let (lost, off_frustum, false_hits) = (1, 2, 1);
         assert_eq!(
             ends,
-            Ends { errors_m, lost: 1, off_frustum: 2, false_hits: 1, occluded, passed }
+            Ends { errors_m, lost, off_frustum, false_hits, occluded, passed, specular_errors_m }
         );
     }
 }
