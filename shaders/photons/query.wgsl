@@ -4,7 +4,7 @@
 #import fathom::estimator::{Trace, follow}
 #import fathom::uniforms::{frame}
 #import fathom::photon::{
-    MISSED, Photon, Ray, angular_weight, divide, in_mask, light_direction, meet_water, transmittance
+    MISSED, Photon, Ray, angular_weight, in_frustum, in_mask, light_direction, meet_water, transmittance
 }
 #import fathom::water
 
@@ -33,8 +33,7 @@ struct Answer {
 // Whether something above the water stops the light before it comes here. The mask tells nothing of other directions, or of
 // places that the light's frustum leaves out.
 fn shaded(entry_m: vec3<f32>) -> bool {
-    let ndc = divide(frame.light_view_projection * vec4(entry_m, 1.0)).xy;
-    return settings.masked != 0u && all(abs(ndc) < vec2(1.0)) && !in_mask(shadow_mask, ndc);
+    return settings.masked != 0u && in_frustum(entry_m) && !in_mask(shadow_mask, entry_m);
 }
 
 fn traced(start: Start) -> Answer {

@@ -2,7 +2,7 @@
 #define_import_path fathom::estimator
 
 #import fathom::uniforms::{frame}
-#import fathom::photon::{MISSED, OUTSIDE, Photon, divide, in_mask, light_ray, meet_water}
+#import fathom::photon::{MISSED, OUTSIDE, Photon, divide, in_mask, meet_water, photon_ray}
 #import fathom::random::{pcg}
 #import fathom::water
 
@@ -78,14 +78,14 @@ fn unproject(ndc: vec3<f32>) -> vec3<f32> {
     return divide(frame.light_inverse * vec4(ndc, 1.0));
 }
 
-// One photon of the grid, at a place in the light's canonical screen space.
+// One photon at a place of the grid.
 fn trace(
-    settings: Trace, depth: texture_depth_2d, texels: sampler, mask: texture_2d<f32>, ndc: vec2<f32>
+    settings: Trace, depth: texture_depth_2d, texels: sampler, mask: texture_2d<f32>, place: vec2<f32>
 ) -> Photon {
-    let ray = light_ray(ndc);
+    let ray = photon_ray(place);
     let met = meet_water(ray);
     let entry = met.position_m;
-    if !met.entered || (settings.masked != 0u && !in_mask(mask, ndc)) {
+    if !met.entered || (settings.masked != 0u && !in_mask(mask, entry)) {
         return Photon(entry, MISSED, entry, 0.0);
     }
     let refracted = refract(ray.direction, met.normal, 1.0 / frame.refractive_index);

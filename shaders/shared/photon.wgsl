@@ -34,10 +34,10 @@ fn divide(v: vec4<f32>) -> vec3<f32> {
     return v.xyz / v.w;
 }
 
-// Ray through a point of the light's canonical screen space, from the near plane on.
-fn light_ray(ndc: vec2<f32>) -> Ray {
-    let near = divide(frame.light_inverse * vec4(ndc, 0.0, 1.0));
-    let far = divide(frame.light_inverse * vec4(ndc, 1.0, 1.0));
+// Ray of a photon at a place of the grid, from the light's near plane on.
+fn photon_ray(place: vec2<f32>) -> Ray {
+    let near = divide(frame.photon_grid * vec4(place, 0.0, 1.0));
+    let far = divide(frame.photon_grid * vec4(place, 1.0, 1.0));
     return Ray(near, normalize(far - near));
 }
 
@@ -129,10 +129,17 @@ fn refined(ray: Ray, before: Above, behind: Above) -> Entry {
     return Entry(ray.origin_m + t * ray.direction, water::normal(slope), true);
 }
 
-fn in_mask(mask: texture_2d<f32>, ndc: vec2<f32>) -> bool {
+// Whether a place lies within the light's frustum, across it.
+fn in_frustum(place_m: vec3<f32>) -> bool {
+    return all(abs(divide(frame.light_view_projection * vec4(place_m, 1.0)).xy) < vec2(1.0));
+}
+
+// Whether the light that enters the water here comes past what stands above it. Nothing is known beyond the light's frustum.
+fn in_mask(mask: texture_2d<f32>, entry_m: vec3<f32>) -> bool {
+    let ndc = divide(frame.light_view_projection * vec4(entry_m, 1.0)).xy;
     let size = vec2<f32>(textureDimensions(mask));
     let texel = vec2<i32>((ndc * vec2(0.5, -0.5) + 0.5) * size);
-    return textureLoad(mask, texel, 0).x > 0.5;
+    return in_frustum(entry_m) && textureLoad(mask, texel, 0).x > 0.5;
 }
 
 // A photon's share of the light's energy relative to the middle of the frustum. A grid that is even in screen space is not

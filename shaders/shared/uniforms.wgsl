@@ -8,6 +8,8 @@ struct Frame {
     mirror_view_projection: mat4x4<f32>,
     light_view_projection: mat4x4<f32>,
     light_inverse: mat4x4<f32>,
+    // From places of the photon grid, −1 … 1 along each side, and a depth to the world.
+    photon_grid: mat4x4<f32>,
     camera_position_m: vec3<f32>,
     z_near_m: f32,
     // Direction of travel at the middle of the light frustum.

@@ -3,7 +3,7 @@
 // refractions, for instance at a water surface". Beside it each photon's share of the flux that one in the middle of the light carries.
 #import fathom::dispatch::place
 #import fathom::uniforms::{frame}
-#import fathom::photon::{angular_weight, in_mask, light_ray, meet_water, transmittance}
+#import fathom::photon::{angular_weight, in_mask, meet_water, photon_ray, transmittance}
 #import fathom::transfer::{FIRST, NEVER, Transfer}
 #import fathom::water
 
@@ -26,11 +26,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let photon = vec2(index % settings.grid.x, index / settings.grid.x);
-    let ndc = (vec2<f32>(photon) + settings.offset) / vec2<f32>(settings.grid) * 2.0 - 1.0;
-    let ray = light_ray(ndc);
+    let at = (vec2<f32>(photon) + settings.offset) / vec2<f32>(settings.grid) * 2.0 - 1.0;
+    let ray = photon_ray(at);
     let entry = meet_water(ray);
     // Photons that geometry above the water stops are dropped.
-    let alive = entry.entered && in_mask(shadow_mask, ndc);
+    let alive = entry.entered && in_mask(shadow_mask, entry.position_m);
     let refracted = refract(ray.direction, entry.normal, 1.0 / frame.refractive_index);
     transfers[index] = Transfer(entry.position_m, select(NEVER, FIRST, alive), refracted, 0.0);
     var weight = angular_weight(entry.position_m);

@@ -205,6 +205,17 @@ const FIGURES: &[Entry] = &[
     ("photon_off_frustum_rate", "photons that end out of view", Percent),
     ("photon_on_its_way_rate", "photons still on their way", Percent),
     ("photon_passed_rate", "photons found behind their occluder, of those that have one", Percent),
+    ("photon_specular_error", "distance from the exact end behind mirrors and glass", Metres),
+    (
+        "photon_specular_miss_rate",
+        "photons lost, of those that end in view behind mirrors and glass",
+        Percent,
+    ),
+    (
+        "photon_specular_rate",
+        "photons that come by mirror or glass, of those that end in view",
+        Percent,
+    ),
     ("photon_wrong_face_rate", "photons on a wrong face", Percent),
     ("photon_wrong_surface_rate", "photons on a wrong surface, of those that end in view", Percent),
     ("picture_error_rms", "error of the picture, RMS", Percent),

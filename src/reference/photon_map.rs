@@ -132,26 +132,19 @@ impl Lighting<'_> {
 
     /// Flux that the light's whole screen would bring if all of its photons were like this one, W.
     fn flux_w(&self, landed: &Landed, place: [f64; 2]) -> f64 {
-        let (_, incident) = self.frame.ray(place[0], place[1]);
-        let emitted = match self.frame.kind {
-            LightKind::Directional => self.frame.emitted_w,
-            // dΩ = cos³θ dA on the plane at unit distance along the axis.
-            LightKind::Point => {
-                self.intensity_w_sr * self.plane_area() * self.cosine(incident).powi(3)
-            }
+        let (_, incident) = self.frame.photon_ray(place);
+        // dΩ = cos³θ dA on the plane at unit distance along the axis of a point light.
+        let spread = match self.frame.kind {
+            LightKind::Directional => 1.0,
+            LightKind::Point => self.cosine(incident).powi(3),
         };
+        let emitted = self.intensity_w_sr * self.frame.grid_area * spread;
         let passed = entering(self.water, landed.entry.normal, incident);
         emitted * passed * transmittance(self.water.attenuation_per_m, landed.hit.distance_m)
     }
 
     fn cosine(&self, incident: DVec3) -> f64 {
         incident.dot(self.frame.forward)
-    }
-
-    /// Area of the light's screen on the plane at unit distance.
-    fn plane_area(&self) -> f64 {
-        let axes = self.frame.projection;
-        4.0 / (axes.x_axis.x * axes.y_axis.y).abs()
     }
 
     /// Extent of a pixel at unit distance along the view; pixels are square.

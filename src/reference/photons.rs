@@ -100,9 +100,9 @@ pub fn place_in_grid(number: u32, [columns, rows]: [u32; 2], offset: [f64; 2]) -
     [ndc(number % columns, 0, columns), ndc(number / columns, 1, rows)]
 }
 
-/// Follows the photon through point `ndc` of the light's screen: air, refraction at the surface, water.
-pub fn land(frame: &LightFrame, water: &Water, tracer: &Tracer, ndc: [f64; 2]) -> Landing {
-    let (origin, incident) = frame.ray(ndc[0], ndc[1]);
+/// Follows the photon at a place of the grid: air, refraction at the surface, water.
+pub fn land(frame: &LightFrame, water: &Water, tracer: &Tracer, place: [f64; 2]) -> Landing {
+    let (origin, incident) = frame.photon_ray(place);
     land_ray(water, tracer, origin, incident)
 }
 
@@ -151,7 +151,7 @@ pub fn land_all(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_scene::{Bounds, Camera, Light, LightKind, Mesh, Object};
+    use fathom_scene::{Bounds, Camera, Light, LightKind, Mesh, Object, Scene};
 
     const DEPTH_M: f64 = 4.0;
 
@@ -219,6 +219,37 @@ mod tests {
         }
     }
 
+    /// Of the photons of the whole frustum that land in view, the share that starts beyond the grid made so many times as wide.
+    fn left_out(name: &str, width: f64) -> f64 {
+        let scene = Scene::load(name).unwrap();
+        let tracer = Tracer::new(&scene.objects);
+        let (camera, light) = (&scene.camera, &scene.light);
+        let whole = light.frame(camera, 1.2, &scene.bounds);
+        let fitted = light.photon_frame(camera, 1.2, &scene.bounds, &scene.water);
+        let (place, view) = (fitted.photon_grid.inverse(), camera.view_projection(1.2));
+        let landings = land_all(&whole, &scene.water, &tracer, PhotonGrid::new(150, 1), 1);
+        let in_view = landings.iter().filter_map(Landing::landed).filter(|landed| {
+            let clip = view * landed.hit.position.extend(1.0);
+            let across = clip.truncate().truncate().abs().max_element();
+            across < clip.w && (0.0..clip.w).contains(&clip.z)
+        });
+        let in_view: Vec<_> = in_view.collect();
+        assert!(in_view.len() > 1000, "{name}: {}", in_view.len());
+        let beyond = in_view.iter().filter(|landed| {
+            let at = place.project_point3(landed.entry.position).truncate();
+            at.abs().max_element() > width
+        });
+        beyond.count() as f64 / in_view.len() as f64
+    }
+
+    #[test]
+    fn the_grid_leaves_out_no_photon_that_lands_in_view() {
+        for name in ["tank", "port", "storage", "diving_pool", "dolphin", "plane"] {
+            let (none, some) = (left_out(name, 1.0), left_out(name, 0.5));
+            assert!(none < 1e-3 && some > 0.03, "{name}: {none} {some}");
+        }
+    }
+
     #[test]
     fn flat_water_over_a_plane_has_the_closed_form() {
         let tracer = Tracer::new(&[square(60.0, -DEPTH_M)]);
@@ -228,7 +259,7 @@ mod tests {
             for ndc in [[0.0, 0.0], [0.7, -0.4], [-0.99, 0.99]] {
                 let landing = land(&frame, &water, &tracer, ndc);
                 let landed = landing.landed().expect("nothing is in the way");
-                let (origin, i) = frame.ray(ndc[0], ndc[1]);
+                let (origin, i) = frame.photon_ray(ndc);
                 let entry = origin - i * (origin.y / i.y);
                 let sin_t = i.x.hypot(i.z) / 1.33;
                 let shift = DEPTH_M * sin_t / (1.0 - sin_t * sin_t).sqrt();

@@ -156,17 +156,10 @@ impl Basin {
     }
 }
 
-/// Flux of a photon in the middle of the light's frustum, W, of so many that are even on the light's screen: a point light's intensity times
-/// the solid angle of the photon's share of the screen.
+/// Flux of a photon in the middle of the light's frustum, W, of so many that are even in the grid: a point light's intensity times
+/// the solid angle of the photon's share of the grid.
 pub fn middle_photon_w(light: &Light, frame: &LightFrame, photons: u32) -> f64 {
-    let whole_w = match frame.kind {
-        LightKind::Directional => frame.emitted_w,
-        LightKind::Point => {
-            let scale = frame.projection.x_axis.x * frame.projection.y_axis.y;
-            light.intensity_w_sr * 4.0 / scale.abs()
-        }
-    };
-    whole_w / f64::from(photons)
+    light.intensity_w_sr * frame.grid_area / f64::from(photons)
 }
 
 /// What a photon that enters the water at `entry` has of that, after `path_m` of water.

@@ -42,7 +42,7 @@ fn planes(bounds: &Bounds) -> [DVec4; 6] {
 }
 
 /// What is left of a convex polygon inside all planes (Sutherland and Hodgman).
-fn clip(polygon: Vec<DVec3>, planes: &[DVec4]) -> Vec<DVec3> {
+pub fn clip(polygon: Vec<DVec3>, planes: &[DVec4]) -> Vec<DVec3> {
     planes.iter().fold(polygon, |polygon, plane| {
         let height = |p: DVec3| plane.dot(p.extend(1.0));
         let mut kept = Vec::with_capacity(polygon.len() + 1);

@@ -9,11 +9,13 @@ use super::bounds::Bounds;
 use super::camera::Camera;
 use super::check::within_ranges;
 use super::frustum::{Rectangle, surface_within, visible_points};
+use super::photon_start::PhotonStart;
+use super::water::Water;
 use fathom_base::{choices, settings};
 
 /// Horizontal room given to photons for the slopes of the waves, per metre of depth: refraction at
 /// index 1.33 turns a ray by about a quarter of the surface's slope, so this holds slopes to 0.6.
-const WAVE_SPREAD: f64 = 0.15;
+pub(super) const WAVE_SPREAD: f64 = 0.15;
 
 /// Slack of the near and far planes around the bounds, metres.
 const DEPTH_SLACK_M: f64 = 0.25;
@@ -71,8 +73,12 @@ pub struct LightFrame {
     /// World to clip space.
     pub view_projection: DMat4,
     pub inverse: DMat4,
-    /// Flux through the frustum, watts: irradiance × cross-section (directional) or
-    /// intensity × solid angle (point).
+    /// From places of the photon grid, −1 … 1 along each side, and a depth to the world: all of the frustum, or the part of it that is
+    /// fitted to the water in view.
+    pub photon_grid: DMat4,
+    /// Area of the photon grid: m² across a directional light's rays, m²/m² on the plane at unit distance from a point light.
+    pub grid_area: f64,
+    /// Flux through the photon grid, watts: irradiance × area (directional) or intensity × solid angle (point).
     pub emitted_w: f64,
 }
 
@@ -91,11 +97,12 @@ impl Light {
         let view = view::look_to_mat4(position, forward, up_for(forward));
         let reach = (middle - position).length();
         let seen = lit_points(camera, aspect, bounds);
-        let (projection, emitted_w) = match self.kind {
+        let (projection, rectangle) = match self.kind {
             LightKind::Directional => self.orthographic(&view, &seen, bounds),
             LightKind::Point => self.pyramid(&view, &seen, bounds, reach),
         };
         let view_projection = projection * view;
+        let inverse = view_projection.inverse();
         LightFrame {
             kind: self.kind,
             position,
@@ -103,9 +110,43 @@ impl Light {
             view,
             projection,
             view_projection,
-            inverse: view_projection.inverse(),
-            emitted_w,
+            inverse,
+            photon_grid: inverse,
+            grid_area: rectangle.area(),
+            emitted_w: self.flux_w(&rectangle),
         }
+    }
+
+    /// The same frustum, in which photons start only where they can land in view. UW §3.1: "we must ensure that most of them intersect the
+    /// visible portion of the scene". An extent that is set ([`Light::half_extent_m`]) is kept.
+    pub fn photon_frame(
+        &self,
+        camera: &Camera,
+        aspect: f64,
+        bounds: &Bounds,
+        water: &Water,
+    ) -> LightFrame {
+        let frame = self.frame(camera, aspect, bounds);
+        let fits = self.half_extent_m == 0.0;
+        let start = fits.then(|| PhotonStart::new(&frame, (camera, aspect), bounds, water));
+        match start.flatten().filter(|start| start.rectangle().area() < frame.grid_area) {
+            Some(start) => LightFrame {
+                photon_grid: frame.inverse * start.placement(&frame.projection),
+                grid_area: start.rectangle().area(),
+                emitted_w: self.flux_w(start.rectangle()),
+                ..frame
+            },
+            None => frame,
+        }
+    }
+
+    /// Flux through a rectangle across the axis, at any turn about it: m² of a directional light, tangents of a point light.
+    fn flux_w(&self, rectangle: &Rectangle) -> f64 {
+        let size = match self.kind {
+            LightKind::Directional => rectangle.area(),
+            LightKind::Point => solid_angle(rectangle),
+        };
+        self.intensity_w_sr * size
     }
 
     /// Whether the light can be used; the error names the parameter and its valid range.
@@ -138,8 +179,8 @@ impl Light {
         DVec3::from(self.direction).try_normalize().unwrap_or(DVec3::NEG_Y)
     }
 
-    /// A box along the view's −z around `seen`, and the flux through it.
-    fn orthographic(&self, view: &DMat4, seen: &[DVec3], bounds: &Bounds) -> (DMat4, f64) {
+    /// A box along the view's −z around `seen`, and its cross-section.
+    fn orthographic(&self, view: &DMat4, seen: &[DVec3], bounds: &Bounds) -> (DMat4, Rectangle) {
         let across = |points: &[DVec3]| {
             Rectangle::around(points.iter().map(|p| view.transform_point3(*p).truncate()))
         };
@@ -150,11 +191,17 @@ impl Light {
         };
         let (near, far) = (near - DEPTH_SLACK_M, far + DEPTH_SLACK_M);
         let projection = directx::orthographic(r.min.x, r.max.x, r.min.y, r.max.y, near, far);
-        (projection, self.intensity_w_sr * r.area())
+        (projection, r)
     }
 
-    /// A pyramid along the view's −z around `seen`, and the flux through it.
-    fn pyramid(&self, view: &DMat4, seen: &[DVec3], bounds: &Bounds, reach: f64) -> (DMat4, f64) {
+    /// A pyramid along the view's −z around `seen`, and its cross-section at unit distance.
+    fn pyramid(
+        &self,
+        view: &DMat4,
+        seen: &[DVec3],
+        bounds: &Bounds,
+        reach: f64,
+    ) -> (DMat4, Rectangle) {
         let tangents = |points: &[DVec3]| {
             Rectangle::around(points.iter().map(|p| tangent(view.transform_point3(*p))))
         };
@@ -167,15 +214,22 @@ impl Light {
         let far = (farthest + DEPTH_SLACK_M).max(2.0 * near);
         let (low, high) = (r.min * near, r.max * near);
         let projection = directx::frustum(low.x, high.x, low.y, high.y, near, far);
-        (projection, self.intensity_w_sr * solid_angle(&r))
+        (projection, r)
     }
 }
 
 impl LightFrame {
     /// Origin on the near plane and unit direction of the ray through normalized device coordinates.
     pub fn ray(&self, ndc_x: f64, ndc_y: f64) -> (DVec3, DVec3) {
-        let at = |depth| self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, depth));
-        let origin = at(0.0);
+        self.ray_from(self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, 0.0)))
+    }
+
+    /// Origin on the near plane and unit direction of a photon at a place of the grid, −1 … 1 along each side.
+    pub fn photon_ray(&self, place: [f64; 2]) -> (DVec3, DVec3) {
+        self.ray_from(self.photon_grid.project_point3(DVec2::from(place).extend(0.0)))
+    }
+
+    fn ray_from(&self, origin: DVec3) -> (DVec3, DVec3) {
         let direction = match self.kind {
             LightKind::Directional => self.forward,
             LightKind::Point => (origin - self.position).normalize(),
@@ -235,7 +289,7 @@ fn lit_within(bounds: &Bounds, view: &DMat4, r: &Rectangle) -> Vec<DVec3> {
 
 /// Tangents of a view-space point's angles off the axis, limited to [`POINT_MAX_TANGENT`]; a point
 /// at or behind the light has the limit in its direction.
-fn tangent(p: DVec3) -> DVec2 {
+pub(super) fn tangent(p: DVec3) -> DVec2 {
     let depth = (-p.z).max(1e-9);
     (p.truncate() / depth).clamp(DVec2::splat(-POINT_MAX_TANGENT), DVec2::splat(POINT_MAX_TANGENT))
 }
@@ -352,6 +406,45 @@ mod tests {
             let along = frame.view_projection.project_point3(origin + direction * 5.0);
             assert!((along.truncate() - DVec2::new(0.4, -0.6)).length() < 1e-6);
             assert!(origin.y > 0.0, "photons start above the water");
+        }
+    }
+
+    #[test]
+    fn photons_start_where_light_reaches_what_is_seen_and_nowhere_beside_the_water() {
+        let water = Water { half_size_m: [5.0, 6.5], ..Water::default() };
+        for light in [Light::default(), point([1.0, 9.0, 2.0]), steep()] {
+            let whole = light.frame(&camera(), 1.0, &bounds());
+            let fitted = light.photon_frame(&camera(), 1.0, &bounds(), &water);
+            assert!(fitted.grid_area < 0.95 * whole.grid_area, "{:?}", light.kind);
+            assert!(fitted.emitted_w < whole.emitted_w && fitted.inverse == whole.inverse);
+            let place = |p: DVec3| fitted.photon_grid.inverse().project_point3(p).truncate();
+            // Straight above a point below the light, and back along its refracted ray.
+            for p in visible_floor().iter().filter(|p| p.x.abs() < 4.9 && p.z.abs() < 6.4) {
+                let entry = match light.kind {
+                    LightKind::Point => continue,
+                    LightKind::Directional => {
+                        let across = fitted.forward.with_y(0.0) / 1.33;
+                        p - across.with_y(-(1.0 - across.length_squared()).sqrt()) * 4.0
+                            / (1.0 - across.length_squared()).sqrt()
+                    }
+                };
+                let beside = entry.x.abs() > 5.0 || entry.z.abs() > 6.5;
+                assert!(beside || place(entry).abs().max_element() <= 1.0, "{p} {entry}");
+            }
+            let (origin, direction) = fitted.photon_ray([-1.0, 1.0]);
+            let seen = fitted.photon_grid.project_point3(DVec3::new(-1.0, 1.0, 0.5));
+            assert!((seen - origin).normalize().distance(direction) < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_set_extent_and_a_view_of_no_water_keep_the_whole_frustum() {
+        let water = Water::default();
+        let set = Light { half_extent_m: 2.0, ..Light::default() };
+        let away = Camera { position_m: [0.0, 50.0, 0.0], target_m: [0.0, 60.0, 1.0], ..camera() };
+        for (light, camera) in [(set, camera()), (Light::default(), away)] {
+            let whole = light.frame(&camera, 1.0, &bounds());
+            assert_eq!(light.photon_frame(&camera, 1.0, &bounds(), &water), whole);
         }
     }
 

@@ -20,6 +20,7 @@ mod mesh;
 mod nifti;
 mod noise;
 mod obj;
+mod photon_start;
 mod ply;
 mod read;
 mod samples;

@@ -26,6 +26,7 @@ shader_struct! {
         pub mirror_view_projection: Mat4,
         pub light_view_projection: Mat4,
         pub light_inverse: Mat4,
+        pub photon_grid: Mat4,
         pub camera_position_m: Vec3,
         pub z_near_m: f32,
         pub light_forward: Vec3,
@@ -74,7 +75,7 @@ impl View {
     }
 
     pub fn light_frame(&self) -> LightFrame {
-        self.light.frame(&self.camera, self.aspect(), &self.bounds)
+        self.light.photon_frame(&self.camera, self.aspect(), &self.bounds, &self.water)
     }
 
     /// Metres that a pixel of a buffer of `height_px` rows spans at 1 m from the camera.
@@ -95,16 +96,9 @@ impl View {
     }
 
     /// Flux that the photons of a grid share if each is weighted by its solid angle (`angular_weight` in `shaders/shared/photon.wgsl`), W:
-    /// a point light's intensity times the area of its frustum at unit distance, as the weight is 1 in the middle of the frustum.
+    /// a point light's intensity times the area of the grid at unit distance, as the weight is 1 in the middle of the frustum.
     pub fn weighted_flux_w(&self) -> f64 {
-        let frame = self.light_frame();
-        match frame.kind {
-            LightKind::Directional => frame.emitted_w,
-            LightKind::Point => {
-                let scale = frame.projection.x_axis.x * frame.projection.y_axis.y;
-                self.light.intensity_w_sr * 4.0 / scale.abs()
-            }
-        }
+        self.light.intensity_w_sr * self.light_frame().grid_area
     }
 
     pub fn uniforms(&self) -> FrameUniforms {
@@ -120,6 +114,7 @@ impl View {
             mirror_view_projection: (camera * mirror).as_mat4(),
             light_view_projection: light.view_projection.as_mat4(),
             light_inverse: light.inverse.as_mat4(),
+            photon_grid: light.photon_grid.as_mat4(),
             camera_position_m: DVec3::from(self.camera.position_m).as_vec3(),
             z_near_m: self.camera.z_near_m as f32,
             light_forward: light.forward.as_vec3(),

@@ -98,16 +98,14 @@ impl Meshed {
 
     /// Flux that the photons bring, W: equal shares of a directional light's, by solid angle of a point light's.
     fn flux_w(&self) -> f64 {
-        let axes = self.frame.projection;
-        let unit_plane = 4.0 / (axes.x_axis.x * axes.y_axis.y).abs();
-        let whole = |corner: &Corner| match self.frame.kind {
-            LightKind::Directional => self.frame.emitted_w,
+        let spread = |corner: &Corner| match self.frame.kind {
+            LightKind::Directional => 1.0,
             LightKind::Point => {
-                let way = (corner.entry - self.frame.position).normalize();
-                let cosine = way.dot(self.frame.forward);
-                self.stand.view.light.intensity_w_sr * unit_plane * cosine.powi(3)
+                (corner.entry - self.frame.position).normalize().dot(self.frame.forward).powi(3)
             }
         };
+        let whole_w = self.stand.view.light.intensity_w_sr * self.frame.grid_area;
+        let whole = |corner: &Corner| whole_w * spread(corner);
         let landed = self.corners.iter().flatten();
         landed.map(|corner| whole(corner) * corner.left).sum::<f64>() / self.corners.len() as f64
     }

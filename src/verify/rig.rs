@@ -278,8 +278,7 @@ pub fn light_grid(grid: [u32; 2]) -> MapUniforms {
 
 /// The ray of a light's grid that a photon of this number takes.
 pub fn grid_ray(frame: &LightFrame, number: u32, grid: [u32; 2]) -> (DVec3, DVec3) {
-    let [x, y] = place_in_grid(number, grid, IN_CELL);
-    frame.ray(x, y)
+    frame.photon_ray(place_in_grid(number, grid, IN_CELL))
 }
 
 /// The view of synthetic photons: scene `plane` from a round place in the middle of things.

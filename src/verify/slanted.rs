@@ -173,8 +173,8 @@ impl Setup {
             let water = &traced.stand.scene.water;
             let landings = traced.exact(water, &traced.stand.tracer);
             let newton = (0..traced.grid.count()).map(|index| {
-                let [x, y] = traced.grid.ndc(index);
-                Some(three_newton_steps(water, traced.frame.ray(x, y)))
+                let ray = traced.frame.photon_ray(traced.grid.ndc(index));
+                Some(three_newton_steps(water, ray))
             });
             let entered = |p: &StoredPhoton| (p.residual_m != f64::from(MISSED)).then_some(p.entry);
             wrong.push(enter_wrong(traced.photons.iter().map(entered), &landings));

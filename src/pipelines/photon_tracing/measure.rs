@@ -39,7 +39,9 @@ struct Ends {
     occluded: usize,
     /// Of these, found to end behind the occluder.
     passed: usize,
-    /// Of photons that go on from mirrors or glass and end in view, by both: distance from the exact end, metres.
+    /// Exact ends, in view, behind a mirror or glass.
+    specular: usize,
+    /// Of these, found to end anywhere: distance from the exact end, metres.
     specular_errors_m: Vec<f64>,
 }
 
@@ -73,6 +75,7 @@ impl Ends {
 
     /// Of a photon that ends in view behind a mirror or glass.
     fn add_specular(&mut self, found: &StoredPhoton, exact: DVec3) {
+        self.specular += 1;
         self.specular_errors_m.extend(found.landed().then(|| found.hit.distance(exact)));
     }
 }
@@ -126,7 +129,8 @@ impl PhotonTracing {
     /// end in view by both, and `photon_miss_rate` of those that end in view. The quantities `photon_off_frustum_rate` and
     /// `photon_false_hit_rate` are shares of all photons that end anywhere; `photon_occluded_rate` is the share of those in view that end
     /// before another object, and `photon_passed_rate` the share of these that were found behind what they end on. `photon_specular_rate` is
-    /// the share of those in view that come by a mirror or glass and are found; `photon_specular_error_median_m` is their error.
+    /// the share of those in view that come by a mirror or glass, `photon_specular_miss_rate` the share of these that are lost, and
+    /// `photon_specular_error_median_m` the error of the rest.
     /// `caustics_photon_error_median_m` and `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names: the second is a share of all photons that
     /// end anywhere, in view or not. Of large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
@@ -139,6 +143,7 @@ impl PhotonTracing {
             false_hits,
             occluded,
             passed,
+            specular,
             mut specular_errors_m,
         } = ends;
         let in_view = errors_m.len() + lost;
@@ -158,7 +163,8 @@ impl PhotonTracing {
             ("photon_false_hit_rate", share(false_hits, all)),
             ("photon_occluded_rate", share(occluded, in_view)),
             ("photon_passed_rate", share(passed, occluded)),
-            ("photon_specular_rate", share(specular_errors_m.len(), in_view)),
+            ("photon_specular_rate", share(specular, in_view)),
+            ("photon_specular_miss_rate", share(specular - specular_errors_m.len(), specular)),
         ];
         let stage = self.params.rays.method.info().name;
         let mut judged = Judged::of(stage, errors, quantities);
@@ -251,14 +257,11 @@ mod tests {
         ends.add_occluded(&found(0.0), DVec3::new(0.0, -0.5, 0.0));
         let (occluded, passed) = (2, 1);
         let errors_m = vec![0.5];
-        // By a mirror: one that is found, and one that is not.
+        // Behind a mirror: one that is found, and one that is not.
         ends.add_specular(&found(0.0), DVec3::new(0.0, -1.0, 0.25));
         ends.add_specular(&found(f64::from(OUTSIDE)), DVec3::NEG_Y);
-        let specular_errors_m = vec![0.25];
-        let (lost, off_frustum, false_hits) = (1, 2, 1);
-        assert_eq!(
-            ends,
-            Ends { errors_m, lost, off_frustum, false_hits, occluded, passed, specular_errors_m }
-        );
+        let (specular, specular_errors_m) = (2, vec![0.25]);
+        let of_all = Ends { errors_m, lost: 1, off_frustum: 2, false_hits: 1, ..Ends::default() };
+        assert_eq!(ends, Ends { occluded, passed, specular, specular_errors_m, ..of_all });
     }
 }

@@ -167,6 +167,8 @@ fn light_frustum(frame: &LightFrame) -> Value {
         "view": rows(frame.view),
         "view_projection": rows(frame.view_projection),
         "inverse": rows(frame.inverse),
+        "photon_grid": rows(frame.photon_grid),
+        "grid_area": frame.grid_area,
         "extents": {
             "near_m": -low.z,
             "far_m": -far.z,
@@ -176,7 +178,8 @@ fn light_frustum(frame: &LightFrame) -> Value {
                 frustum is a box, a point light's a pyramid from its position",
         },
         "emitted_w": frame.emitted_w,
-        "meaning": "matrices by rows, metres; photon i starts at its place of the grid in ndc (x, y) on the near plane, ndc z = 0",
+        "meaning": "matrices by rows, metres; photon i starts at photon_grid * (x, y, 0, 1) of its place (x, y) in the grid, -1 to 1; \
+            grid_area is the grid's area in m² of a directional light, on the plane at unit distance of a point light",
     })
 }
 
