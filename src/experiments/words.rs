@@ -270,6 +270,7 @@ const PARAMETERS: &[Entry] = &[
     ("scalar.pyramid", "mip-maps", One),
     ("shadow.size", "side of the shadow map", Pixels),
     ("side", "voxels along the longest side", One),
+    ("specular.bounces", "mirrors and glass that a photon leaves", One),
     ("sprites.plane", "plane of the sprites", One),
     ("step", "step of the march", One),
     ("transfer.grid", "photon grid", One),

@@ -189,11 +189,10 @@ fn the_light_frustum_and_the_photons_belong_together() {
     let project = photons.matrix("/light_frustum/view_projection");
     let inverse = photons.matrix("/light_frustum/inverse");
     assert!((project * inverse - DMat4::IDENTITY).to_cols_array().iter().all(|v| v.abs() < 1e-9));
-    let extents =
-        |name: &str| -> [f64; 2] { photons.at(&format!("/light_frustum/extents/{name}")) };
-    let (low, high) = (extents("near_min_m"), extents("near_max_m"));
-    let emitted: f64 = photons.at("/light_frustum/emitted_w");
-    assert!(off((high[0] - low[0]) * (high[1] - low[1]) * 9.2, emitted) < 1e-9);
+    let [area, emitted] =
+        ["grid_area", "emitted_w"].map(|name| photons.at::<f64>(&format!("/light_frustum/{name}")));
+    assert!(off(area * 9.2, emitted) < 1e-9);
+    let place = photons.matrix("/light_frustum/photon_grid").inverse();
     let [count, flux_w, eta] = ["count", "flux_w", "refractive_index"]
         .map(|name| photons.at::<f64>(&format!("/photons/{name}")));
     assert!(off(flux_w * count, emitted) < 1e-5);
@@ -205,8 +204,8 @@ fn the_light_frustum_and_the_photons_belong_together() {
         let vector = |at: usize| DVec3::new(row[at], row[at + 1], row[at + 2]);
         let cell = i / 4;
         let fine = [cell % 64 * 2 + i % 2, cell / 64 * 2 + i % 4 / 2];
-        let ndc = project.project_point3(vector(entry));
-        for (along, place) in [ndc.x, ndc.y].into_iter().zip(fine) {
+        let at = place.project_point3(vector(entry));
+        for (along, place) in [at.x, at.y].into_iter().zip(fine) {
             assert!((along - ((place as f64 + 0.5) / 64.0 - 1.0)).abs() < 1e-4, "photon {i}");
         }
         if row[weight] > 0.0 && row[photons.column("residual_m")] >= 0.0 {

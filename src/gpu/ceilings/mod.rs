@@ -31,6 +31,8 @@ const GPU_PASS_NS: f64 = 0.5e6;
 const ROUNDS: usize = 7;
 /// The difference between 2 N and N work counts as at least this share of the time for N, so that rates are finite.
 const LEAST_SHARE: f64 = 0.01;
+/// On a busy machine the cost of a submission, which is subtracted, can exceed a pass's time: the difference is at least this, ns.
+const LEAST_NS: f64 = 1.0;
 /// A measurement whose law does not hold is repeated so many times: something else may have run.
 const ATTEMPTS: usize = 3;
 /// N is raised so many times before that where a pass costs too much whatever its work. A driver that leaves out work stays fast.
@@ -230,7 +232,8 @@ impl<'a> Stand<'a> {
 /// What times in ns of so much work and of twice as much, pair by pair, say of a limit.
 fn of_times(limit: Limit, work: f64, once: &[f64], twice: &[f64]) -> Ceiling {
     // The second N of the work, without what a pass costs whatever its work.
-    let difference = |(once, twice): (&f64, &f64)| (twice - once).max(LEAST_SHARE * once);
+    let difference =
+        |(once, twice): (&f64, &f64)| (twice - once).max(LEAST_SHARE * once).max(LEAST_NS);
     let seconds = once.iter().zip(twice).map(|pair| difference(pair) * 1e-9);
     let rate = estimate(&seconds.map(|seconds| work / seconds).collect::<Vec<f64>>());
     Ceiling { limit, rate, doubling: median(twice) / median(once) }

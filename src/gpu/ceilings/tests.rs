@@ -78,6 +78,18 @@ fn tried(most: u32, time_ns: impl Fn(u32) -> f64) -> (Vec<u32>, Ceiling) {
 }
 
 #[test]
+fn rates_are_positive_where_a_busy_machine_makes_times_negative() {
+    let limit = Limit::Arithmetic { pass: PassKind::Compute };
+    let ceiling = of_times(
+        limit,
+        10.0,
+        &[-5.0, 9.0, -2.0, 8.0, 7.0, 9.0, 8.0],
+        &[-8.0, 8.0, -9.0, 16.0, 9.0, 20.0, 15.0],
+    );
+    assert!(ceiling.rate.ends().into_iter().all(|rate| rate > 0.0 && rate.is_finite()));
+}
+
+#[test]
 fn more_work_makes_fixed_costs_small_and_leaves_skipped_work_unsound() {
     let free = |turns| f64::from(turns);
     assert_eq!(tried(1 << 20, free).0, [10]);
