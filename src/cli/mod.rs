@@ -1,5 +1,6 @@
 //! The command line: its arguments, its errors and its exit status.
 
+mod bisect;
 mod commands;
 mod compare;
 mod doctor;
@@ -66,6 +67,7 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
         Command::Export(args) => export::export(args),
         Command::Schema { kind } => export::schema(kind),
         Command::Compare(args) => compare::compare(catalog, *args),
+        Command::Bisect(args) => bisect::bisect(catalog, &args),
         Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
         Command::History { command } => history::history(command),
         Command::Completions { shell } => shells::completions(catalog, shell),
@@ -209,6 +211,13 @@ pub enum Command {
             4 times not judged, exact figures no worse; 130 interrupted, with everything measured so far stored."
     )]
     Compare(Box<CompareArgs>),
+    /// Find the revision that made a stage slower or costlier, through noise
+    #[command(
+        after_help = "The ends are compared first. Then revisions between them are built and compared with the good one, in the cell that \
+            regressed most. Exit status: 0 the revision is found, with a probability of 95 % or more; 1 nothing to find; 2 could not \
+            measure; 3 several revisions could not be told apart; 130 interrupted, and --resume goes on."
+    )]
+    Bisect(Box<BisectArgs>),
     /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion. Needs a build with the feature `bench`
     Bench {
         /// Only cells whose names contain this: `pool caustics/trace`, `caustics`
@@ -492,6 +501,51 @@ pub struct CompareArgs {
     /// What to print; files of every other format are written in any case
     #[arg(long, default_value = compare::TEXT, value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
     pub format: String,
+    #[command(flatten)]
+    pub adapter: AdapterArgs,
+}
+
+#[derive(Args)]
+pub struct BisectArgs {
+    /// Revision that is well
+    #[arg(long, value_name = "REV")]
+    pub good: String,
+    /// Later revision that is slower or costlier
+    #[arg(long, value_name = "REV", default_value = "HEAD")]
+    pub bad: String,
+    /// Gates that tell a change: a cell with more instructions is searched for before a slower one
+    #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "instructions,time")]
+    pub gates: Vec<Gate>,
+    /// Only cells whose names contain this
+    #[arg(long, value_name = "FILTER")]
+    pub cells: Option<String>,
+    /// Experiment file whose cells list the `stages` to compare [default: benches/gates.toml, built in]
+    #[arg(long, value_name = "FILE")]
+    pub cells_file: Option<PathBuf>,
+    /// Pairs of worker processes between the ends
+    #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
+    pub launches: u32,
+    /// Pairs of worker processes each time that a revision is measured
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
+    pub batch: u32,
+    /// Pairs of worker processes for the whole search, those of the ends apart
+    #[arg(long, value_name = "N", default_value_t = 120)]
+    pub most_launches: u32,
+    /// Share by which a time must change to count
+    #[arg(long, value_name = "SHARE", default_value_t = comparison::THRESHOLD, value_parser = parse_share)]
+    pub threshold: f64,
+    /// Seed of the order of cells and samples
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Folder to write to [default: a new one in reports/out]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Go on with the search in the folder
+    #[arg(long, requires = "out")]
+    pub resume: bool,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

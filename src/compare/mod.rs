@@ -7,6 +7,7 @@
 //! [`tables`] report it.
 
 pub mod bench;
+pub mod bisect;
 pub mod build;
 pub mod cells;
 pub mod driver;

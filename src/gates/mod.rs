@@ -4,6 +4,7 @@
 //! ([`time`]). The [`verdict`] joins them, and [`tables`] report it.
 
 pub mod adapters;
+pub mod bisect;
 pub mod changes;
 pub mod counts;
 pub mod exact;

@@ -14,7 +14,7 @@ use fathom::record::{Adapter, Measured, Record};
 use super::common::{Ends, Place, Told, holds, names, reference_of, write_records};
 use super::script::{Script, hello, refusal};
 
-const CELLS: &str = r#"
+pub const CELLS: &str = r#"
 id = "toy"
 title = "t"
 source = "s"

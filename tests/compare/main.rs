@@ -1,6 +1,7 @@
 //! `fathom compare`: what it tells of stored comparisons, whole comparisons of builds that are scripts, and workers.
 #![cfg(unix)]
 
+mod bisect;
 mod builds;
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,0 +1,76 @@
+//! `fathom bisect`: from the command line to the revision.
+
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+
+use crate::compare::bisect::{self, BisectOptions};
+use crate::compare::cells::Gates;
+use crate::compare::flow;
+use crate::harness::catalog::Catalog;
+use crate::record::comparison::{Gate, GateSettings};
+use crate::tell;
+use anyhow::Context;
+
+use super::BisectArgs;
+use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
+
+/// The ends do not differ.
+const NOTHING_TO_FIND: u8 = 1;
+/// Several revisions could not be told apart.
+const NOT_TOLD_APART: u8 = 3;
+
+pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> Outcome {
+    watch_interrupts()?;
+    // A wrong selection is told before minutes are spent on building.
+    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
+    if let Some(filter) = &args.cells {
+        gates.filtered(filter)?;
+    }
+    if args.gates.contains(&Gate::Exact) {
+        anyhow::bail!("`bisect` searches by the gates `instructions` and `time`");
+    }
+    let options = BisectOptions {
+        catalog: catalog.clone(),
+        folder: std::env::current_dir().context("there is no current folder")?,
+        good: args.good.clone(),
+        bad: args.bad.clone(),
+        cells_file: args.cells_file.clone(),
+        filter: args.cells.clone(),
+        gpu: gpu_options(catalog, &args.adapter),
+        settings: GateSettings {
+            launches: args.launches,
+            gates: args.gates.clone(),
+            seed: args.seed,
+            threshold: args.threshold,
+            ..GateSettings::default()
+        },
+        batch: args.batch,
+        most_launches: args.most_launches,
+        out: args.out.clone().map_or_else(flow::fresh, Ok)?,
+    };
+    if !args.resume && options.out.exists() {
+        anyhow::bail!(
+            "{} is there already: go on with it by --resume, or choose another folder",
+            options.out.display()
+        );
+    }
+    let found = bisect::bisect(&options, &INTERRUPT, &|line| tell::note(line));
+    if INTERRUPT.load(Ordering::Relaxed) {
+        if let Err(error) = found {
+            super::fail(&error.to_string());
+        }
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    let found = found?;
+    tell::answer(if args.json {
+        serde_json::to_string_pretty(&found.json())?
+    } else {
+        found.text()
+    });
+    tell::note(options.out.display());
+    Ok(match &found.answer {
+        None => ExitCode::from(NOTHING_TO_FIND),
+        Some(answer) if answer.is_certain() => ExitCode::SUCCESS,
+        Some(_) => ExitCode::from(NOT_TOLD_APART),
+    })
+}
