@@ -126,6 +126,9 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     if let Some(folder) = &args.out {
         flow::taken(folder, args.resume)?;
     }
+    if let (Some(base), Some(head)) = (&args.base_cmd, &args.head_cmd) {
+        return commands(catalog, args, [base, head]);
+    }
     let this = || std::env::current_exe().context("cannot tell where this program lies");
     let gpu = gpu_options(catalog, &args.adapter);
     let environments = [
@@ -172,17 +175,38 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
             start: WorkerStart { program, shader_cache, ..starts[side as usize].clone() },
         }
     };
-    let options = CompareOptions {
+    let programs = [program(Side::Base, &base, base_label), program(Side::Head, &head, head_label)];
+    flow::measure(&options(catalog, args, programs), &INTERRUPT, &|text| tell::note(text))
+}
+
+/// A comparison of two programs that speak the worker protocol.
+fn commands(catalog: &Catalog, args: &CompareArgs, texts: [&String; 2]) -> anyhow::Result<PathBuf> {
+    let environments = [
+        driver::environment(Side::Base, &args.base_env, None)?,
+        driver::environment(Side::Head, &args.head_env, None)?,
+    ];
+    let [base, head] = texts
+        .map(|text| Program { label: private::words(text), start: WorkerStart::of_command(text) });
+    let [of_base, of_head] = environments;
+    let given = |program: Program, environment| Program {
+        start: WorkerStart { environment, ..program.start },
+        ..program
+    };
+    let programs = [given(base, of_base), given(head, of_head)];
+    flow::measure(&options(catalog, args, programs), &INTERRUPT, &|text| tell::note(text))
+}
+
+fn options(catalog: &Catalog, args: &CompareArgs, programs: [Program; 2]) -> CompareOptions {
+    CompareOptions {
         catalog: catalog.clone(),
-        programs: [program(Side::Base, &base, base_label), program(Side::Head, &head, head_label)],
+        programs,
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
         env_values: args.env_values,
         settings: settings(args),
         out: args.out.clone(),
         resume: args.resume,
-    };
-    flow::measure(&options, &INTERRUPT, &|text| tell::note(text))
+    }
 }
 
 fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {

@@ -447,6 +447,12 @@ pub struct CompareArgs {
     /// A built fathom as the head [default: this one]
     #[arg(long, value_name = "PATH", conflicts_with = "replay")]
     pub head_bin: Option<PathBuf>,
+    /// Command of the shell that starts the base's workers: any program that speaks the worker protocol (docs/worker-protocol.md)
+    #[arg(long, value_name = "COMMAND", requires = "head_cmd", conflicts_with_all = ["base", "base_bin", "head_bin", "base_driver", "head_driver", "replay", "records"])]
+    pub base_cmd: Option<String>,
+    /// Command that starts the head's workers
+    #[arg(long, value_name = "COMMAND", requires = "base_cmd")]
+    pub head_cmd: Option<String>,
     /// Environment variable for the base's processes alone; may be given several times. The base is this program, unless one is named
     #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["replay", "records"])]
     pub base_env: Vec<String>,

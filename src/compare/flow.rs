@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
 use itertools::Itertools;
+use sha2::{Digest, Sha256};
 
 use super::bench::Processes;
 use super::cells::Gates;
@@ -150,13 +151,16 @@ fn header(
     let build = |side: Side| -> Result<ComparedBuild> {
         let (program, greeting) = (&options.programs[side as usize], &greetings[side as usize]);
         let path = &program.start.program;
-        let digest = input::open(path).and_then(input::sha256);
         let unreadable = |error| anyhow!("{} cannot be read: {error}", path.display());
+        let digest = match &program.start.command {
+            Some(text) => Ok(hex::encode(Sha256::digest(text))),
+            None => input::open(path).and_then(input::sha256).map_err(unreadable),
+        };
         Ok(ComparedBuild {
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
-            digest: digest.map_err(unreadable)?,
+            digest: digest?,
             environment: program.start.environment.recorded(options.env_values).shown(),
         })
     };

@@ -19,6 +19,8 @@ pub use fathom_base::quiet::{Quiet, allowed_cores};
 use fathom_gpu as gpu;
 use fathom_gpu::ClockPlan;
 
+/// Runs the command of a worker that is no build of fathom.
+const SHELL: &str = "sh";
 /// A reply longer than this is garbage.
 const MAX_REPLY_BYTES: u64 = 16 << 20;
 /// Replies that wait to be read. A worker that writes more, which nobody asked for, waits itself.
@@ -111,6 +113,8 @@ pub struct WorkerStart {
     pub name: &'static str,
     /// A build of fathom.
     pub program: PathBuf,
+    /// A command of the shell in its place: any program that speaks the worker protocol (`docs/worker-protocol.md`).
+    pub command: Option<String>,
     /// A command that runs it, such as `valgrind` with its options; empty for none.
     pub wrapper: Vec<OsString>,
     pub gpu: gpu::Options,
@@ -136,16 +140,26 @@ impl WorkerStart {
         }
     }
 
+    /// A worker that is started by a command of the shell.
+    pub fn of_command(text: &str) -> Self {
+        Self { command: Some(text.to_owned()), ..Self::new(Path::new(SHELL)) }
+    }
+
     fn command(&self) -> Command {
         let program = self.program.as_os_str().to_owned();
         let mut words = self.wrapper.iter().cloned().chain([program]);
         let mut command = Command::new(words.next().unwrap_or_default());
-        command.args(words).arg("worker");
-        if let Some(adapter) = &self.gpu.adapter {
-            command.args(["--adapter", adapter]);
-        }
-        if self.gpu.unchecked {
-            command.arg("--unchecked");
+        command.args(words);
+        if let Some(text) = &self.command {
+            command.args(["-c", text]);
+        } else {
+            command.arg("worker");
+            if let Some(adapter) = &self.gpu.adapter {
+                command.args(["--adapter", adapter]);
+            }
+            if self.gpu.unchecked {
+                command.arg("--unchecked");
+            }
         }
         if let Some(quiet) = &self.quiet {
             quiet::apply(&mut command, quiet);

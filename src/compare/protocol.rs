@@ -1,4 +1,5 @@
-//! What the comparing process and a worker say to each other: one JSON object per line, a reply to each request.
+//! What the comparing process and a worker say to each other: one JSON object per line, a reply to each request. For programs that are
+//! not fathom: `docs/worker-protocol.md`.
 //!
 //! Fields may be added within a version, each with a default, and so may messages: a worker answers one it does not know with
 //! [`Reply::Unsupported`]. The version is raised when a message changes its meaning.
@@ -134,15 +135,19 @@ pub enum Reply {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Greeting {
     pub protocol: u32,
+    /// Version of the program.
     pub fathom_version: String,
     pub adapter: Adapter,
     /// `exact`, `checks`, `time`, `instructions`: what this worker can do.
     pub parts: Vec<String>,
     /// Cores it may run on; unknown outside Linux.
+    #[serde(default)]
     pub cores: Option<Vec<usize>>,
     /// Its addresses are randomized; unknown outside Linux.
+    #[serde(default)]
     pub randomized: Option<bool>,
     /// What degrades on this adapter.
+    #[serde(default)]
     pub notes: Vec<String>,
 }
 

@@ -8,7 +8,7 @@ use anyhow::{Result, anyhow};
 use super::scale;
 use fathom_base::folder::{self, Folder};
 use fathom_gpu::{Gpu, read_texture};
-use fathom_picture::{Effort, RgbImage};
+use fathom_picture::RgbImage;
 use fathom_pipelines::AnyPipeline;
 
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
@@ -62,7 +62,7 @@ pub fn write(image: &RgbImage, folder: &Folder, name: &Path) -> Result<()> {
     if !name.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
         return Err(unwritten(&path, "pictures are PNG files, so their names end in `.png`"));
     }
-    let bytes = image.to_png(Effort::Fast).map_err(|error| unwritten(&path, error))?;
+    let bytes = image.to_png().map_err(|error| unwritten(&path, error))?;
     folder.write(name, &bytes).map_err(|error| unwritten(&path, error))
 }
 

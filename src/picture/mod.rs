@@ -3,7 +3,7 @@
 mod png_file;
 mod scaled;
 
-pub use png_file::{DecodeError, Effort, EncodeError};
+pub use png_file::{DecodeError, EncodeError};
 pub use scaled::Filter;
 
 /// Red, green and blue.

@@ -7,13 +7,6 @@ use thiserror::Error;
 
 use super::{Rgb, RgbImage};
 
-/// How hard a file is compressed.
-#[derive(Clone, Copy, Debug)]
-pub enum Effort {
-    Fast,
-    Balanced,
-}
-
 #[derive(Debug, Error)]
 #[error("it cannot be written as PNG: {0}")]
 pub struct EncodeError(#[from] png::EncodingError);
@@ -31,14 +24,11 @@ impl RgbImage {
     ///
     /// # Errors
     /// A picture without pixels.
-    pub fn to_png(&self, effort: Effort) -> Result<Vec<u8>, EncodeError> {
+    pub fn to_png(&self) -> Result<Vec<u8>, EncodeError> {
         let mut bytes = Vec::new();
         let mut encoder = Encoder::new(&mut bytes, self.width, self.height);
         encoder.set_color(ColorType::Rgb);
-        encoder.set_compression(match effort {
-            Effort::Fast => Compression::Fast,
-            Effort::Balanced => Compression::Balanced,
-        });
+        encoder.set_compression(Compression::High);
         encoder.set_filter(Filter::Adaptive);
         let mut writer = encoder.write_header()?;
         writer.write_image_data(self.bytes())?;
@@ -80,11 +70,9 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_again() {
-        for effort in [Effort::Fast, Effort::Balanced] {
-            let bytes = noise(40, 30).to_png(effort).unwrap();
-            assert_eq!(RgbImage::from_png(&bytes, 40, 1 << 20).unwrap(), noise(40, 30));
-        }
-        assert!(RgbImage::filled(0, 3, [0; 3]).to_png(Effort::Fast).is_err());
+        let bytes = noise(40, 30).to_png().unwrap();
+        assert_eq!(RgbImage::from_png(&bytes, 40, 1 << 20).unwrap(), noise(40, 30));
+        assert!(RgbImage::filled(0, 3, [0; 3]).to_png().is_err());
     }
 
     #[test]
@@ -105,7 +93,7 @@ mod tests {
 
     #[test]
     fn damaged_and_large_files_are_refused() {
-        let bytes = noise(40, 30).to_png(Effort::Fast).unwrap();
+        let bytes = noise(40, 30).to_png().unwrap();
         let read = |bytes: &[u8], side, memory| RgbImage::from_png(bytes, side, memory);
         assert!(read(&bytes[..bytes.len() / 2], 40, 1 << 20).is_err());
         assert!(read(b"no picture", 40, 1 << 20).is_err());

@@ -7,6 +7,7 @@ mod builds;
 mod common;
 mod folders;
 mod gate;
+mod own_worker;
 mod processes;
 mod script;
 mod stored;

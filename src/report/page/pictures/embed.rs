@@ -6,7 +6,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 
 use fathom_base::folder::Folder;
-use fathom_picture::{Effort, Filter, RgbImage};
+use fathom_picture::{Filter, RgbImage};
 use fathom_record::{Picture, PictureKind};
 
 /// Largest file that is read, bytes.
@@ -86,7 +86,7 @@ fn smallest(picture: &RgbImage, quality: f32) -> Result<(&'static str, Vec<u8>),
     let webp =
         webp::Encoder::from_rgb(picture.bytes(), width, height).encode_simple(false, quality);
     let webp = webp.map_err(|error| format!("it cannot be compressed: {error:?}"))?;
-    let png = picture.to_png(Effort::Balanced).map_err(|error| error.to_string())?;
+    let png = picture.to_png().map_err(|error| error.to_string())?;
     let is_png = png.len() < webp.len();
     Ok(if is_png { ("image/png", png) } else { ("image/webp", webp.to_vec()) })
 }
