@@ -400,10 +400,10 @@ mod tests {
     #[test]
     fn many_series_are_drawn_as_small_charts() {
         let svg = &svgs(&fixtures::run())["spt-photons.svg"];
-        // Three measures of three scenes each.
+        // Three measures of three scenes each, and the whole frame in a plot of its own.
         let titles = ["sprites/draw", "ldi/peel"].map(|name| svg.matches(name).count());
         assert!(titles.iter().all(|count| *count >= 1), "{titles:?}");
-        assert_eq!(svg.matches("time (ms), log").count(), 3, "{svg}");
+        assert_eq!(svg.matches("time (ms), log").count(), 4, "{svg}");
     }
 
     #[test]
