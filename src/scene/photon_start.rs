@@ -80,13 +80,13 @@ fn entries(frame: &LightFrame, water: &Water, p: DVec3) -> impl Iterator<Item = 
         LightKind::Directional => {
             let across = frame.forward.with_y(0.0) / water.refractive_index;
             let entry = back(across.with_y((1.0 - across.length_squared()).max(0.0).sqrt()));
-            [entry, entry]
+            [Some(entry), None]
         }
-        LightKind::Point => [p, back(p - frame.position)],
+        LightKind::Point => [Some(p), Some(back(p - frame.position))],
     };
     let spread = WAVE_SPREAD * depth_m;
     let corners = [DVec2::ONE, DVec2::new(1.0, -1.0), DVec2::new(-1.0, 1.0), DVec2::NEG_ONE];
-    above.into_iter().flat_map(move |e| corners.map(|corner| e.xz() + corner * spread))
+    above.into_iter().flatten().flat_map(move |e| corners.map(|corner| e.xz() + corner * spread))
 }
 
 /// Components of a direction downwards below this count as this.

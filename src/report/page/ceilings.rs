@@ -21,9 +21,13 @@ pub const SECTION: PageSection = PageSection {
 /// Stages that are shown unfolded.
 const OPEN_STAGES: usize = 12;
 
+/// Without measured limits the page has no such section.
+pub fn are_measured(run: &PageRun<'_>) -> bool {
+    run.view.runs.iter().any(|run| !run.ceilings.is_empty())
+}
+
 fn write(page: &Page<'_>) -> Option<Markup> {
-    let measured = |run: &&PageRun<'_>| run.view.runs.iter().any(|run| !run.ceilings.is_empty());
-    let runs: Vec<&PageRun<'_>> = page.runs.iter().filter(measured).collect();
+    let runs: Vec<&PageRun<'_>> = page.runs.iter().filter(|run| are_measured(run)).collect();
     if runs.is_empty() {
         return None;
     }

@@ -155,8 +155,8 @@ fn limits(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
             }
         }
     };
-    // Without measured limits the page has no such section.
-    card(if bounds.is_empty() { "trust" } else { "ceilings" }, "How near to the limits?", &answer)
+    let section = if super::ceilings::are_measured(run) { "ceilings" } else { "trust" };
+    card(section, "How near to the limits?", &answer)
 }
 
 fn left_out(page: &Page<'_>) -> Markup {
