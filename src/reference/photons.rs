@@ -152,6 +152,7 @@ pub fn land_all(
 mod tests {
     use super::*;
     use fathom_scene::{Bounds, Camera, Light, LightKind, Mesh, Object, Scene};
+    use itertools::iproduct;
 
     const DEPTH_M: f64 = 4.0;
 
@@ -220,8 +221,9 @@ mod tests {
     }
 
     /// Of the photons of the whole frustum that land in view, the share that starts beyond the grid made so many times as wide.
-    fn left_out(name: &str, width: f64) -> f64 {
-        let scene = Scene::load(name).unwrap();
+    fn left_out(name: &str, set: impl Fn(&mut Light), width: f64) -> f64 {
+        let mut scene = Scene::load(name).unwrap();
+        set(&mut scene.light);
         let tracer = Tracer::new(&scene.objects);
         let (camera, light) = (&scene.camera, &scene.light);
         let whole = light.frame(camera, 1.2, &scene.bounds);
@@ -245,8 +247,22 @@ mod tests {
     #[test]
     fn the_grid_leaves_out_no_photon_that_lands_in_view() {
         for name in ["tank", "port", "storage", "diving_pool", "dolphin", "plane"] {
-            let (none, some) = (left_out(name, 1.0), left_out(name, 0.5));
+            let (none, some) = (left_out(name, |_| (), 1.0), left_out(name, |_| (), 0.5));
             assert!(none < 1e-3 && some > 0.03, "{name}: {none} {some}");
+        }
+        // At grazing light, and from near points.
+        for (name, degrees) in iproduct!(["tank", "dolphin"], [60.0, 75.0]) {
+            let slanted = |light: &mut Light| {
+                let (sine, cosine) = f64::to_radians(degrees).sin_cos();
+                light.direction = [0.8 * sine, -cosine, 0.6 * sine];
+            };
+            assert!(left_out(name, slanted, 1.0) < 1e-3, "{name} {degrees}°");
+        }
+        for (name, position_m) in [("tank", [-6.0, 2.0, 4.0]), ("dolphin", [3.0, 8.0, 2.0])] {
+            let point = |light: &mut Light| {
+                (light.kind, light.position_m) = (LightKind::Point, position_m);
+            };
+            assert!(left_out(name, point, 1.0) < 1e-3, "{name} {position_m:?}");
         }
     }
 
