@@ -6,18 +6,19 @@ use std::sync::atomic::Ordering;
 use crate::compare::bisect::{self, BisectOptions};
 use crate::compare::cells::Gates;
 use crate::compare::flow;
+use crate::gates::verdict::Status;
 use crate::harness::catalog::Catalog;
 use crate::record::comparison::{Gate, GateSettings};
 use crate::tell;
 use anyhow::Context;
 
-use super::BisectArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
+use super::{BisectArgs, COULD_NOT_RUN};
 
 /// The ends do not differ.
 const NOTHING_TO_FIND: u8 = 1;
-/// Several revisions could not be told apart.
-const NOT_TOLD_APART: u8 = 3;
+/// Several revisions could not be told apart, or the ends are too noisy.
+const UNDECIDED: u8 = 3;
 
 pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> Outcome {
     watch_interrupts()?;
@@ -68,9 +69,10 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> Outcome {
         found.text()
     });
     tell::note(options.out.display());
-    Ok(match &found.answer {
-        None => ExitCode::from(NOTHING_TO_FIND),
-        Some(answer) if answer.is_certain() => ExitCode::SUCCESS,
-        Some(_) => ExitCode::from(NOT_TOLD_APART),
+    Ok(match (&found.answer, found.ends) {
+        (Some(answer), _) if answer.is_certain() => ExitCode::SUCCESS,
+        (Some(_), _) | (None, Status::Inconclusive) => ExitCode::from(UNDECIDED),
+        (None, Status::NoRegression) => ExitCode::from(NOTHING_TO_FIND),
+        (None, _) => ExitCode::from(COULD_NOT_RUN),
     })
 }

@@ -215,7 +215,7 @@ pub enum Command {
     #[command(
         after_help = "The ends are compared first. Then revisions between them are built and compared with the good one, in the cell that \
             regressed most. Exit status: 0 the revision is found, with a probability of 95 % or more; 1 nothing to find; 2 could not \
-            measure; 3 several revisions could not be told apart; 130 interrupted, and --resume goes on."
+            measure; 3 several revisions could not be told apart, or the ends are too noisy; 130 interrupted, and --resume goes on."
     )]
     Bisect(Box<BisectArgs>),
     /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion. Needs a build with the feature `bench`

@@ -105,7 +105,16 @@ impl Bisected {
     /// As text, the answer first.
     pub fn text(&self) -> String {
         let Some(answer) = &self.answer else {
-            return format!("nothing to find: between {} and its end: {}", self.good, self.ends);
+            return match self.ends {
+                Status::NoRegression => {
+                    format!("nothing to find: no cell is worse than in {}", self.good)
+                }
+                Status::Inconclusive => format!(
+                    "no cell is shown to be worse than in {}, but some are too noisy to rule it out: give more --launches",
+                    self.good
+                ),
+                other => format!("nothing was searched for: the comparison of the ends: {other}"),
+            };
         };
         let named = |number: usize| {
             let revision = &self.revisions[number - 1];

@@ -52,7 +52,7 @@ settings! {
         /// Distance of a directional light's position from the middle of the camera frustum.
         distance_m: f64 = 50.0 => 1e-3 ..= 1e5, "m";
         /// Half the width of the light frustum, for a point light at the distance of the camera frustum's middle; 0 fits it to
-        /// what the camera sees.
+        /// what the camera sees, and photons to the water in view.
         half_extent_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
     }
 }

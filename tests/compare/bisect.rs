@@ -112,6 +112,11 @@ fn equal_ends_leave_nothing_to_find() {
     let told = history.bisect("--good HEAD~2").ends(1);
     let found: Value = serde_json::from_str(&told.out).unwrap();
     assert!(found["answer"].is_null() && found["ends"] == "no regression", "{found}");
+    // An end without times, and one that does not build.
+    for (bad, reason) in [(Some(0), "could not measure"), (None, "does not build")] {
+        let told = History::new(&[USUAL, bad]).bisect("--good HEAD~1").ends(2);
+        assert!(format!("{}{}", told.out, told.err).contains(reason), "{}", told.err);
+    }
     let backwards = history.bisect("--good HEAD --bad HEAD~1").output().unwrap();
     assert_eq!(backwards.status.code(), Some(2));
 }
