@@ -478,13 +478,15 @@ mod tests {
             let scenes = one.settings.iter().map(|setting| setting.cell.scene.as_str()).unique();
             assert_eq!(scenes.count(), 1);
         }
-        // An axis that the experiment marks as part of the task divides its cells: the number of crates.
+        // An axis that the experiment marks as part of the task divides its cells: the number of crates, or of occluders.
         let objects = self::records("vao-objects", trade);
         let view = ReportView::new(&objects, None);
         let compared = comparisons(&page(&[&view]));
         assert!(!compared.is_empty());
         for one in compared {
-            assert!(one.settings.iter().map(|setting| &setting.cell.axes["crates"]).all_equal());
+            for axis in ["crates", "occluders"] {
+                assert!(one.settings.iter().map(|setting| setting.cell.axes.get(axis)).all_equal());
+            }
         }
         // Each cell has its own viewport: there is nothing to compare.
         let sizes = self::records("uw-viewport", trade);
