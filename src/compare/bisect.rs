@@ -12,6 +12,7 @@ use anyhow::{Result, anyhow, bail};
 use serde_json::{Value, json};
 
 use super::build::{self, SetAside};
+use super::cells::Gates;
 use super::flow::{self, CompareOptions, Program};
 use super::launch::{Waiting, WorkerStart};
 use fathom_base::process;
@@ -248,6 +249,16 @@ impl Bisection<'_> {
         let begun = fathom_base::folder::is_there(&folder.join(RECORDS));
         if begun {
             let stored = StoredComparison::read(&folder)?;
+            let header = &stored.header;
+            let sides = [&header.base.label, &header.head.label];
+            if sides != [self.good.short(), revision.short()]
+                || header.cells != self.cells(&filter)?
+            {
+                bail!(
+                    "{} is of other revisions or cells: resume with the same, or choose another folder with --out",
+                    folder.display()
+                );
+            }
             if stored.came_to_its_end() {
                 return Ok(stored);
             }
@@ -273,6 +284,16 @@ impl Bisection<'_> {
             bail!("interrupted; `--resume` goes on");
         }
         StoredComparison::read(&folder)
+    }
+
+    /// What a comparison with this filter measures.
+    fn cells(&self, filter: &Option<String>) -> Result<Vec<CellId>> {
+        let options = self.options;
+        let gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
+        Ok(match filter {
+            Some(filter) => gates.filtered(filter)?.cells(),
+            None => gates.cells(),
+        })
     }
 
     /// What regressed most between the ends, if anything did, and what else.

@@ -91,6 +91,10 @@ fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build()
     // The same again from its folder, which asks for no build.
     let again = history.bisect("--good HEAD~8 --resume").ends(0);
     assert_eq!(again.out, told.out);
+    for other in ["--good HEAD~7 --resume", "--good HEAD~8 --cells two --resume"] {
+        let told = history.bisect(other).ends(2);
+        assert!(told.err.contains("other revisions or cells"), "{}", told.err);
+    }
     let taken = history.bisect("--good HEAD~8").ends(2);
     assert!(taken.err.contains("--resume"), "{}", taken.err);
 }
