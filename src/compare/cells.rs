@@ -8,7 +8,7 @@ use super::protocol::GateConfiguration;
 use fathom_base::text::{did_you_mean, families, nearest};
 use fathom_experiments::{Experiment, ExperimentError};
 use fathom_record::Profile;
-use fathom_record::comparison::CellId;
+use fathom_record::comparison::{CellId, CellSubject};
 
 /// Gates are small at every profile.
 const PROFILE: Profile = Profile::Quick;
@@ -33,7 +33,8 @@ impl Gates {
     fn of(experiment: &Experiment) -> Result<Self> {
         let invalid = |fault: String| ExperimentError::of(&experiment.id, &fault);
         let plans = experiment.cells(PROFILE, &[], &[])?;
-        let configurations: Vec<GateConfiguration> = plans.into_iter().map(Into::into).collect();
+        let configurations: Vec<GateConfiguration> =
+            plans.into_iter().map(|plan| with_all_encoded(plan.into())).collect();
         if let Some(cell) = configurations.iter().find(|cell| cell.stages.is_empty()) {
             return Err(invalid(format!("cell `{}` lists no `stages` to compare", cell.id)).into());
         }
@@ -49,6 +50,14 @@ impl Gates {
 
     pub fn cells(&self) -> Vec<CellId> {
         self.configurations.iter().flat_map(GateConfiguration::cells).collect()
+    }
+
+    /// Drops what is not wanted; the cells may be none then.
+    pub fn retain(&mut self, wanted: impl Fn(CellSubject<'_>) -> bool) {
+        for configuration in &mut self.configurations {
+            configuration.stages.retain(|name| wanted(CellSubject::of(name)));
+        }
+        self.configurations.retain(|configuration| !configuration.stages.is_empty());
     }
 
     /// Only the cells whose names contain `filter`. The control stays one of them.
@@ -72,6 +81,24 @@ impl Gates {
         }
         Ok(self)
     }
+}
+
+/// `encode:*` stands for the encoding of each stage that is listed.
+fn with_all_encoded(mut configuration: GateConfiguration) -> GateConfiguration {
+    let all = CellSubject::Encode("*").to_string();
+    if configuration.stages.contains(&all) {
+        configuration.stages.retain(|name| *name != all);
+        let stages = configuration.stages.iter().filter(|name| CellSubject::of(name).is_stage());
+        let encoded =
+            stages.map(|stage| CellSubject::Encode(stage).to_string()).collect::<Vec<_>>();
+        // What makes pipelines leaves another heap behind: it is counted last.
+        let create = CellSubject::Create.to_string();
+        let creates = configuration.stages.iter().any(|name| *name == create);
+        configuration.stages.retain(|name| *name != create);
+        configuration.stages.extend(encoded);
+        configuration.stages.extend(creates.then_some(create));
+    }
+    configuration
 }
 
 #[cfg(test)]

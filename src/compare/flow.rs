@@ -18,6 +18,7 @@ use super::rounds::{self, Before};
 use super::survey::{self, SurveyedBuild};
 use fathom_base::input;
 use fathom_gates::adapters::AdapterRelation;
+use fathom_gates::counts;
 use fathom_gates::schedule::Schedule;
 use fathom_gates::store::{self, StoredComparison};
 use fathom_gates::time;
@@ -25,8 +26,8 @@ use fathom_harness::catalog::Catalog;
 use fathom_record::RecordError;
 use fathom_record::calendar;
 use fathom_record::comparison::{
-    CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, GateSettings,
-    Side, Skip,
+    CellId, CellSubject, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate,
+    GateSettings, Side, Skip,
 };
 use fathom_record::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Taken, unused};
 
@@ -80,7 +81,16 @@ pub fn measure(
     let waiting = Waiting { interrupted: &flags, tell };
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
     let mut builds = [base?, head?];
-    let header = header(options, &gates, &greeted(options, &mut builds)?)?;
+    let greetings = greeted(options, &mut builds)?;
+    let skipped = skipped(&options.settings, &greetings);
+    let software = greetings[Side::Head as usize].adapter.software;
+    gates.retain(|cell| {
+        let mut wanted = options.settings.gates.iter();
+        wanted.any(|gate| {
+            !skipped.iter().any(|skip| skip.gate == *gate) && cell.is_of(*gate, software)
+        })
+    });
+    let header = header(options, &gates, &greetings, skipped)?;
     let mut held = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
         resumed(&mut held, &header, tell)?
@@ -147,6 +157,7 @@ fn header(
     options: &CompareOptions,
     gates: &Gates,
     greetings: &[Greeting; 2],
+    skipped: Vec<Skip>,
 ) -> Result<ComparisonHeader> {
     let build = |side: Side| -> Result<ComparedBuild> {
         let (program, greeting) = (&options.programs[side as usize], &greetings[side as usize]);
@@ -166,13 +177,7 @@ fn header(
     };
     let [base, head] = greetings;
     let mut settings = options.settings.clone();
-    let mut skipped = Vec::new();
-    settings.gates.retain(|gate| {
-        let reason = obstacle(*gate, greetings);
-        let possible = reason.is_none();
-        skipped.extend(reason.map(|reason| Skip { gate: *gate, reason }));
-        possible
-    });
+    settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));
     Ok(ComparisonHeader {
         base: build(Side::Base)?,
         head: build(Side::Head)?,
@@ -184,6 +189,12 @@ fn header(
         notes: base.notes.iter().chain(&head.notes).unique().cloned().collect(),
         ..ComparisonHeader::default()
     })
+}
+
+/// The gates asked for that cannot be run.
+fn skipped(settings: &GateSettings, greetings: &[Greeting; 2]) -> Vec<Skip> {
+    let skip = |gate: &Gate| Some(Skip { gate: *gate, reason: obstacle(*gate, greetings)? });
+    settings.gates.iter().filter_map(skip).collect()
 }
 
 /// Why a gate cannot be run with these workers here.
@@ -262,7 +273,8 @@ impl ComparisonRun<'_> {
             }
             let (known, faults) = survey::prepare(builds, configuration);
             self.keep(faults)?;
-            if counting && known.cells().any(|cell| !self.before.has_exact(&cell)) {
+            let lacks = |cell: CellId| cell.subject().is_stage() && !self.before.has_exact(&cell);
+            if counting && known.cells().any(lacks) {
                 self.keep(survey::exact(builds, &known))?;
             }
             common.push(known);
@@ -271,6 +283,7 @@ impl ComparisonRun<'_> {
         let checked = |side| self.before.checks.iter().any(|check| check.side == side);
         if self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
             let stages = common.iter().flat_map(|configuration| &configuration.stages);
+            let stages = stages.filter(|name| CellSubject::of(name).is_stage());
             let stages = stages.sorted().dedup().cloned().collect();
             self.keep(survey::checks(builds, stages))?;
         }
@@ -282,15 +295,32 @@ impl ComparisonRun<'_> {
             return Ok(());
         }
         (self.waiting.tell)("instruction gate: every stage under callgrind");
-        let start = |side| self.options.start(side);
-        Ok(instructions::run(&mut self.held, &self.before, common, &start, self.interrupted)?)
+        let options = self.options;
+        let start = |side| options.start(side);
+        instructions::run(&mut self.held, &self.before, common, false, &start, self.interrupted)?;
+        let so_far = StoredComparison::read(&self.held.output.folder)?;
+        let open = counts::open(&so_far);
+        if open.is_empty() || !self.wants(Gate::Instructions) {
+            return Ok(());
+        }
+        (self.waiting.tell)(&format!("instruction gate: {} cells once more", open.len()));
+        let of_open = |configuration: &GateConfiguration| {
+            let mut of_open = configuration.clone();
+            of_open.stages.retain(|stage| open.contains(&CellId::new(&of_open.id, stage)));
+            of_open
+        };
+        let again: Vec<GateConfiguration> = common.iter().map(of_open).collect();
+        Ok(instructions::run(&mut self.held, &so_far, &again, true, &start, self.interrupted)?)
     }
 
     fn time(&mut self, control: &CellId, common: &[GateConfiguration]) -> Result<()> {
         if !self.wants(Gate::Time) {
             return Ok(());
         }
-        let cells: Vec<CellId> = common.iter().flat_map(GateConfiguration::cells).collect();
+        let software = self.before.header.adapter.software;
+        let timed = |cell: &CellId| cell.subject().is_of(Gate::Time, software);
+        let cells: Vec<CellId> =
+            common.iter().flat_map(GateConfiguration::cells).filter(timed).collect();
         let settings = &self.before.header.settings;
         let builds = Side::BOTH.map(|side| self.options.start(side));
         let mut workers = match Processes::new(builds, common, settings.seed, self.waiting) {

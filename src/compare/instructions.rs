@@ -5,29 +5,39 @@
 //! randomization, and calls
 //! [`fathom_sample_boundary`](super::worker::fathom_sample_boundary) around each frame, where callgrind cuts its count.
 //! Seen on lavapipe: equal builds agree to 0.03 % in each of 41 cells, frames of a process to 0.08 %.
+//!
+//! Only a process counts that found all its shaders in the driver's cache. Where it compiled some, Mesa compresses them for the
+//! cache in a thread of its own, whose instructions fall on any frame (up to 12 % of one of `rays/reduce`), and the compiler leaves
+//! another heap behind, which changes counts by 0.5 %. Each configuration has a cache that is kept. A process in which it grew is
+//! followed by a fresh one. Cells whose counts differ are counted a second time.
 
 use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::channel;
 use std::sync::{Mutex, PoisonError};
 
-use itertools::Itertools;
 use tempfile::TempDir;
 
 use super::launch::{self, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Reply, WorkerRequest};
 use super::valgrind;
-use fathom_base::process;
+use fathom_base::{process, quiet, text};
 use fathom_gates::store::{self, StoredComparison};
 use fathom_record::RecordError;
-use fathom_record::comparison::{CellId, Compared, Fault, Gate, InstructionCounts, Side};
+use fathom_record::comparison::{
+    CellId, CellSubject, Compared, Fault, Gate, InstructionCounts, Side,
+};
 use fathom_record::output::Held;
+use fathom_scene::assets;
 
 /// Frames that are counted of each cell and side.
-pub const FRAMES: u32 = 3;
+const FRAMES: u32 = 3;
+/// Padding of second counts: any other than none.
+const SECOND_PADDING: usize = quiet::PADDING_BYTES / 2 - 8;
+
 /// Why the gate cannot be run; none where it can.
 pub fn obstacle(software: bool) -> Option<String> {
     if !software {
@@ -40,23 +50,27 @@ pub fn obstacle(software: bool) -> Option<String> {
 }
 
 /// A configuration of one side, with the stages of it that are still to be counted.
+#[derive(Clone)]
 struct Job<'a> {
     side: Side,
     configuration: &'a GateConfiguration,
     stages: Vec<String>,
+    second: bool,
 }
 
 /// Counts every cell of `wanted` that `before` lacks, on both sides: as many processes at once as there are cores.
 ///
-/// `start` tells how to start the worker of a side. What cannot be counted becomes a fault.
+/// `start` tells how to start the worker of a side. What cannot be counted becomes a fault. A `second` count has another layout
+/// of the heap.
 pub fn run(
     held: &mut Held,
     before: &StoredComparison,
     wanted: &[GateConfiguration],
+    second: bool,
     start: &(dyn Fn(Side) -> WorkerStart + Sync),
     interrupted: &AtomicBool,
 ) -> Result<(), RecordError> {
-    let jobs = Mutex::new(jobs(before, wanted));
+    let jobs = Mutex::new(jobs(before, wanted, second));
     let cores = launch::allowed_cores();
     let workers = match cores.len() {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -71,9 +85,17 @@ pub fn run(
             scope.spawn(move || {
                 let waiting = Waiting { interrupted: &ending, ..Waiting::PLAINLY };
                 let next = || jobs.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
-                while let Some(job) = next().filter(|_| !waiting.is_interrupted()) {
-                    let start = quieted(start(job.side), core);
-                    count(&job, &Conditions { start, wrapper: callgrind, waiting }, &sender);
+                while let Some(sides) = next().filter(|_| !waiting.is_interrupted()) {
+                    // One side after the other: what the first compiles the second finds.
+                    for job in sides {
+                        let start = quieted(start(job.side), core, second);
+                        let start = with_kept_shaders(start, &job.configuration.id);
+                        let conditions = Conditions { start, wrapper: callgrind, waiting };
+                        for line in count_warm(&job, &conditions) {
+                            // Nobody listens only when the store is broken, which ends everything.
+                            let _ = sender.send(line);
+                        }
+                    }
                 }
             });
         }
@@ -85,21 +107,67 @@ pub fn run(
     })
 }
 
-fn quieted(start: WorkerStart, core: Option<usize>) -> WorkerStart {
-    WorkerStart { quiet: Some(Quiet { core, ..Quiet::default() }), ..start }
+fn quieted(start: WorkerStart, core: Option<usize>, second: bool) -> WorkerStart {
+    let padding = if second { SECOND_PADDING } else { 0 };
+    let quiet = Quiet { core, padding, ..Quiet::default() };
+    WorkerStart { quiet: Some(quiet), ..start }
 }
 
-fn jobs<'a>(before: &StoredComparison, wanted: &'a [GateConfiguration]) -> VecDeque<Job<'a>> {
-    let job = |(configuration, side): (&'a GateConfiguration, Side)| {
+fn jobs<'a>(
+    before: &StoredComparison,
+    wanted: &'a [GateConfiguration],
+    second: bool,
+) -> VecDeque<Vec<Job<'a>>> {
+    let job = |configuration: &'a GateConfiguration, side: Side| {
         let missing = |stage: &&String| {
             let cell = CellId::new(&configuration.id, stage);
-            !before.instructions.iter().any(|line| line.side == side && line.cell == cell)
+            let mut counted = before.instructions.iter();
+            !counted.any(|line| (line.side, &line.cell, line.second) == (side, &cell, second))
         };
         let stages = configuration.stages.iter().filter(missing).cloned().collect();
-        Job { side, configuration, stages }
+        Job { side, configuration, stages, second }
     };
-    let all = wanted.iter().cartesian_product(Side::BOTH).map(job);
-    all.filter(|job| !job.stages.is_empty()).collect()
+    let of_sides = |configuration| {
+        let sides = Side::BOTH.map(|side| job(configuration, side)).into_iter();
+        sides.filter(|job| !job.stages.is_empty()).collect()
+    };
+    wanted.iter().map(of_sides).collect()
+}
+
+/// Most that Mesa keeps of a configuration's shaders.
+const MOST_SHADERS: &str = "MESA_SHADER_CACHE_MAX_SIZE=64M";
+
+/// With a shader cache of the configuration's own: in that of the side if it has one, else in one that is kept from comparison to
+/// comparison.
+fn with_kept_shaders(start: WorkerStart, configuration: &str) -> WorkerStart {
+    let kept = || Some(assets::cache()?.join("callgrind-shaders"));
+    let Some(folder) = start.shader_cache.clone().or_else(kept) else { return start };
+    let folder = folder.join(text::file_stem(configuration));
+    // Where there can be none the driver has its own, and nothing tells whether it grew.
+    let is_there = std::fs::create_dir_all(&folder).is_ok();
+    WorkerStart { shader_cache: is_there.then_some(folder), ..start }
+}
+
+/// Bytes of a folder's files, without following links; 0 where there is none.
+fn size(folder: &Path) -> u64 {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let bytes = |entry: std::fs::DirEntry| match entry.metadata() {
+        Ok(of) if of.is_dir() => size(&entry.path()),
+        Ok(of) => of.len(),
+        Err(_) => 0,
+    };
+    entries.map(bytes).sum()
+}
+
+/// The counts of a process that compiled no shader: of the first one or of a fresh one after it.
+fn count_warm(job: &Job<'_>, conditions: &Conditions<'_>) -> Vec<Compared> {
+    let kept = || conditions.start.shader_cache.as_deref().map_or(0, size);
+    let before = kept();
+    let lines = count(job, conditions);
+    if kept() == before || conditions.waiting.is_interrupted() {
+        return lines;
+    }
+    count(job, conditions)
 }
 
 /// How a job is counted.
@@ -112,18 +180,18 @@ struct Conditions<'a> {
     waiting: Waiting<'a>,
 }
 
-/// Counts a job's stages one after the other and sends each as a line, or the fault that it ended in. Stages after a fault
-/// are counted by a fresh worker; they fail too if that cannot be had, or if the worker hung.
-fn count(job: &Job<'_>, conditions: &Conditions<'_>, lines: &Sender<Compared>) {
+/// Counts a job's stages one after the other: a line each, or the fault that it ended in. Stages after a fault are counted by a
+/// fresh worker; they fail too if that cannot be had, or if the worker hung.
+fn count(job: &Job<'_>, conditions: &Conditions<'_>) -> Vec<Compared> {
     let cell = |stage: &str| CellId::new(&job.configuration.id, stage);
-    // Nobody listens only when the store is broken, which ends everything.
-    let send = |line: Compared| drop(lines.send(line));
-    let send_faults = |stages: &[String], cause: &WorkerFault| {
-        for stage in stages {
+    let faults = |stages: &[String], cause: &WorkerFault| {
+        let fault = |stage: &String| {
             let (side, cell) = (Some(job.side), Some(cell(stage)));
-            send(Compared::Fault(Fault::new(Gate::Instructions, side, cell, cause.to_string())));
-        }
+            Compared::Fault(Fault::new(Gate::Instructions, side, cell, cause.to_string()))
+        };
+        stages.iter().map(fault).collect::<Vec<_>>()
     };
+    let mut lines = Vec::new();
     let mut counter = None;
     for (index, stage) in job.stages.iter().enumerate() {
         if conditions.waiting.is_interrupted() {
@@ -131,32 +199,42 @@ fn count(job: &Job<'_>, conditions: &Conditions<'_>, lines: &Sender<Compared>) {
         }
         let mut ready = match counter.take().map_or_else(|| Counter::new(job, conditions), Ok) {
             Ok(ready) => ready,
-            Err(_) if conditions.waiting.is_interrupted() => return,
-            Err(cause) => return send_faults(&job.stages[index..], &cause),
+            Err(_) if conditions.waiting.is_interrupted() => return lines,
+            Err(cause) => {
+                lines.extend(faults(&job.stages[index..], &cause));
+                return lines;
+            }
         };
         match ready.count(&job.configuration.id, stage, conditions.waiting) {
             Ok(counts) => {
-                let (side, cell) = (job.side, cell(stage));
-                send(Compared::Instructions(InstructionCounts { side, cell, counts }));
+                let (side, cell, second) = (job.side, cell(stage), job.second);
+                lines.push(Compared::Instructions(InstructionCounts {
+                    side,
+                    cell,
+                    counts,
+                    second,
+                }));
                 counter = Some(ready);
             }
-            Err(_) if conditions.waiting.is_interrupted() => return,
+            Err(_) if conditions.waiting.is_interrupted() => return lines,
             Err(cause @ WorkerFault::Silent { .. }) => {
-                return send_faults(&job.stages[index..], &cause);
+                lines.extend(faults(&job.stages[index..], &cause));
+                return lines;
             }
-            Err(cause) => send_faults(&job.stages[index..=index], &cause),
+            Err(cause) => lines.extend(faults(&job.stages[index..=index], &cause)),
         }
     }
     if let Some(counter) = counter {
         counter.worker.quit();
     }
+    lines
 }
 
 fn callgrind(folder: &Path) -> Vec<OsString> {
     let mut out = OsString::from("--callgrind-out-file=");
     out.push(folder.join(OUT));
     let held_back = valgrind::SUPPORTED.then(|| OsString::from("--instr-atstart=no"));
-    ["valgrind", "--tool=callgrind", "--vgdb=no", "-q"]
+    ["env", MOST_SHADERS, "valgrind", "--tool=callgrind", "--vgdb=no", "-q"]
         .map(OsString::from)
         .into_iter()
         .chain(held_back)
@@ -196,18 +274,19 @@ impl Counter {
         stage: &str,
         waiting: Waiting<'_>,
     ) -> Result<Vec<u64>, WorkerFault> {
+        let frames = if CellSubject::of(stage) == CellSubject::Create { 1 } else { FRAMES };
         let request = WorkerRequest::Instructions {
             config: configuration.to_owned(),
             stage: stage.to_owned(),
-            frames: FRAMES,
+            frames,
         };
         match self.worker.ask(&request, &waiting)? {
-            Reply::Instructions { frames: FRAMES } => {}
+            Reply::Instructions { frames: counted } if counted == frames => {}
             other => return Err(self.worker.unexpected(&other)),
         }
         // The first cut ends what came before the first frame.
         let first = self.cuts + 2;
-        self.cuts += FRAMES + 1;
+        self.cuts += frames + 1;
         let count = |cut| match total(&self.folder.path().join(format!("{OUT}.{cut}"))) {
             Ok(0) => Err("callgrind counted nothing".to_owned()),
             count => count,
@@ -265,19 +344,17 @@ esac; done
         let stages: Vec<String> = stages.iter().map(|stage| (*stage).to_owned()).collect();
         let id = "one".to_owned();
         let configuration = GateConfiguration { id, stages: stages.clone(), ..Default::default() };
-        let job = Job { side: Side::Head, configuration: &configuration, stages };
-        let start = quieted(WorkerStart::new(&script), None);
+        let (side, configuration) = (Side::Head, &configuration);
+        let job = Job { side, configuration, stages, second: false };
+        let start = quieted(WorkerStart::new(&script), None, false);
         let waiting = Waiting { interrupted: ending, ..Waiting::PLAINLY };
         let conditions = Conditions { start, wrapper, waiting };
-        let (sender, lines) = channel();
-        count(&job, &conditions, &sender);
-        drop(sender);
         let told = |line: Compared| match line {
             Compared::Instructions(line) => format!("{} {:?}", line.cell.stage(), line.counts),
             Compared::Fault(fault) => format!("{} {}", fault.cell.unwrap().stage(), fault.reason),
             other => panic!("{other:?}"),
         };
-        lines.into_iter().map(told).collect()
+        count(&job, &conditions).into_iter().map(told).collect()
     }
 
     #[cfg(unix)]

@@ -8,6 +8,7 @@
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 use anyhow::{Context, bail};
 use thiserror::Error;
@@ -27,7 +28,8 @@ use fathom_harness::MAX_PASSES;
 use fathom_harness::catalog::Catalog;
 use fathom_harness::subject::{Subject, SubjectError, Subjects};
 use fathom_pipelines::{AnyPipeline, Judge, Known};
-use fathom_record::StageTime;
+use fathom_record::comparison::CellSubject;
+use fathom_record::{PassKind, StageTime};
 use fathom_scene::SceneError;
 use fathom_verify::{Case, Check, VerifyError, verify_stages};
 
@@ -213,7 +215,13 @@ impl Device {
         self.timer.untimed(&self.gpu, &stages)?;
         let kinds = stages.iter().zip(self.timer.kinds(&self.gpu, &stages)?);
         let kinds = kinds.map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
-        let reply = Reply::Prepared { stages: kinds.collect() };
+        let of_host = |subject: CellSubject| {
+            let name = subject.to_string();
+            StageKind { name, kind: PassKind::Host }
+        };
+        let encoded = stages.iter().map(|stage| of_host(CellSubject::Encode(stage.name())));
+        let hosts = encoded.chain([of_host(CellSubject::Create)]);
+        let reply = Reply::Prepared { stages: kinds.chain(hosts).collect() };
         self.prepared.insert(configuration.id.clone(), (subject, pipeline));
         Ok(reply)
     }
@@ -223,9 +231,17 @@ impl Device {
         if !self.audited {
             self.clock()?;
         }
-        let stage = find(&self.prepared, config, stage)?;
-        let read = |_| reading(&self.gpu, &mut self.timer, stage);
-        let ns = (0..frames).map(read).collect::<Result<_, _>>()?;
+        let (gpu, timer) = (&self.gpu, &mut self.timer);
+        let subject = Subjected::find(&self.prepared, config, stage)?;
+        let read = |_| match &subject {
+            Subjected::Stage(stage) => Ok(reading(gpu, timer, stage)?),
+            host => {
+                let start = Instant::now();
+                host.run(gpu, timer)?;
+                Ok(start.elapsed().as_secs_f64() * 1e9)
+            }
+        };
+        let ns = (0..frames).map(read).collect::<Result<_, Refusal>>()?;
         let machine = self.machine.as_ref().and_then(MachineReader::read);
         Ok(Reply::Sample { ns, machine: machine.map(Box::new) })
     }
@@ -264,13 +280,15 @@ impl Device {
 
     fn instructions(&mut self, config: &str, stage: &str, frames: u32) -> Result<Reply, Refusal> {
         let frames = checked(frames)?;
-        let stage = find(&self.prepared, config, stage)?;
+        let subject = Subjected::find(&self.prepared, config, stage)?;
         valgrind::start_counting();
-        // A frame that steadies it is not counted.
-        self.timer.untimed(&self.gpu, &[stage])?;
+        // A frame that steadies it is not counted. Making a pipeline takes seconds under callgrind, and needs none.
+        if !matches!(subject, Subjected::Create(_)) {
+            subject.run(&self.gpu, &mut self.timer)?;
+        }
         for _ in 0..frames {
             fathom_sample_boundary();
-            self.timer.untimed(&self.gpu, &[stage])?;
+            subject.run(&self.gpu, &mut self.timer)?;
         }
         fathom_sample_boundary();
         Ok(Reply::Instructions { frames })
@@ -304,18 +322,48 @@ fn known<'a>(
     prepared.get(config).ok_or_else(|| Refusal::NotPrepared(config.to_owned()))
 }
 
-fn find<'a>(
-    prepared: &'a BTreeMap<String, Prepared>,
-    config: &str,
-    stage: &str,
-) -> Result<&'a Stage, Refusal> {
-    let stages = known(prepared, config)?.1.stages();
-    let found = stages.iter().find(|present| present.name() == stage);
-    found.copied().ok_or_else(|| Refusal::NoStage {
-        config: config.to_owned(),
-        stage: stage.to_owned(),
-        present: stages.iter().map(|stage| stage.name()).collect::<Vec<_>>().join(", "),
-    })
+/// What a request asks to measure, as it is prepared.
+enum Subjected<'a> {
+    Stage(&'a Stage),
+    Encode(&'a Stage),
+    Create(&'a Subject),
+}
+
+impl<'a> Subjected<'a> {
+    fn find(
+        prepared: &'a BTreeMap<String, Prepared>,
+        config: &str,
+        name: &str,
+    ) -> Result<Self, Refusal> {
+        let (subject, pipeline) = known(prepared, config)?;
+        let stages = pipeline.stages();
+        let find = |name: &str| {
+            let found = stages.iter().find(|present| present.name() == name);
+            found.copied().ok_or_else(|| Refusal::NoStage {
+                config: config.to_owned(),
+                stage: name.to_owned(),
+                present: stages.iter().map(|stage| stage.name()).collect::<Vec<_>>().join(", "),
+            })
+        };
+        Ok(match CellSubject::of(name) {
+            CellSubject::Stage(stage) => Self::Stage(find(stage)?),
+            CellSubject::Encode(stage) => Self::Encode(find(stage)?),
+            CellSubject::Create => Self::Create(subject),
+        })
+    }
+
+    /// Does it once.
+    fn run(&self, gpu: &Gpu, timer: &mut FrameTimer) -> Result<(), GpuError> {
+        match self {
+            Self::Stage(stage) => timer.untimed(gpu, &[*stage]).map(drop)?,
+            Self::Encode(stage) => timer.encode(gpu, &[*stage])?,
+            Self::Create(subject) => {
+                gpu.forget_pipelines();
+                drop(subject.build(gpu)?);
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The stage's time; an error where it is below what the clock can tell from none, as a ratio of such times says nothing.

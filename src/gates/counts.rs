@@ -1,11 +1,18 @@
 //! The gate of instruction counts: a cell's median on both sides, and whether it changed.
+//!
+//! A cell whose counts differ is counted a second time, by fresh processes with another layout of the heap. It has changed if both
+//! counts say so.
 
 use std::collections::BTreeMap;
 
-use fathom_record::comparison::{CellId, InstructionCounts};
+use fathom_record::comparison::{CellId, CellSubject, InstructionCounts};
 
 use super::adapters::AdapterRelation;
 use super::store::{StoredComparison, of_both};
+
+/// Share by which the instructions to encode a stage must differ: of 40,000, equal builds differ by up to 1.2 %, as keys of hash
+/// tables are random.
+const ENCODE_THRESHOLD: f64 = 0.05;
 
 /// A cell's counts on both sides.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,17 +35,43 @@ pub enum Change {
 }
 
 /// Compares the counts of both sides. A change is one that exceeds the threshold and the spread of
-/// either side's frames; cells that lack a side are left out.
+/// either side's frames, each time that the cell was counted; cells that lack a side are left out.
 pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Counted> {
-    let threshold = comparison.header.settings.instruction_threshold;
+    let mut cells = counted(comparison, false);
+    for (cell, second) in counted(comparison, true) {
+        if let Some(counted) = cells.get_mut(&cell) {
+            let change = if second.change == counted.change { second.change } else { Change::Same };
+            *counted = Counted { change, ..second };
+        }
+    }
+    if !AdapterRelation::in_header(&comparison.header).is_judged() {
+        cells.values_mut().for_each(|counted| counted.change = Change::NotJudged);
+    }
+    cells
+}
+
+/// Cells whose first counts say that they changed, which no second counts confirm or refute yet.
+pub fn open(comparison: &StoredComparison) -> Vec<CellId> {
     let is_judged = AdapterRelation::in_header(&comparison.header).is_judged();
-    let counted = comparison.instructions.iter().filter(|line| !line.counts.is_empty());
+    let again = counted(comparison, true);
+    let changed = counted(comparison, false).into_iter();
+    let changed = changed.filter(|(_, counted)| is_judged && counted.change != Change::Same);
+    changed.map(|(cell, _)| cell).filter(|cell| !again.contains_key(cell)).collect()
+}
+
+/// The first or the second counts.
+fn counted(comparison: &StoredComparison, second: bool) -> BTreeMap<CellId, Counted> {
+    let threshold = comparison.header.settings.instruction_threshold;
+    let lines = comparison.instructions.iter();
+    let lines = lines.filter(|line| line.second == second && !line.counts.is_empty());
     let judged = |(base, head): (&InstructionCounts, &InstructionCounts)| {
-        let counted = compared(&base.counts, &head.counts, threshold);
-        let change = if is_judged { counted.change } else { Change::NotJudged };
-        (base.cell.clone(), Counted { change, ..counted })
+        let threshold = match base.cell.subject() {
+            CellSubject::Encode(_) => threshold.max(ENCODE_THRESHOLD),
+            CellSubject::Stage(_) | CellSubject::Create => threshold,
+        };
+        (base.cell.clone(), compared(&base.counts, &head.counts, threshold))
     };
-    of_both(counted, |line| (line.side, &line.cell)).into_iter().map(judged).collect()
+    of_both(lines, |line| (line.side, &line.cell)).into_iter().map(judged).collect()
 }
 
 fn compared(base_counts: &[u64], head_counts: &[u64], threshold: f64) -> Counted {
@@ -60,6 +93,8 @@ fn compared(base_counts: &[u64], head_counts: &[u64], threshold: f64) -> Counted
 
 #[cfg(test)]
 mod tests {
+    use fathom_record::comparison::Side;
+
     use super::*;
 
     /// The figures of two runs on lavapipe, and of one with 2 % more work.
@@ -73,6 +108,30 @@ mod tests {
         assert_eq!(counted.change, Change::More);
         assert!((counted.ratio - 1.02).abs() < 1e-6);
         assert_eq!(compared(&more, &base, 0.005).change, Change::Fewer);
+    }
+
+    /// What a comparison of one cell says whose counts are `[base, head]`, first and second.
+    fn judged(counts: &[[u64; 2]]) -> (Change, usize) {
+        let mut comparison = StoredComparison::default();
+        for (second, sides) in [false, true].into_iter().zip(counts) {
+            for (side, count) in Side::BOTH.into_iter().zip(sides) {
+                let cell = CellId::new("a", "b");
+                let counts = vec![*count; 3];
+                comparison.instructions.push(InstructionCounts { side, cell, counts, second });
+            }
+        }
+        let open = open(&comparison).len();
+        (judge(&comparison).into_values().next().unwrap().change, open)
+    }
+
+    #[test]
+    fn a_change_that_fresh_processes_do_not_confirm_is_none() {
+        assert_eq!(judged(&[[1000, 1000]]), (Change::Same, 0));
+        assert_eq!(judged(&[[1000, 1020]]), (Change::More, 1));
+        assert_eq!(judged(&[[1000, 1020], [1000, 1020]]), (Change::More, 0));
+        assert_eq!(judged(&[[1000, 980], [1000, 980]]), (Change::Fewer, 0));
+        assert_eq!(judged(&[[1000, 1020], [1000, 1000]]), (Change::Same, 0));
+        assert_eq!(judged(&[[1000, 1020], [1000, 980]]), (Change::Same, 0));
     }
 
     #[test]

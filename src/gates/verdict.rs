@@ -203,7 +203,9 @@ impl JudgedCell {
     /// Each gate that ran has both sides' figures of the cell, and one did run.
     fn is_measured(&self, comparison: &StoredComparison, gates: &[(Gate, GateState)]) -> bool {
         let mut ran = gates.iter().filter(|(_, state)| *state == GateState::Ran).peekable();
+        let software = comparison.header.adapter.software;
         let has = |gate: Gate| match gate {
+            gate if !self.cell.subject().is_of(gate, software) => true,
             Gate::Exact => comparison.has_exact(&self.cell),
             Gate::Instructions => self.instructions.is_some(),
             Gate::Time => self.time.is_some(),

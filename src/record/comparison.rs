@@ -105,12 +105,60 @@ impl CellId {
         self.parts().1
     }
 
+    pub fn subject(&self) -> CellSubject<'_> {
+        CellSubject::of(self.stage())
+    }
+
     pub fn as_str(&self) -> &str {
         &self.0
     }
 
     fn parts(&self) -> (&str, &str) {
         self.0.rsplit_once(' ').unwrap_or((&self.0, ""))
+    }
+}
+
+/// What a gate cell measures of its configuration, by the second part of its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CellSubject<'a> {
+    /// `STAGE`: the stage alone in a frame.
+    Stage(&'a str),
+    /// `encode:STAGE`: what the host does to encode the stage alone in a frame, up to the finished command buffer.
+    Encode(&'a str),
+    /// `create`: what the host does to make the configuration's resources and pipelines again on the same device.
+    Create,
+}
+
+impl<'a> CellSubject<'a> {
+    const ENCODE: &'static str = "encode:";
+    const CREATE: &'static str = "create";
+
+    pub fn of(name: &'a str) -> Self {
+        match name.strip_prefix(Self::ENCODE) {
+            Some(stage) => Self::Encode(stage),
+            None if name == Self::CREATE => Self::Create,
+            None => Self::Stage(name),
+        }
+    }
+
+    pub fn is_stage(self) -> bool {
+        matches!(self, Self::Stage(_))
+    }
+
+    /// Whether a gate measures it. Exact figures are of stages. What the host does is counted where its instructions can be, and
+    /// timed elsewhere: on a software driver its time is short beside that of the driver's threads.
+    pub fn is_of(self, gate: Gate, software: bool) -> bool {
+        self.is_stage() || gate == Gate::Instructions || (gate == Gate::Time && !software)
+    }
+}
+
+impl fmt::Display for CellSubject<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Stage(stage) => f.write_str(stage),
+            Self::Encode(stage) => write!(f, "{}{stage}", Self::ENCODE),
+            Self::Create => f.write_str(Self::CREATE),
+        }
     }
 }
 
@@ -379,6 +427,9 @@ pub struct InstructionCounts {
     pub cell: CellId,
     /// Instructions of each frame.
     pub counts: Vec<u64>,
+    /// By a fresh process, as the first counts of both sides differed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub second: bool,
 }
 
 /// Two samples of a cell, one right after the other.

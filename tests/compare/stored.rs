@@ -139,7 +139,12 @@ impl Stored {
         self.both(1.0, ratio, |side, ratio| {
             let counts = [10_000_000.0, 10_000_100.0, 10_000_200.0];
             let counts = counts.map(|count| (count * ratio) as u64).to_vec();
-            Compared::Instructions(InstructionCounts { side, cell: cell(name), counts })
+            Compared::Instructions(InstructionCounts {
+                side,
+                cell: cell(name),
+                counts,
+                second: false,
+            })
         })
     }
 

@@ -154,7 +154,12 @@ fn comparison() -> Vec<Record> {
             notes: Vec::new(),
         }));
         let counts = vec![*photons; 3];
-        lines.push(Compared::Instructions(InstructionCounts { side, cell: cell.clone(), counts }));
+        lines.push(Compared::Instructions(InstructionCounts {
+            side,
+            cell: cell.clone(),
+            counts,
+            second: false,
+        }));
         lines.push(Compared::Exact(ExactFigures {
             side,
             cell,

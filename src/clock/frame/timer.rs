@@ -152,6 +152,17 @@ impl FrameTimer {
         Ok(kinds)
     }
 
+    /// Encodes a frame up to its finished command buffer, and drops it.
+    pub fn encode<S: TimedStage + ?Sized>(
+        &mut self,
+        gpu: &WatchedDevice,
+        stages: &[&S],
+    ) -> Result<(), DeviceError> {
+        gpu.scoped(|| self.recorder.record(gpu, Mode::Untimed, stages))?;
+        self.recorder.reset();
+        Ok(())
+    }
+
     /// Runs the frame that was recorded, and reads its timestamps.
     pub(super) fn run_segments(&mut self, gpu: &WatchedDevice) -> Result<(), DeviceError> {
         self.recorder.run_segments(gpu, &mut self.metering, &mut self.spans)?;
