@@ -18,7 +18,7 @@ pub use error::{ClockError, DeviceError};
 pub use fathom_record as record;
 pub use frame::{
     ClockPlan, ColorTarget, CostMeter, DepthTarget, Fault, FrameSample, FrameTimer, HostClock,
-    HostTime, StageScope, SubmitCost, Targets, TimedStage,
+    HostCost, HostTime, StageScope, SubmitCost, Targets, TimedStage,
 };
 pub use machine::MachineReader;
 pub use sampling::{

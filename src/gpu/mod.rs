@@ -22,12 +22,12 @@ pub use ceilings::{CopyCheck, ceilings, compare_copies, limits, measure};
 pub use error::GpuError;
 pub use fathom_clock::{
     Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, Fault, FrameSample,
-    FrameTimer, HostClock, HostTime, MachineReader, StageCounters, StageScope, SubmitCost, Targets,
-    TimedStage, audit, audit_all, audit_cpu_time, audit_table, count,
+    FrameTimer, HostClock, HostCost, HostTime, MachineReader, StageCounters, StageScope,
+    SubmitCost, Targets, TimedStage, audit, audit_all, audit_cpu_time, audit_table, count,
 };
 pub use layout::{Binding, BindingKind, Member, StructLayout};
 pub use limits::Demand;
-pub use pipelines::{CodeKey, GroupKey, KernelKey, RasterKey};
+pub use pipelines::{CodeKey, GroupKey, KernelKey, MadePipelines, RasterKey};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, compilation_options, default_defs, link, shader_paths};
 pub use stage::{Column, Output, OutputData, ReadRow, Stage, StageInfo};

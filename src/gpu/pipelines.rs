@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 use super::Gpu;
 
@@ -37,17 +38,47 @@ pub struct CodeKey {
 /// The layout of a bind group.
 pub type GroupKey = Vec<wgpu::BindGroupLayoutEntry>;
 
+/// How many pipelines were made, and what this took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MadePipelines {
+    pub count: u32,
+    pub ns: f64,
+}
+
 /// The pipelines of a device that were made up to now.
 #[derive(Default)]
 pub(super) struct Pipelines {
+    made: Mutex<MadePipelines>,
     kernels: Mutex<HashMap<KernelKey, wgpu::ComputePipeline>>,
     rasters: Mutex<HashMap<RasterKey, wgpu::RenderPipeline>>,
 }
 
+type KnownPipelines =
+    (HashMap<KernelKey, wgpu::ComputePipeline>, HashMap<RasterKey, wgpu::RenderPipeline>);
+
 impl Pipelines {
+    fn timed<P>(&self, make: impl FnOnce() -> P) -> P {
+        let start = Instant::now();
+        let pipeline = make();
+        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        made.count += 1;
+        made.ns += start.elapsed().as_secs_f64() * 1e9;
+        pipeline
+    }
+
     pub(super) fn clear(&self) {
-        self.kernels.lock().unwrap_or_else(PoisonError::into_inner).clear();
-        self.rasters.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        drop(self.take());
+    }
+
+    fn take(&self) -> KnownPipelines {
+        let mut kernels = self.kernels.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut rasters = self.rasters.lock().unwrap_or_else(PoisonError::into_inner);
+        (std::mem::take(&mut *kernels), std::mem::take(&mut *rasters))
+    }
+
+    fn put(&self, (kernels, rasters): KnownPipelines) {
+        *self.kernels.lock().unwrap_or_else(PoisonError::into_inner) = kernels;
+        *self.rasters.lock().unwrap_or_else(PoisonError::into_inner) = rasters;
     }
 }
 
@@ -57,13 +88,30 @@ impl Gpu {
         self.pipelines.clear();
     }
 
+    /// What making pipelines took within `f`.
+    pub fn making_pipelines<T>(&self, f: impl FnOnce() -> T) -> (T, MadePipelines) {
+        let made = || *self.pipelines.made.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = made();
+        let result = f();
+        let after = made();
+        (result, MadePipelines { count: after.count - before.count, ns: after.ns - before.ns })
+    }
+
+    /// The same where `f` finds no pipeline that was made before.
+    pub fn making_all_pipelines<T>(&self, f: impl FnOnce() -> T) -> (T, MadePipelines) {
+        let known = self.pipelines.take();
+        let made = self.making_pipelines(f);
+        self.pipelines.put(known);
+        made
+    }
+
     /// The pipeline of this key, made where there is none yet.
     pub fn kernel(
         &self,
         key: KernelKey,
         make: impl FnOnce() -> wgpu::ComputePipeline,
     ) -> wgpu::ComputePipeline {
-        known_or_made(&self.pipelines.kernels, key, make)
+        known_or_made(&self.pipelines.kernels, key, || self.pipelines.timed(make))
     }
 
     /// The pipeline of this key, made where there is none yet.
@@ -72,7 +120,7 @@ impl Gpu {
         key: RasterKey,
         make: impl FnOnce() -> wgpu::RenderPipeline,
     ) -> wgpu::RenderPipeline {
-        known_or_made(&self.pipelines.rasters, key, make)
+        known_or_made(&self.pipelines.rasters, key, || self.pipelines.timed(make))
     }
 }
 

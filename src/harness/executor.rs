@@ -1,6 +1,6 @@
 //! The scheduler's hands on a real device: builds cells, runs their frames, and writes their records.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::Path;
 use std::time::{Instant, SystemTime};
@@ -18,15 +18,15 @@ use super::reports::Reports;
 use super::sample::{Executor, Failure, Foreseen};
 use super::schedule::{CellState, Schedule};
 use super::views::Views;
-use super::{MAX_PASSES, picture};
+use super::{MAX_PASSES, host, picture};
 use fathom_base::folder::Folder;
 use fathom_base::tell;
 use fathom_clock::Samples;
 use fathom_experiments::schema::{Experiment, Pictures};
 use fathom_gpu as gpu;
 use fathom_gpu::{
-    ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, Stage,
-    StageCounters,
+    ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, MadePipelines,
+    Stage, StageCounters,
 };
 use fathom_pipelines::{AnyPipeline, Judge, Known};
 use fathom_record::output::{Held, picture_path};
@@ -50,6 +50,8 @@ pub struct Session {
     references: References,
     known: Known,
     reopened: bool,
+    /// Pipelines of whose CPU costs one cell tells.
+    pub hosts: BTreeSet<String>,
     pub spent: Spent,
 }
 
@@ -90,6 +92,7 @@ impl Session {
             references: References::default(),
             known: Known::of_earlier_runs(),
             reopened: false,
+            hosts: BTreeSet::new(),
             spent,
         })
     }
@@ -174,6 +177,8 @@ impl Output<'_> {
 
 struct Built {
     pipeline: Box<AnyPipeline>,
+    /// The pipelines that had not been made before.
+    made: MadePipelines,
     /// Time of its frames, seconds, and how many they are.
     frames: (f64, u32),
 }
@@ -229,10 +234,17 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
 
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
-    fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> Findings {
+    fn find(&mut self, cell: usize, Built { pipeline, made, .. }: &Built) -> Findings {
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
+        let PlannedCell { plan, subject, .. } = &self.cells[cell];
+        if !plan.errors_only && self.session.hosts.insert(plan.pipeline.clone()) {
+            let Session { gpu, timer, .. } = &mut *self.session;
+            let costs = host::costs(gpu, timer, (subject, pipeline), *made);
+            let failure = "what it costs the CPU not measured";
+            findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
+        }
         let start = self.session.spent.since(start, SetUp::Quantities);
         let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
             findings.errors = judged.errors;
@@ -255,7 +267,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let start = Instant::now();
         let found = self.known.findings.get(&cell).cloned();
         let found = found.unwrap_or_else(|| {
-            let found = self.find(cell, pipeline);
+            let found = self.find(cell, &built);
             self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
             self.known.findings.insert(cell, found.clone());
             found
@@ -413,7 +425,8 @@ impl Executor for CellExecutor<'_, '_> {
         self.output.progress.preparing(plan);
         let Session { gpu, spent, .. } = &mut *self.session;
         let begun = Instant::now();
-        let pipeline = subject.build(gpu)?;
+        let (pipeline, made) = gpu.making_pipelines(|| subject.build(gpu));
+        let pipeline = pipeline?;
         let start = spent.since(begun, SetUp::Pipelines);
         if !plan.errors_only && !self.known.counters.contains_key(&cell) {
             let counted = gpu::count(gpu, &pipeline.stages(), MAX_PASSES);
@@ -423,7 +436,7 @@ impl Executor for CellExecutor<'_, '_> {
         spent.since(start, SetUp::Counting);
         let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
-        self.built.insert(cell, Built { pipeline, frames: (0.0, 0) });
+        self.built.insert(cell, Built { pipeline, made, frames: (0.0, 0) });
         self.state(cell).seen.prepare_s = Some(begun.elapsed().as_secs_f64());
         Ok(bytes)
     }

@@ -10,6 +10,7 @@ pub mod difference;
 pub mod dump;
 pub mod executor;
 pub mod figures;
+mod host;
 pub mod journal;
 pub mod memory;
 pub mod merge;

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use fathom_clock::{Samples, frame_record, sampling_notes, stage_record};
 use fathom_gpu::StageCounters;
 use fathom_pipelines::AnyPipeline;
-use fathom_record::{Cell, ErrorFigure, Measured, Note, NoteKind, Outcome, Picture, StageRecord};
+use fathom_record::{
+    Cell, ErrorFigure, HostCosts, Measured, Note, NoteKind, Outcome, Picture, StageRecord,
+};
 
 /// What is found out about a cell after its last frame, and what could not be.
 #[derive(Clone, Default)]
@@ -16,6 +18,7 @@ pub struct Findings {
     pub errors: Vec<ErrorFigure>,
     pub notes: Vec<Note>,
     pub pictures: Vec<Picture>,
+    pub host: Option<HostCosts>,
 }
 
 /// Cells by what became of them.
@@ -52,7 +55,7 @@ pub fn measured(
     precision: f64,
 ) -> Measured {
     let frame = frame_record(samples);
-    let Findings { mut quantities, repeated, mut errors, mut notes, pictures } = found;
+    let Findings { mut quantities, repeated, mut errors, mut notes, pictures, host } = found;
     notes.extend(sampling_notes(samples, &frame.untimed, precision));
     let mut is_finite = |name: &str, value: f64| {
         let left_out = || format!("{name} left out: it is not a finite number");
@@ -72,6 +75,7 @@ pub fn measured(
         rejected: samples.rejected_frames(),
         notes,
         pictures,
+        host,
     }
 }
 

@@ -335,6 +335,41 @@ pub struct Measured {
     pub notes: Vec<Note>,
     /// Pictures of the cell.
     pub pictures: Vec<Picture>,
+    /// What its frames cost the CPU; of one cell of each pipeline of a run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub host: Option<HostCosts>,
+}
+
+/// What the thread that encodes and submits takes, by its CPU time (on Linux) or by wall time, nanoseconds.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct HostCosts {
+    /// To encode a stage alone, up to the finished command buffer: in frame order.
+    pub stages: Vec<StageEncoding>,
+    /// To encode the whole frame into one command buffer.
+    pub encode: Estimate,
+    /// Until the submission of the whole frame returns. A driver that works in the calling thread does the frame's work in it.
+    pub submit: Estimate,
+    /// To make the cell's pipelines, where none of them had been made before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub creation: Option<PipelineCreation>,
+}
+
+/// What the CPU takes to encode a stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StageEncoding {
+    pub stage: Name,
+    /// Nanoseconds.
+    pub encode: Estimate,
+}
+
+/// Making of a cell's pipelines, by wall time. A driver may compile a part of their code later, in the first frame.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PipelineCreation {
+    pub pipelines: u32,
+    /// All of them the first time in the process, nanoseconds. The driver's cache on disk may know them from earlier runs.
+    pub first_ns: f64,
+    /// All of them once more in the same process, nanoseconds.
+    pub again_ns: f64,
 }
 
 impl Measured {

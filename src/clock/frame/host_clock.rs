@@ -49,6 +49,18 @@ pub(super) fn process_ns() -> Option<f64> {
     None
 }
 
+/// CPU time of this thread so far, without what a driver's other threads do; wall time outside Linux.
+pub(super) fn thread_ns() -> f64 {
+    #[cfg(target_os = "linux")]
+    {
+        use nix::time::{ClockId, clock_gettime};
+        if let Ok(time) = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID) {
+            return time.tv_sec() as f64 * 1e9 + time.tv_nsec() as f64;
+        }
+    }
+    wall_ns()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -28,4 +28,4 @@ pub(super) use probe::Probe;
 pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Query, Recorder};
 pub use stage::TimedStage;
-pub use timer::{Fault, FrameSample, FrameTimer};
+pub use timer::{Fault, FrameSample, FrameTimer, HostCost};

@@ -1,7 +1,7 @@
 //! Encodes a frame: the scope through which stages open their passes, and the resulting command buffers.
 
 use super::clock::ClockPlan;
-use super::host_clock::{HostClock, process_ns};
+use super::host_clock::{HostClock, process_ns, thread_ns};
 use super::meter::Metering;
 use crate::{DeviceError, TimedStage, WatchedDevice};
 use fathom_record::PassKind;
@@ -222,6 +222,16 @@ impl Recorder {
             wall_ns,
             process_ns: before_ns.and_then(spent_ns).map(|ns| ns + self.host_ns()),
         })
+    }
+
+    /// Submits all segments at once and waits for them. Returns what this thread took until the submission returned, in ns.
+    pub(super) fn submit(&mut self, gpu: &WatchedDevice) -> Result<f64, DeviceError> {
+        self.flush_host_writes(gpu)?;
+        let start_ns = thread_ns();
+        let index = gpu.queue.submit(self.segments.drain(..).map(|segment| segment.commands));
+        let submit_ns = thread_ns() - start_ns;
+        gpu.wait_for(Some(index))?;
+        Ok(submit_ns)
     }
 
     /// Submits the segments one after the other, each waited for. Between them the cost of a submission is measured.

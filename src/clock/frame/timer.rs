@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::clock::ClockPlan;
+use super::host_clock::thread_ns;
 use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
 use crate::queries::{QueryResults, RESULT_BYTES};
@@ -32,6 +33,17 @@ impl FrameSample {
         let stages: f64 = self.stages.iter().map(|stage| stage.ns).sum();
         (stages + self.gaps_ns - self.envelope_ns).abs() / self.envelope_ns
     }
+}
+
+/// What the thread that encodes and submits takes for one frame, ns.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HostCost {
+    /// To encode each stage alone, up to the finished command buffer, in frame order.
+    pub stages_ns: Vec<f64>,
+    /// To encode the whole frame into one command buffer.
+    pub frame_ns: f64,
+    /// Until its submission returns.
+    pub submit_ns: f64,
 }
 
 /// A stage's duration that was not accepted.
@@ -150,6 +162,25 @@ impl FrameTimer {
             .collect();
         self.recorder.reset();
         Ok(kinds)
+    }
+
+    /// Encodes each stage alone and drops it, then encodes the whole frame and runs it. Times are of this thread. Each stage is
+    /// encoded once before, as the first ones find the caches cold after a frame of a software driver (twice their time).
+    pub fn host_cost<S: TimedStage + ?Sized>(
+        &mut self,
+        gpu: &WatchedDevice,
+        stages: &[&S],
+    ) -> Result<HostCost, DeviceError> {
+        let mut encode_ns = |stages: &[&S]| {
+            let start_ns = thread_ns();
+            let recorded = gpu.scoped(|| self.recorder.record(gpu, Mode::Untimed, stages));
+            recorded.map(|()| thread_ns() - start_ns)
+        };
+        stages.iter().try_for_each(|stage| encode_ns(&[stage]).map(drop))?;
+        let stages_ns = stages.iter().map(|stage| encode_ns(&[stage])).collect::<Result<_, _>>()?;
+        let frame_ns = encode_ns(stages)?;
+        let submit_ns = gpu.scoped(|| self.recorder.submit(gpu))?;
+        Ok(HostCost { stages_ns, frame_ns, submit_ns })
     }
 
     /// Encodes a frame up to its finished command buffer, and drops it.

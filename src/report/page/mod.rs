@@ -7,6 +7,7 @@ mod ceilings;
 mod cells;
 mod claims;
 mod data;
+mod host;
 mod overview;
 pub mod parts;
 mod pictures;
@@ -149,13 +150,14 @@ const COMPARED: PageSection = PageSection {
 };
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 14] = [
+const SECTIONS: [PageSection; 15] = [
     CHANGES,
     overview::SECTION,
     HISTORY,
     COMPARED,
     claims::SECTION,
     time::SECTION,
+    host::SECTION,
     scaling::SECTION,
     ceilings::SECTION,
     pictures::SECTION,
