@@ -357,6 +357,7 @@ pub struct HostCosts {
 /// What the CPU takes to encode a stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageEncoding {
+    /// The stage's name.
     pub stage: Name,
     /// Nanoseconds.
     pub encode: Estimate,
@@ -365,6 +366,7 @@ pub struct StageEncoding {
 /// Making of a cell's pipelines, by wall time. A driver may compile a part of their code later, in the first frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PipelineCreation {
+    /// How many pipelines the cell has.
     pub pipelines: u32,
     /// All of them the first time in the process, nanoseconds. The driver's cache on disk may know them from earlier runs.
     pub first_ns: f64,
