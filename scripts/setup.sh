@@ -2,7 +2,8 @@
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
 # With `test`: also SwiftShader, the second software driver that the tests use, Chromium with axe-core for the tests of the HTML
-# page, Slurm with munge for those of a fleet, and PostgreSQL for those of the history. Elsewhere it only says what it would do.
+# page, Slurm with munge for those of a fleet, PostgreSQL for those of the history, and jq, PyYAML and shellcheck for those of jobs.
+# Elsewhere it only says what it would do.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then
@@ -27,10 +28,13 @@ want libvulkan1
 hardware_driver || want mesa-vulkan-drivers
 want glmark2-data
 want valgrind
+# A job of continuous integration writes a comment (scripts/ci/comment.sh).
+[ -z "${CI:-}" ] || { want curl; want jq; }
 [ "${1:-}" != test ] || {
     want mesa-vulkan-drivers; want chromium-common
     want chromium; want chromium-driver
     want slurm-wlm; want munge; want postgresql; want openssl
+    want curl; want jq; want python3-yaml; want shellcheck
 }
 
 install() {

@@ -224,7 +224,8 @@ fn two_runs(files: [&PathBuf; 2], gates: &[Gate]) -> Outcome {
         Status::TimesNotJudged if !gates.contains(&Gate::Time) => Status::NoRegression,
         status => status,
     };
-    tell::answer(format!("{status} (status {}): {}", status as u8, changes.text()));
+    let headline = format!("{status} (status {}): {}", status as u8, changes.headline);
+    tell::answer(Changes { headline, ..changes }.text());
     Ok(ExitCode::from(status as u8))
 }
 

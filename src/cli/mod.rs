@@ -7,6 +7,7 @@ mod doctor;
 mod export;
 mod fleet;
 mod history;
+mod init;
 mod list;
 mod merge;
 mod shells;
@@ -67,6 +68,7 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
         Command::Export(args) => export::export(args),
         Command::Schema { kind } => export::schema(kind),
         Command::Compare(args) => compare::compare(catalog, *args),
+        Command::Init(args) => init::init(&args),
         Command::Bisect(args) => bisect::bisect(catalog, &args),
         Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
         Command::History { command } => history::history(command),
@@ -211,6 +213,8 @@ pub enum Command {
             4 times not judged, exact figures no worse; 130 interrupted, with everything measured so far stored."
     )]
     Compare(Box<CompareArgs>),
+    /// Write what a project of your own needs to compare its pull requests: the cells of its worker, and a job that compares them
+    Init(Box<init::InitArgs>),
     /// Find the revision that made a stage slower or costlier, through noise
     #[command(
         after_help = "The ends are compared first. Then revisions between them are built and compared with the good one, in the cell that \

@@ -21,7 +21,7 @@ use claims::ClaimChange;
 use fathom_base::text;
 use fathom_record::comparison::{CellId, Side};
 use fathom_record::{Adapter, Cell, Run};
-use fathom_report::format::{NS_PER_MS, interval, three};
+use fathom_report::format::{NS_PER_MS, interval, percent, three};
 use fathom_report::noise::{Noise, RunVerdict};
 use fathom_report::page::parts::{table, words};
 use fathom_report::{ReportView, facts, run_conditions};
@@ -36,6 +36,8 @@ const MOST_NAMED: usize = 3;
 pub struct Changes {
     /// By what is exact.
     pub status: Status,
+    /// How noisy the runs were, and what that lets be seen; none where no times are compared.
+    pub noise: Option<String>,
     /// What was judged, and what cannot be.
     pub headline: String,
     /// Why the runs are hard to compare.
@@ -93,6 +95,7 @@ impl Changes {
         };
         Ok(Self {
             status: verdicts.status,
+            noise: noise_words(views, &times),
             headline: format!("{}; {not_judged}", exact_headline(verdicts)),
             doubts: [comparison.header.notes.clone(), doubts(views)].concat(),
             blocks: vec![
@@ -107,7 +110,8 @@ impl Changes {
 
     /// For the terminal.
     pub fn text(&self) -> String {
-        let mut lines = vec![text::line(&self.headline)];
+        let first = self.noise.iter().chain([&self.headline]);
+        let mut lines = first.map(|line| text::line(line)).collect_vec();
         lines.extend(self.doubts.iter().map(|doubt| format!("! {}", text::line(doubt))));
         for block in &self.blocks {
             let lead = block.lead.iter().map(|line| text::line(line)).join("\n  ");
@@ -122,6 +126,7 @@ impl Changes {
     pub fn markup(&self) -> Markup {
         html! {
             @for doubt in &self.doubts { p.warning role="note" { (doubt) } }
+            @if let Some(noise) = &self.noise { p { (noise) "." } }
             p.lead { (self.headline) "." }
             @for block in &self.blocks {
                 h3 { (block.title) }
@@ -209,6 +214,18 @@ fn doubts([base, head]: [&ReportView<'_>; 2]) -> Vec<String> {
         doubts.extend(verdict.map(|verdict| format!("{side}: {}", verdict.headline())));
     }
     doubts
+}
+
+/// `noisy: base noisy, head quiet; stages scatter by 4.1 % between the runs; a change of one below 22 % cannot be told from that`
+fn noise_words(views: [&ReportView<'_>; 2], times: &Times<'_>) -> Option<String> {
+    let scatter = times.scatter?;
+    let verdicts = views.map(|view| RunVerdict::of(view).map(|verdict| verdict.noise));
+    let [Some(base), Some(head)] = verdicts else { return None };
+    let worst = base.max(head);
+    let [between, visible] = [scatter.between, scatter.visible].map(percent);
+    Some(format!(
+        "{worst}: base {base}, head {head}; stages scatter by {between} between the runs; a change of one below {visible} cannot be told from that"
+    ))
 }
 
 fn claims_block(views: [&ReportView<'_>; 2]) -> Block {

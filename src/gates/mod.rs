@@ -9,6 +9,7 @@ pub mod changes;
 pub mod counts;
 pub mod exact;
 pub mod files;
+pub mod noise;
 pub mod rank;
 pub mod schedule;
 pub mod store;

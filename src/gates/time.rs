@@ -91,6 +91,11 @@ impl CellTime {
         }
     }
 
+    /// Standard deviation of a launch's ratio, as a share.
+    pub fn scatter(&self) -> f64 {
+        deviation(&self.launches)
+    }
+
     /// Clocks were held down more often on the side that was slower: the change may be the machine's.
     pub fn may_be_throttling(&self) -> bool {
         self.throttled.as_ref().is_some_and(|launches| match self.verdict {

@@ -5,6 +5,7 @@ use std::iter::once;
 use rayon::prelude::*;
 
 use super::changes::{LEAST_RUNS, change_points};
+use super::controls::{Controls, MachineShift};
 use super::scores::Scores;
 use super::shift::shift;
 use super::stored::{Series, StoredRuns};
@@ -15,7 +16,7 @@ use fathom_record::Estimate;
 pub const FALSE_SHARE: f64 = 0.05;
 
 /// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
-const MOST_SIDE: usize = 60;
+pub(crate) const MOST_SIDE: usize = 60;
 
 /// By how much a figure changed, the later runs against the earlier ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,18 +68,39 @@ pub struct Change {
     pub p: f64,
     /// Share of false changes that is expected among those as sure as this or surer, 0 … 1.
     pub false_share: f64,
+    /// What the machine did meanwhile. Where it did a part, `size` is what is left.
+    pub machine: MachineShift,
+}
+
+/// What is said of a change, the most important first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, strum::Display)]
+#[strum(serialize_all = "lowercase")]
+pub enum Certainty {
+    Sure,
+    Possible,
+    /// The controls share it: no change of a commit.
+    #[strum(to_string = "machine drift")]
+    Drift,
 }
 
 impl Change {
+    pub fn certainty(&self) -> Certainty {
+        match self.machine {
+            MachineShift::Whole(_) => Certainty::Drift,
+            _ if self.false_share <= FALSE_SHARE => Certainty::Sure,
+            _ => Certainty::Possible,
+        }
+    }
+
     pub fn is_sure(&self) -> bool {
-        self.false_share <= FALSE_SHARE
+        self.certainty() == Certainty::Sure
     }
 }
 
 /// What a history says.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Findings {
-    /// Sure ones first, each kind by size, largest first.
+    /// Sure ones first, those of the machine last, each kind by size, largest first.
     pub changes: Vec<Change>,
     /// Series that were long enough to be searched.
     pub searched: usize,
@@ -90,16 +112,19 @@ impl Findings {
     pub fn of(stored: &StoredRuns) -> Findings {
         let is_long = |series: &&Series| series.points.len() >= LEAST_RUNS;
         let searched = stored.series.iter().filter(is_long).count();
+        let controls = &Controls::of(stored);
         let numbered = stored.series.par_iter().enumerate();
         let mut changes: Vec<Change> = numbered
-            .map_init(Scores::default, |scores, (place, series)| of_series(place, series, scores))
+            .map_init(Scores::default, |scores, (place, series)| {
+                of_series(place, series, scores, controls)
+            })
             .flatten()
             .collect();
         tell_false_share(&mut changes, searched);
         changes.sort_by(|a, b| {
             let by_size = b.size.magnitude().total_cmp(&a.size.magnitude());
             let by_place = (a.series, a.at).cmp(&(b.series, b.at));
-            b.is_sure().cmp(&a.is_sure()).then(by_size).then(by_place)
+            a.certainty().cmp(&b.certainty()).then(by_size).then(by_place)
         });
         Findings { changes, searched, too_short: stored.series.len() - searched }
     }
@@ -111,26 +136,37 @@ impl Findings {
         found
     }
 
-    pub fn sure(&self) -> usize {
-        self.changes.iter().filter(|change| change.is_sure()).count()
+    /// How many are of this kind.
+    pub fn count(&self, certainty: Certainty) -> usize {
+        self.changes.iter().filter(|change| change.certainty() == certainty).count()
     }
 }
 
-fn of_series(place: usize, series: &Series, scores: &mut Scores) -> Vec<Change> {
+fn of_series(
+    place: usize,
+    series: &Series,
+    scores: &mut Scores,
+    controls: &Controls,
+) -> Vec<Change> {
     let values: Vec<f64> = series.points.iter().map(|point| point.value.median).collect();
     let points = change_points(&values, scores);
     let inner = points.iter().map(|point| point.at);
     let bounds: Vec<usize> = once(0).chain(inner).chain([values.len()]).collect();
-    let levels = bounds.windows(2).map(|level| &values[level[0]..level[1]]);
-    let changes = points.iter().zip(levels.clone().zip(levels.skip(1)));
-    let change = changes.map(|(point, (before, after))| Change {
-        series: place,
-        at: point.at,
-        runs: [point.at - 1, point.at].map(|at| series.points[at].run),
-        size: Size::of(before, after),
-        n: [before.len(), after.len()],
-        p: point.p,
-        false_share: 1.0,
+    let change = points.iter().zip(bounds.array_windows()).map(|(point, [from, at, to])| {
+        let machine = controls.judge(series, [*from, *at, *to]);
+        Change {
+            series: place,
+            at: *at,
+            runs: [at - 1, *at].map(|at| series.points[at].run),
+            size: match machine {
+                MachineShift::Partly { left, .. } => Size::Share(left.map(f64::exp_m1)),
+                _ => Size::of(&values[*from..*at], &values[*at..*to]),
+            },
+            n: [at - from, to - at],
+            p: point.p,
+            false_share: 1.0,
+            machine,
+        }
     });
     change.collect()
 }

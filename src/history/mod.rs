@@ -5,6 +5,7 @@
 //! the order in which the runs started.
 
 pub mod changes;
+mod controls;
 mod database;
 pub mod findings;
 pub mod on_page;
@@ -20,6 +21,7 @@ mod store;
 mod stored;
 pub mod tables;
 
+pub use controls::MachineShift;
 pub use database::Location;
 pub use findings::{Change, Findings, Size};
 pub use origin::{Origin, Said, origin};

@@ -4,7 +4,7 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::changes::LEAST_RUNS;
-use super::findings::{Change, Findings};
+use super::findings::{Certainty, Change, Findings};
 use super::run::FRAME;
 use super::stored::{Point, Series, StoredRuns};
 use super::tables;
@@ -29,8 +29,10 @@ pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Markup {
     let changed = findings.changes.iter().map(|change| change.series);
     let shown = changed.chain(0..stored.series.len()).unique().take(MOST_CHARTS);
     let not_shown = stored.series.len().saturating_sub(MOST_CHARTS);
-    let (sure, possible): (Vec<&Change>, Vec<&Change>) =
-        findings.changes.iter().partition(|change| change.is_sure());
+    let of = |kind: Certainty| -> Vec<&Change> {
+        findings.changes.iter().filter(|change| change.certainty() == kind).collect()
+    };
+    let [sure, possible, drift] = [Certainty::Sure, Certainty::Possible, Certainty::Drift].map(of);
     html! {
         p.lead { (tables::headline(stored, findings)) }
         @if !sure.is_empty() { (changes("Changes", stored, &sure)) }
@@ -38,6 +40,12 @@ pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Markup {
             details {
                 summary { (possible.len()) " possible changes" }
                 (changes("Possible changes", stored, &possible))
+            }
+        }
+        @if !drift.is_empty() {
+            details {
+                summary { (drift.len()) " of the machine: the controls share them" }
+                (changes("Machine drift", stored, &drift))
             }
         }
         h3 { "Figures over commits" }
@@ -66,7 +74,9 @@ fn row(stored: &StoredRuns, change: &Change) -> Markup {
             th scope="row" { (name(series)) }
             td data-v=(change.size.estimate().median) {
                 (tone(series, change).chip(&tables::size(change, series)))
-                @if !change.is_sure() { " " span.faint { "possible" } }
+                @if change.certainty() == Certainty::Possible { " " span.faint { "possible" } }
+                @let machine = tables::machine(change);
+                @if !machine.is_empty() { " " span.faint { (machine) } }
             }
             td { (tables::commits(before, after)) }
             td { (before.day()) " → " (after.day()) }

@@ -16,6 +16,8 @@ use fathom_record::{Cell, Clock, Damaged, Estimate, Measured, Name, Record, Run,
 
 /// Name of the figure that is a frame's time without per-stage timing.
 pub const FRAME: &str = "frame";
+/// In place of a cell: what the figures of the adapter's limits are of.
+const LIMITS: &str = "limits of the adapter";
 /// Unit of times in records.
 pub const NANOSECONDS: &str = "ns";
 /// Hexadecimal digits of a cell's configuration.
@@ -140,6 +142,9 @@ impl Found {
         match record {
             Record::Run(run) => {
                 self.hosts.insert(run.conditions.host.clone());
+                let host = run.conditions.host.as_deref().map(Name::from);
+                let limits = limits(&run).into_iter();
+                self.figures.extend(limits.map(|(key, value)| (key, (host.clone(), value))));
                 if self.records == 1 {
                     self.first = Some((*run).clone());
                 }
@@ -191,11 +196,40 @@ impl FigureKey {
         Self { adapter, driver, profile, cell, configuration, figure, unit, clock }
     }
 
+    /// `CELL FIGURE`.
+    pub fn name(&self) -> String {
+        format!("{} {}", self.cell, self.figure)
+    }
+
+    /// A limit of the adapter, by a kernel that no commit changes.
+    pub fn is_limit(&self) -> bool {
+        &*self.cell == LIMITS
+    }
+
     /// In the order of the columns that store them.
     pub fn names(&self) -> [&str; 8] {
         let Self { adapter, driver, profile, cell, configuration, figure, unit, clock } = self;
         [adapter, driver, profile, cell, configuration, figure, unit, clock].map(|name| &**name)
     }
+}
+
+/// The adapter's limits, those that bound something.
+fn limits(run: &Run) -> Vec<(FigureKey, Estimate)> {
+    let sound = run.ceilings.iter().filter(|ceiling| ceiling.is_sound());
+    let figure = sound.map(|ceiling| {
+        let key = FigureKey {
+            adapter: run.adapter.name.as_str().into(),
+            driver: driver(run).into(),
+            profile: "".into(),
+            cell: LIMITS.into(),
+            configuration: "".into(),
+            figure: ceiling.limit.name().into(),
+            unit: ceiling.limit.unit().into(),
+            clock: "".into(),
+        };
+        (key, ceiling.rate)
+    });
+    figure.collect()
 }
 
 /// Frame, stages whose times are above the clock's resolution, and errors that are numbers.

@@ -69,10 +69,26 @@ pub struct SeriesKey {
     pub figure: FigureKey,
 }
 
+impl Selection {
+    /// The figure is asked for as a control.
+    fn is_control(&self, figure: &FigureKey) -> bool {
+        match &self.control {
+            None => figure.is_limit(),
+            Some(part) => &*figure.unit == NANOSECONDS && figure.name().contains(part),
+        }
+    }
+
+    /// The figure is searched for changes.
+    fn is_asked(&self, figure: &FigureKey) -> bool {
+        let filter = self.filter.as_deref().unwrap_or_default();
+        !self.is_control(figure) && !figure.is_limit() && figure.name().contains(filter)
+    }
+}
+
 impl SeriesKey {
     /// `CELL FIGURE`.
     pub fn name(&self) -> String {
-        line(&format!("{} {}", self.figure.cell, self.figure.figure))
+        line(&self.figure.name())
     }
 
     /// Branch, machine, adapter, driver and profile in words.
@@ -113,6 +129,8 @@ pub struct StoredRuns {
     pub runs: Vec<StoredRun>,
     /// Sorted by key; none is empty.
     pub series: Vec<Series>,
+    /// Figures that no commit changes.
+    pub controls: Vec<Series>,
 }
 
 /// Which part of a history.
@@ -124,6 +142,10 @@ pub struct Selection {
     /// Only runs of commits from here on: a date such as 2026-01-31, or a commit of the history
     #[arg(long, value_name = "DATE|COMMIT")]
     pub since: Option<String>,
+    /// Times whose names contain this are controls: no commit changes them, and what they do is the machine's drift [default: the
+    /// adapter's limits]
+    #[arg(long, value_name = "FILTER")]
+    pub control: Option<String>,
     /// Part of `CELL FIGURE`.
     #[arg(skip)]
     pub filter: Option<String>,
@@ -155,10 +177,15 @@ impl History {
     /// Where nothing is left.
     pub fn stored(&mut self, selection: &Selection) -> anyhow::Result<StoredRuns> {
         let runs = self.runs(selection)?;
-        let keys = self.keys(selection.filter.as_deref().unwrap_or_default())?;
+        let keys = self.keys(selection)?;
         let values = self.values(&keys, &runs)?;
         let mut series = grouped(keys, values, &runs);
         series.sort_unstable_by(|a, b| a.key.cmp(&b.key));
+        let (controls, series): (Vec<Series>, Vec<Series>) =
+            series.into_iter().partition(|series| selection.is_control(&series.key.figure));
+        if let Some(control) = selection.control.as_ref().filter(|_| controls.is_empty()) {
+            bail!("no time in this history is a control `{}`", line(control));
+        }
         if series.is_empty() {
             let filter = selection.filter.iter().map(|filter| format!(" `{filter}`"));
             let branch = selection.branch.iter().map(|branch| format!(" on branch `{branch}`"));
@@ -166,11 +193,11 @@ impl History {
             let what: String = filter.chain(branch).chain(since).collect();
             bail!("nothing in this history fits{}", line(&what));
         }
-        Ok(StoredRuns { runs, series })
+        Ok(StoredRuns { runs, series, controls })
     }
 
     /// Machines and figures by the ids of their series.
-    fn keys(&mut self, filter: &str) -> anyhow::Result<Keys> {
+    fn keys(&mut self, selection: &Selection) -> anyhow::Result<Keys> {
         let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
         let (mut keys, mut bytes) = (HashMap::new(), 0);
         self.database.each(&statement, Vec::new(), &mut |row| {
@@ -179,7 +206,7 @@ impl History {
             let names: [Name; 9] = names.try_into().map_err(|_| other_type())?;
             let [machine, key @ ..] = names;
             let key = FigureKey::of_names(key);
-            if format!("{} {}", key.cell, key.figure).contains(filter) {
+            if selection.is_asked(&key) || selection.is_control(&key) {
                 keep(&mut bytes, &row)?;
                 keys.insert(integer(&row[0])?, (machine, key));
             }

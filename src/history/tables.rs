@@ -1,9 +1,11 @@
 //! A history as text and as JSON.
 
+use itertools::Itertools;
 use serde_json::{Value, json};
 
 use super::changes::{LEAST_RUNS, LEVEL};
-use super::findings::{Change, FALSE_SHARE, Findings, Size};
+use super::controls::MachineShift;
+use super::findings::{Certainty, Change, FALSE_SHARE, Findings, Size};
 use super::run::NANOSECONDS;
 use super::stored::{Series, StoredRun, StoredRuns};
 use fathom_base::text;
@@ -37,12 +39,13 @@ pub fn runs(runs: &[StoredRun]) -> String {
 /// What was searched and what was found, in one or two sentences.
 pub fn headline(stored: &StoredRuns, findings: &Findings) -> String {
     let Findings { changes, searched, too_short } = findings;
-    let (runs, sure) = (stored.runs.len(), findings.sure());
+    let runs = stored.runs.len();
+    let [sure, possible, drift] =
+        [Certainty::Sure, Certainty::Possible, Certainty::Drift].map(|kind| findings.count(kind));
     let mut told = format!("{runs} runs, {searched} series searched");
     if *too_short > 0 {
         told += &format!(", {too_short} too short (fewer than {LEAST_RUNS} runs)");
     }
-    let possible = changes.len() - sure;
     let [share, level] = [FALSE_SHARE, LEVEL].map(|share| 100.0 * share);
     if sure > 0 {
         told += &format!(". Sure changes: {sure}, of which at most about {share} % are false");
@@ -51,26 +54,31 @@ pub fn headline(stored: &StoredRuns, findings: &Findings) -> String {
         told +=
             &format!(". Possible changes: {possible}; up to {level} % of stable series have one");
     }
+    if drift > 0 {
+        told += &format!(". Machine drift, which the controls share: {drift}");
+    }
     if changes.is_empty() { told + ". No change." } else { told + "." }
 }
 
 /// A line for each change.
 pub fn changes(stored: &StoredRuns, findings: &Findings) -> String {
-    let head = ["CHANGE", "", "COMMITS", "DAYS", "RUNS", "FIGURE", "WHERE"].map(str::to_owned);
+    let head = ["CHANGE", "", "COMMITS", "DAYS", "RUNS", "FIGURE", "WHERE", "MACHINE"];
+    let head = head.map(str::to_owned);
     let rows = findings.changes.iter().map(|change| {
         let series = &stored.series[change.series];
         let [before, after] = change.runs.map(|run| &stored.runs[run]);
         [
             size(change, series),
-            if change.is_sure() { "sure" } else { "possible" }.to_owned(),
+            change.certainty().to_string(),
             commits(before, after),
             format!("{} → {}", before.day(), after.day()),
             format!("{} + {}", change.n[0], change.n[1]),
             series.key.name(),
             series.key.place(),
+            machine(change),
         ]
     });
-    let rows: Vec<[String; 7]> = std::iter::once(head).chain(rows).collect();
+    let rows: Vec<[String; 8]> = std::iter::once(head).chain(rows).collect();
     let table = if findings.changes.is_empty() { Vec::new() } else { text::columns(&rows) };
     std::iter::once(headline(stored, findings)).chain(table).collect::<Vec<_>>().join("\n")
 }
@@ -103,6 +111,16 @@ pub fn size(change: &Change, series: &Series) -> String {
     match interval {
         Some(i) => format!("{}{unit} ({} … {})", signed(median), signed(i.low), signed(i.high)),
         None => format!("{}{unit} (no interval)", signed(median)),
+    }
+}
+
+/// What the machine did at a change; empty where it did nothing.
+pub fn machine(change: &Change) -> String {
+    let shift = |machine: &Estimate| format!("{:+.1} %", 100.0 * machine.median.exp_m1());
+    match &change.machine {
+        MachineShift::Unknown | MachineShift::Still => String::new(),
+        MachineShift::Partly { machine, .. } => format!("without {} of drift", shift(machine)),
+        MachineShift::Whole(machine) => format!("the controls: {}", shift(machine)),
     }
 }
 
@@ -147,8 +165,10 @@ fn of_series(stored: &StoredRuns, series: &Series, changes: &[&Change]) -> Vec<S
             let run = &stored.runs[point.run];
             let change = changes.iter().find(|change| change.at == at);
             let change = change.map(|change| {
-                let sure = if change.is_sure() { "" } else { ", possible" };
-                format!("← {}{sure}", size(change, series))
+                let certainty = Some(change.certainty()).filter(|of| *of != Certainty::Sure);
+                let certainty = certainty.map_or_else(String::new, |of| of.to_string());
+                let told = [size(change, series), certainty, machine(change)];
+                format!("← {}", told.iter().filter(|words| !words.is_empty()).join(", "))
             });
             [
                 format!("  {}", run.short_commit()),
@@ -186,6 +206,12 @@ fn change_json(stored: &StoredRuns, change: &Change) -> Value {
     let [adapter, driver, profile, cell, configuration, figure, unit, clock] =
         series.key.figure.names();
     let estimate = change.size.estimate();
+    let machine = match change.machine {
+        MachineShift::Unknown | MachineShift::Still => None,
+        MachineShift::Partly { machine, .. } | MachineShift::Whole(machine) => {
+            Some(machine.median.exp_m1())
+        }
+    };
     let kind = match change.size {
         Size::Share(_) => "share",
         Size::Difference(_) => "difference",
@@ -196,7 +222,7 @@ fn change_json(stored: &StoredRuns, change: &Change) -> Value {
         "unit": unit, "clock": clock, "before": before, "after": after,
         "change": { "kind": kind, "value": estimate.median, "low": estimate.interval.map(|i| i.low), "high": estimate.interval.map(|i| i.high) },
         "runs_before": change.n[0], "runs_after": change.n[1], "p": change.p, "false_share": change.false_share,
-        "sure": change.is_sure(),
+        "sure": change.is_sure(), "machine": machine, "machine_drift": change.certainty() == Certainty::Drift,
     })
 }
 

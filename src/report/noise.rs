@@ -26,7 +26,8 @@ const MOST_SPANS: f64 = 120.0;
 /// Without a sample for so long the run was taken up again: what changed meanwhile is no drift.
 const PAUSE_S: f64 = 300.0;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
+/// The noisiest last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, strum::Display)]
 #[strum(serialize_all = "lowercase")]
 pub enum Noise {
     Quiet,

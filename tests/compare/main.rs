@@ -1,12 +1,14 @@
 //! `fathom compare`: what it tells of stored comparisons, whole comparisons of builds that are scripts, and workers.
 #![cfg(unix)]
 
+mod api;
 mod bisect;
 mod builds;
 #[path = "../common/mod.rs"]
 mod common;
 mod folders;
 mod gate;
+mod jobs;
 mod own_worker;
 mod processes;
 mod script;

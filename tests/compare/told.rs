@@ -85,7 +85,9 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
     let first = replayed(&place, 1);
     place.write("stored/terminal.txt", &first);
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/compare");
-    for name in ["terminal.txt", "summary.md", "junit.xml", "bencher.json", "benchmark.json"] {
+    for name in
+        ["terminal.txt", "summary.md", "comment.md", "junit.xml", "bencher.json", "benchmark.json"]
+    {
         let found = place.read(format!("stored/{name}"));
         let known = golden.join(name);
         if std::env::var_os("FATHOM_BLESS").is_some() {
@@ -99,12 +101,13 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
         names.map(|name| (name.clone(), place.read(format!("stored/{name}")))).collect()
     };
     let before = files();
-    assert_eq!(before.len(), 7);
+    assert_eq!(before.len(), 8);
     assert_eq!(replayed(&place, 1), first);
     assert_eq!(files(), before);
 
     for (format, file) in [
         ("markdown", "summary.md"),
+        ("comment", "comment.md"),
         ("page", "index.html"),
         ("junit", "junit.xml"),
         ("bencher", "bencher.json"),
@@ -117,6 +120,68 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
     place.fathom("report stored").ends(0);
     assert_eq!(files(), before);
     place.fathom("run --resume --out stored").refused("holds no run but other records");
+}
+
+/// The comment of a comparison, which has lines for one of a job's and a link of at most 15.
+fn comment(place: &Place) -> String {
+    let comment = place.fathom("export comment stored").answer();
+    assert!(comment.lines().count() <= 13, "{comment}");
+    comment
+}
+
+#[test]
+fn a_comment_stays_short_and_begins_with_what_is_worst() {
+    let names: Vec<String> = (0..40).map(|number| format!("tank stage-{number}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let all = names.iter().zip(0..).fold(Stored::new(&names), |stored, (name, number)| {
+        stored.same(name).counts(name, 1.05 + 0.01 * f64::from(number))
+    });
+    let comment = comment(&stored(all));
+    let lines: Vec<&str> = comment.lines().collect();
+    assert_eq!(lines[0], "### ❌ fathom compare: regression");
+    assert!(lines[2].starts_with("too few launches to see a slowdown in half"), "{comment}");
+    assert_eq!(lines[3], "40 cells: 40 costlier");
+    assert!(lines[5].starts_with("- `tank stage-39`: costlier: "), "{comment}");
+    assert!(lines[5].ends_with("; instructions +44.00 %"), "{comment}");
+    assert_eq!(lines[10], "- and 35 more");
+}
+
+#[test]
+fn names_in_a_comment_are_no_markup() {
+    let name = "tank @all/`x`<img>](http://x) #1\n### y";
+    let mut named = Stored::new(&[name]).counted(name).times(name, false, 1.5, 0.004);
+    named.header.head.label = "</details> @all".to_owned();
+    let comment = comment(&stored(named));
+    let parts =
+        ["- `` tank @all/`x`<img>](http://x) #1 ### y ``: slower", "→ </details> @all (0.1.0)` on"];
+    holds(&comment, &parts);
+}
+
+/// What scatters is told before what follows from it, in each form.
+#[test]
+fn noise_is_told_before_the_verdicts() {
+    let vague = |spread| {
+        let stored = Stored::new(&[TRACE, COMPOSE]).counted(TRACE).counted(COMPOSE);
+        stored.times(TRACE, false, 1.0, spread).times(COMPOSE, false, 1.06, spread)
+    };
+    let moved = vague(0.004).without(|line| matches!(line, Compared::Pair(pair) if pair.control));
+    for (comparison, status, noise) in [
+        (
+            vague(0.004),
+            1,
+            "quiet: launches of the median cell scatter by 0.3 %; in half of the cells a slowdown below 2.4 % can go unseen",
+        ),
+        (vague(0.1), 3, "noisy: launches of the median cell scatter by 6."),
+        (moved.times(TRACE, true, 1.06, 0.004), 2, "times cannot be used: the control "),
+    ] {
+        let place = stored(comparison);
+        let told = replayed(&place, status);
+        let files = ["summary.md", "comment.md"].map(|file| place.read(format!("stored/{file}")));
+        for text in files.into_iter().chain([told]) {
+            let (before, after) = text.split_once(noise).unwrap_or_else(|| panic!("{text}"));
+            assert!(!before.contains("tank ") && after.contains("tank "), "{text}");
+        }
+    }
 }
 
 #[test]
@@ -295,30 +360,10 @@ fn bad_input_is_one_clear_line_and_status_2() {
     }
 }
 
-/// What the jobs of `docs/ci.md` run are its steps in their order, which a shell can read, and every option that it names
-/// is one.
+/// Every option of `fathom compare` that `docs/ci.md` names is one.
 #[test]
-fn the_documented_jobs_run_the_documented_steps() {
+fn documented_options_are_options() {
     let text = include_str!("../../docs/ci.md");
-    let (_, rest) = text.split_once("```sh\n").unwrap();
-    let (steps, _) = rest.split_once("```").unwrap();
-    let commands = |block: &str| -> Vec<String> {
-        let checked = std::process::Command::new("sh").args(["-n", "-c", block]).status();
-        assert!(checked.unwrap().success(), "{block}");
-        let lines = block.lines().map(str::trim);
-        let kept = lines.filter(|line| {
-            ["set", "scripts", "cargo", "target"].iter().any(|word| line.starts_with(word))
-        });
-        let plain = |line: &str| line.replace(" || status=$?", "");
-        kept.map(plain).collect()
-    };
-    assert_eq!(commands(steps).len(), 4);
-    for (begin, end) in [("run: |\n", "      - uses: actions/upload"), ("- |\n", "  # 3:")] {
-        let (_, rest) = text.split_once(begin).unwrap();
-        let (block, _) = rest.split_once(end).unwrap();
-        assert_eq!(commands(block), commands(steps), "{begin}");
-    }
-
     let help = fathom("compare --help").answer();
     let commands = text.lines().filter(|line| line.contains("fathom compare "));
     let words = commands.flat_map(str::split_whitespace);

@@ -98,6 +98,28 @@ fn known() -> [Vec<Record>; 2] {
 }
 
 #[test]
+fn noise_comes_first_and_a_change_that_it_says_can_be_seen_is_listed() {
+    let listed = |share: f64| {
+        let [base, head] = [
+            file("base", fixtures::run()),
+            file("head", again(|stage| if stage == "caustics/trace" { share } else { 1.0 })),
+        ];
+        let changes = Changes::of_files([&base, &head]).unwrap();
+        let first = changes.text().lines().next().unwrap().to_owned();
+        assert_eq!(Some(&first), changes.noise.as_ref());
+        let views = [&base, &head].map(|file| ReportView::new(&file.reading.records, None));
+        let times = Times::of(&Cells::of([&views[0], &views[1]]).both);
+        let is_listed = times.changed.iter().any(|change| change.name == "caustics/trace");
+        (times.scatter.unwrap(), is_listed, first)
+    };
+    let (scatter, is_listed, first) = listed(1.0);
+    assert!(!is_listed && (BETWEEN / 2.0..BETWEEN * 2.0).contains(&scatter.between), "{scatter:?}");
+    assert!(first.contains(&format!("below {} cannot", percent(scatter.visible))), "{first}");
+    let (_, is_listed, _) = listed(1.0 + 1.2 * scatter.visible);
+    assert!(is_listed, "{scatter:?}");
+}
+
+#[test]
 fn known_changes_stand_in_the_first_lines_of_their_blocks_and_no_other_stage_does() {
     let [base, head] = known();
     let told = changes(base, head).text();

@@ -76,16 +76,43 @@ struct Unit {
     error: f64,
 }
 
+/// What units scatter by where nothing changed.
+fn null() -> StudentsT {
+    StudentsT::new(0.0, 1.0, TAILS).expect("scale and degrees of freedom are positive")
+}
+
+/// The scale of their scatter, as most did not change.
+fn scale(units: &[Unit]) -> f64 {
+    let off = units.iter().map(|unit| unit.off.abs()).collect_vec();
+    statistics::median(&off) / null().inverse_cdf(0.75)
+}
+
+/// How far times of stages scatter between two runs, as shares.
+#[derive(Clone, Copy, Debug)]
+pub struct Scatter {
+    pub between: f64,
+    /// A change of one stage that is surely listed: its probability is small enough even if it is the only one
+    /// (the first step of [`benjamini_hochberg`]).
+    pub visible: f64,
+}
+
+impl Scatter {
+    fn of(units: &[Unit]) -> Option<Self> {
+        let scale = (units.len() >= LEAST_STAGES).then(|| scale(units))?;
+        let farthest = null().inverse_cdf(1.0 - ALPHA / 2.0 / units.len() as f64);
+        Some(Self { between: scale.exp_m1(), visible: (farthest * scale).exp_m1() })
+    }
+}
+
 /// Which of these units changed; none among too few.
 fn judge(units: &[Unit]) -> Vec<bool> {
     if units.len() < LEAST_STAGES {
         return vec![false; units.len()];
     }
-    let null = StudentsT::new(0.0, 1.0, TAILS).expect("scale and degrees of freedom are positive");
-    let median = |of: fn(&Unit) -> f64| statistics::median(&units.iter().map(of).collect_vec());
-    let scale = median(|unit| unit.off.abs()) / null.inverse_cdf(0.75);
+    let null = null();
+    let errors = units.iter().map(|unit| unit.error.powi(2)).collect_vec();
     // What the errors of the samples do not explain.
-    let between = (scale.powi(2) - median(|unit| unit.error.powi(2))).max(0.0);
+    let between = (scale(units).powi(2) - statistics::median(&errors)).max(0.0);
     let probability = |unit: &Unit| match unit.off.abs() {
         off if off > 0.0 => 2.0 * null.sf(off / (between + unit.error.powi(2)).sqrt()),
         _ => 1.0,
@@ -122,6 +149,7 @@ pub struct Times<'a> {
     pub stages: usize,
     /// None of too few stages.
     pub common: Option<Common>,
+    pub scatter: Option<Scatter>,
     /// Stages that changed in the median of their cells, then those that did in some cells: what costs or saves most time first.
     pub changed: Vec<StageChange<'a>>,
 }
@@ -145,7 +173,8 @@ impl<'a> Times<'a> {
             },
         });
         let changed = common.map_or_else(Vec::new, |common| changed(&stages, &all, common.ratio));
-        Self { all, uncompared, stages: stages.len(), common, changed }
+        let scatter = common.and_then(|common| Scatter::of(&stage_units(&stages, common.ratio)));
+        Self { all, uncompared, stages: stages.len(), common, scatter, changed }
     }
 
     pub fn frames(&self) -> impl Iterator<Item = &TimeChange<'a>> {

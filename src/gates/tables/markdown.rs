@@ -1,16 +1,20 @@
 //! Markdown for a pull request and for a job's summary: the regressions, and everything else folded away.
 
 use super::rows;
+use crate::noise;
 use crate::verdict::{JudgedCell, Verdicts};
 use fathom_base::text;
 use fathom_report::format::Table;
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {
     let [sides, adapter] = rows::sides(verdicts);
+    let noise = noise::told(verdicts);
+    let noise = noise.map_or_else(String::new, |noise| text::markdown(&noise) + "  \n");
     let mut text = format!(
-        "### {} fathom compare: {}\n\n{}  \n{}\n\n",
+        "### {} fathom compare: {}\n\n{noise}{}\n\n{}  \n{}\n\n",
         rows::mark(verdicts.status),
-        rows::headline(verdicts),
+        verdicts.status,
+        rows::counted(verdicts),
         text::markdown(&sides),
         text::markdown(&adapter)
     );

@@ -2,6 +2,7 @@
 
 mod bencher;
 mod benchmark;
+mod comment;
 mod junit;
 mod markdown;
 mod page;
@@ -18,12 +19,18 @@ use fathom_report::{Exporter, Written, page as html};
 pub type ComparisonExporter = Exporter<fn(&Verdicts<'_>) -> String>;
 
 /// Exporters of comparisons, in the order in which their files are written.
-pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
+pub const OF_COMPARISONS: [ComparisonExporter; 7] = [
     Exporter {
         written: Written::OnRequest,
         ..format("text", "a table for the terminal", "comparison.txt", terminal::export)
     },
-    format("markdown", "Markdown for a pull request", "summary.md", markdown::export),
+    format("markdown", "Markdown for the page of a job", "summary.md", markdown::export),
+    format(
+        "comment",
+        "a comment of at most 13 lines for a pull request",
+        "comment.md",
+        comment::export,
+    ),
     format("page", "one HTML page with every cell's change", html::FILE, page::export),
     format("junit", "JUnit XML: regressions as failures", "junit.xml", junit::export),
     format("bencher", "Bencher Metric Format", "bencher.json", bencher::export),

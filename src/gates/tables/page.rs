@@ -3,6 +3,7 @@
 use maud::{Markup, html};
 
 use super::rows;
+use crate::noise;
 use crate::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
 use fathom_record::{Estimate, Interval};
 use fathom_report::axis::{Axis, ScaleKind, tenth};
@@ -36,6 +37,7 @@ pub fn on_page(verdicts: &Verdicts<'_>) -> ComparisonOnPage {
     let (threshold, reach) = (verdicts.comparison.header.settings.threshold, reach(&cells));
     let markup = html! {
         h3 { (sides) }
+        @if let Some(noise) = noise::told(verdicts) { p { (noise) } }
         p { (tone.chip(&rows::headline(verdicts))) }
         p.faint { (adapter) }
         p.lead {

@@ -123,11 +123,16 @@ pub fn fault(fault: &Fault) -> String {
     format!("{side}{}: {}", fault.gate, fault.reason)
 }
 
-/// `no regression: 48 cells: 40 same, 8 inconclusive`.
+/// `no regression; 48 cells: 40 same, 8 inconclusive`.
 pub fn headline(verdicts: &Verdicts<'_>) -> String {
+    format!("{}; {}", verdicts.status, counted(verdicts))
+}
+
+/// `48 cells: 40 same, 8 inconclusive`.
+pub fn counted(verdicts: &Verdicts<'_>) -> String {
     let all = verdicts.counts();
     let counted = all.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
-    format!("{}; {}: {counted}", verdicts.status, cells(verdicts.cells.len()))
+    format!("{}: {counted}", cells(verdicts.cells.len()))
 }
 
 fn cells(count: usize) -> String {
@@ -137,14 +142,7 @@ fn cells(count: usize) -> String {
 /// Each regression in a sentence, the gravest first; then what concerns configurations as a whole.
 pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
     let cells = verdicts.regressions().into_iter().map(|cell| {
-        let mut because = Vec::new();
-        if let Some(time) = &cell.time {
-            because.push(format!("time {}", change(time)));
-            because.extend(throttled(time));
-        }
-        if let Some(counted) = &cell.instructions {
-            because.push(format!("instructions {}", more(counted)));
-        }
+        let mut because = because(cell);
         let worse = cell.differences.iter().filter(|difference| difference.worse);
         because.extend(worse.map(difference));
         format!("{}: {}: {}", cell.cell, cell.verdict, because.join("; "))
@@ -152,6 +150,15 @@ pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
     let whole = verdicts.configurations.iter();
     let whole = whole.filter(|difference| difference.worse).map(difference);
     cells.chain(whole).collect()
+}
+
+/// What a cell's time and instructions say.
+pub fn because(cell: &JudgedCell) -> Vec<String> {
+    let time = cell.time.iter();
+    let time = time.flat_map(|time| [Some(format!("time {}", change(time))), throttled(time)]);
+    let counted = cell.instructions.iter();
+    let counted = counted.map(|counted| Some(format!("instructions {}", more(counted))));
+    time.chain(counted).flatten().collect()
 }
 
 /// What was compared, on what, by which gates; and everything else that is to be known.
