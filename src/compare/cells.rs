@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 
 use super::protocol::GateConfiguration;
 use fathom_base::text::{did_you_mean, families, nearest};
-use fathom_experiments::{Experiment, ExperimentError};
+use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_record::Profile;
 use fathom_record::comparison::CellId;
 
@@ -33,7 +33,7 @@ impl Gates {
     fn of(experiment: &Experiment) -> Result<Self> {
         let invalid = |fault: String| ExperimentError::of(&experiment.id, &fault);
         let plans = experiment.cells(PROFILE, &[], &[])?;
-        let configurations: Vec<GateConfiguration> = plans.into_iter().map(Into::into).collect();
+        let configurations: Vec<_> = plans.into_iter().map(configuration).collect();
         if let Some(cell) = configurations.iter().find(|cell| cell.stages.is_empty()) {
             return Err(invalid(format!("cell `{}` lists no `stages` to compare", cell.id)).into());
         }
@@ -71,6 +71,16 @@ impl Gates {
             self.control = first.clone();
         }
         Ok(self)
+    }
+}
+
+fn configuration(plan: CellPlan) -> GateConfiguration {
+    GateConfiguration {
+        id: plan.cell,
+        pipeline: plan.pipeline,
+        scene: plan.scene,
+        params: plan.overrides.into_iter().collect(),
+        stages: plan.stages,
     }
 }
 

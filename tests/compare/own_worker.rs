@@ -3,6 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use fathom::record::schema::LineKind;
+use serde_json::{Value, json};
+
 use super::common::{Ends, Place, Told, holds};
 
 fn example() -> PathBuf {
@@ -27,6 +30,37 @@ fn a_program_of_another_language_is_compared_by_its_times_alone() {
     let place = Place::new();
     let Told { out, .. } = compared(&place, "--counted --turns 1.05").ends(1);
     holds(&out, &["regression", "2 slower", "+5.0 %"]);
+}
+
+/// What both sides hear and say in a whole comparison, one object per request or reply.
+fn exchange(place: &Place) -> Vec<Value> {
+    let mut compare = place.fathom("compare --launches 2 --pairs 2 --out out --cells-file");
+    compare.arg(example().join("cells.toml"));
+    let worker = example().join("worker.py");
+    let heard = format!("tee -a heard | python3 '{}' --counted | tee -a said", worker.display());
+    // Two launches are too few for a verdict.
+    compare.args(["--base-cmd", &heard, "--head-cmd", &heard]).ends(3);
+    let lines = |name: &str| -> Vec<Value> {
+        place.read(name).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    };
+    let heard = lines("heard").into_iter().map(|request| json!({ "request": request }));
+    let quit = json!({ "message": "quit" });
+    heard
+        .chain(lines("said").into_iter().map(|reply| json!({ "request": quit, "reply": reply })))
+        .collect()
+}
+
+#[test]
+fn what_the_example_hears_and_says_is_as_the_schema_has_it() {
+    let schema = jsonschema::draft202012::new(&LineKind::Worker.schema()).unwrap();
+    let exchange = exchange(&Place::new());
+    for message in ["hello", "prepare", "sample", "quit"] {
+        assert!(exchange.iter().any(|line| line["request"]["message"] == message), "{message}");
+    }
+    assert!(exchange.iter().any(|line| line["reply"]["message"] == "sample"));
+    for line in &exchange {
+        schema.validate(line).unwrap_or_else(|error| panic!("{error}: {line}"));
+    }
 }
 
 #[test]
