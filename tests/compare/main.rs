@@ -7,6 +7,8 @@ mod builds;
 mod common;
 mod folders;
 mod gate;
+#[cfg(target_os = "linux")]
+mod hostile_workers;
 mod own_worker;
 mod processes;
 mod script;
