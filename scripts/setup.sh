@@ -2,7 +2,7 @@
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
 # With `test`: also SwiftShader, the second software driver that the tests use, Chromium with axe-core for the tests of the HTML
-# page, Slurm with munge for those of a fleet, and PostgreSQL for those of the history. Elsewhere it only says what it would do.
+# page, Slurm with munge for those of a fleet, PostgreSQL for those of the history, and what builds the worker in C++. Elsewhere it only says what it would do.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then
@@ -30,6 +30,7 @@ want valgrind
 [ "${1:-}" != test ] || {
     want mesa-vulkan-drivers; want chromium-common
     want chromium; want chromium-driver
+    want g++; want make; want libvulkan-dev; want glslang-tools; want nlohmann-json3-dev
     want slurm-wlm; want munge; want postgresql; want openssl
 }
 

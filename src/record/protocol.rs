@@ -229,8 +229,6 @@ pub struct CheckReading {
     #[schemars(schema_with = "nan::number_schema")]
     pub measured: f64,
     /// The largest error that passes.
-    #[serde(deserialize_with = "nan::number")]
-    #[schemars(schema_with = "nan::number_schema")]
     pub tolerance: f64,
     /// It passed and its control failed.
     pub sound: bool,
