@@ -80,7 +80,8 @@ pub fn measure(
     let waiting = Waiting { interrupted: &flags, tell };
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
     let mut builds = [base?, head?];
-    let header = header(options, &gates, &greeted(options, &mut builds)?)?;
+    let greetings = greeted(options, &mut builds)?;
+    let header = header(options, &gates, &greetings)?;
     let mut held = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
         resumed(&mut held, &header, tell)?
@@ -88,7 +89,8 @@ pub fn measure(
         store::write(&mut held, vec![Compared::Header(Box::new(header.clone()))])?;
         StoredComparison::new(header)
     };
-    let mut run = ComparisonRun { options, held, interrupted, waiting, before };
+    let checks = without_checks(&greetings).is_none();
+    let mut run = ComparisonRun { options, held, interrupted, waiting, before, checks };
     let common = run.exact(&mut builds, &gates.configurations)?;
     drop(builds);
     run.instructions(&common)?;
@@ -173,6 +175,7 @@ fn header(
         skipped.extend(reason.map(|reason| Skip { gate: *gate, reason }));
         possible
     });
+    let unchecked = without_checks(greetings).filter(|_| settings.gates.contains(&Gate::Exact));
     Ok(ComparisonHeader {
         base: build(Side::Base)?,
         head: build(Side::Head)?,
@@ -181,9 +184,18 @@ fn header(
         settings,
         cells: gates.cells(),
         skipped,
-        notes: base.notes.iter().chain(&head.notes).unique().cloned().collect(),
+        notes: base.notes.iter().chain(&head.notes).unique().cloned().chain(unchecked).collect(),
         ..ComparisonHeader::default()
     })
+}
+
+/// The sentence that a side has no checks, so that those of the other are not run.
+fn without_checks(greetings: &[Greeting; 2]) -> Option<String> {
+    let mut sides = Side::BOTH.into_iter().zip(greetings);
+    let lacks =
+        |(_, greeting): &(Side, &Greeting)| !greeting.parts.iter().any(|part| part == "checks");
+    let (side, _) = sides.find(lacks)?;
+    Some(format!("the {side} build knows no checks: none are compared"))
 }
 
 /// Why a gate cannot be run with these workers here.
@@ -231,6 +243,8 @@ struct ComparisonRun<'a> {
     waiting: Waiting<'a>,
     /// What was measured before this process, if anything. Its settings hold.
     before: StoredComparison,
+    /// Both sides have checks.
+    checks: bool,
 }
 
 impl ComparisonRun<'_> {
@@ -269,7 +283,7 @@ impl ComparisonRun<'_> {
         }
         common.retain(|configuration| !configuration.stages.is_empty());
         let checked = |side| self.before.checks.iter().any(|check| check.side == side);
-        if self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
+        if self.checks && self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
             let stages = common.iter().flat_map(|configuration| &configuration.stages);
             let stages = stages.sorted().dedup().cloned().collect();
             self.keep(survey::checks(builds, stages))?;

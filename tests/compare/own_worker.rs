@@ -79,6 +79,41 @@ fn a_command_that_is_no_worker_is_told_in_one_line() {
     }
 }
 
+/// A worker of another language that has one exact figure has no errors, counters, checks or instructions.
+#[test]
+fn what_a_program_lacks_is_told_and_fails_nothing() {
+    let exact = r#"{"message":"exact","stages":[{"name":"sum","work":{},"counters":{}}],"allocated_bytes":8,"errors":{},"quantities":{},"notes":[]}"#;
+    let worker = example().join("worker.py");
+    let parts = r#"s/"parts": \["time"\]/"parts": ["time","exact"]/"#;
+    let instead = format!(r#"s/^{{"message": "unsupported", "request": "exact"}}$/{exact}/"#);
+    let command =
+        format!("python3 '{}' --counted | sed -u -e '{parts}' -e '{instead}'", worker.display());
+    let place = Place::new();
+    let mut compare = place.fathom("compare --launches 10 --pairs 2 --out out --cells-file");
+    compare.arg(example().join("cells.toml")).args([
+        "--base-cmd",
+        &command,
+        "--head-cmd",
+        &command,
+    ]);
+    let told = [
+        "no regression",
+        "2 same",
+        "exact gate: ",
+        "instructions gate skipped: the base build knows no such gate",
+        "the base build knows no checks: none are compared",
+    ];
+    holds(&compare.ends(0).out, &told);
+    holds(&place.read("out/summary.md"), &told[3..]);
+    holds(&place.read("out/junit.xml"), &["skipped"]);
+    // Without that figure a summary tells of two gates.
+    let place = Place::new();
+    compared(&place, "--counted").ends(0);
+    let told = ["exact", "instructions"]
+        .map(|gate| format!("{gate} gate skipped: the base build knows no such gate"));
+    holds(&place.read("out/summary.md"), &told.each_ref().map(String::as_str));
+}
+
 /// The example in C++, built; none, with a printed reason, where what it needs is not installed.
 fn vulkan_worker(place: &Place) -> Option<PathBuf> {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/vulkan_worker");
