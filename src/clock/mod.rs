@@ -1,5 +1,6 @@
 #![doc = include_str!("README.md")]
 
+mod alone;
 mod audit;
 mod counters;
 mod device;
@@ -10,15 +11,17 @@ mod queries;
 mod sampling;
 mod session;
 
+pub use alone::StageClock;
 pub use audit::{Audit, audit, audit_all, audit_cpu_time, audit_table};
 pub use counters::{StageCounters, count};
 pub use device::{WatchedDevice, describe};
 pub use error::{ClockError, DeviceError};
 /// What is measured, as records have it.
 pub use fathom_record as record;
+pub use fathom_record::{ClockPlan, SubmitCost};
 pub use frame::{
-    ClockPlan, ColorTarget, CostMeter, DepthTarget, Fault, FrameSample, FrameTimer, HostClock,
-    HostCost, HostTime, StageScope, SubmitCost, Targets, TimedStage,
+    ColorTarget, CostMeter, DepthTarget, Fault, FrameSample, FrameTimer, HostClock, HostCost,
+    HostTime, StageScope, Targets, TimedStage,
 };
 pub use machine::MachineReader;
 pub use sampling::{

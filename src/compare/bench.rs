@@ -261,9 +261,12 @@ fn probe(start: &WorkerStart, waiting: &Waiting<'_>) -> Result<ProbedSide, Worke
     let clock = if adapter.software {
         None
     } else {
-        match worker.ask(&WorkerRequest::Clock, waiting)? {
-            Reply::Clock { clock } => Some(clock),
-            other => return Err(worker.unexpected(&other)),
+        match worker.ask(&WorkerRequest::Clock, waiting) {
+            Ok(Reply::Clock { clock }) => Some(clock),
+            Ok(other) => return Err(worker.unexpected(&other)),
+            // It times by a clock of its own.
+            Err(WorkerFault::Unsupported(_)) => None,
+            Err(fault) => return Err(fault),
         }
     };
     worker.quit();

@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 
 use super::protocol::GateConfiguration;
 use fathom_base::text::{did_you_mean, families, nearest};
-use fathom_experiments::{Experiment, ExperimentError};
+use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_record::Profile;
 use fathom_record::comparison::{CellId, CellSubject};
 
@@ -33,8 +33,8 @@ impl Gates {
     fn of(experiment: &Experiment) -> Result<Self> {
         let invalid = |fault: String| ExperimentError::of(&experiment.id, &fault);
         let plans = experiment.cells(PROFILE, &[], &[])?;
-        let configurations: Vec<GateConfiguration> =
-            plans.into_iter().map(|plan| with_all_encoded(plan.into())).collect();
+        let configurations: Vec<_> =
+            plans.into_iter().map(|plan| with_all_encoded(configuration(plan))).collect();
         if let Some(cell) = configurations.iter().find(|cell| cell.stages.is_empty()) {
             return Err(invalid(format!("cell `{}` lists no `stages` to compare", cell.id)).into());
         }
@@ -99,6 +99,16 @@ fn with_all_encoded(mut configuration: GateConfiguration) -> GateConfiguration {
         configuration.stages.extend(creates.then_some(create));
     }
     configuration
+}
+
+fn configuration(plan: CellPlan) -> GateConfiguration {
+    GateConfiguration {
+        id: plan.cell,
+        pipeline: plan.pipeline,
+        scene: plan.scene,
+        params: plan.overrides.into_iter().collect(),
+        stages: plan.stages,
+    }
 }
 
 #[cfg(test)]

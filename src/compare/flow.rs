@@ -98,7 +98,8 @@ pub fn measure(
         store::write(&mut held, vec![Compared::Header(Box::new(header.clone()))])?;
         StoredComparison::new(header)
     };
-    let mut run = ComparisonRun { options, held, interrupted, waiting, before };
+    let checks = without_checks(&greetings).is_none();
+    let mut run = ComparisonRun { options, held, interrupted, waiting, before, checks };
     let common = run.exact(&mut builds, &gates.configurations)?;
     drop(builds);
     run.instructions(&common)?;
@@ -178,6 +179,7 @@ fn header(
     let [base, head] = greetings;
     let mut settings = options.settings.clone();
     settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));
+    let unchecked = without_checks(greetings).filter(|_| settings.gates.contains(&Gate::Exact));
     Ok(ComparisonHeader {
         base: build(Side::Base)?,
         head: build(Side::Head)?,
@@ -186,7 +188,7 @@ fn header(
         settings,
         cells: gates.cells(),
         skipped,
-        notes: base.notes.iter().chain(&head.notes).unique().cloned().collect(),
+        notes: base.notes.iter().chain(&head.notes).unique().cloned().chain(unchecked).collect(),
         ..ComparisonHeader::default()
     })
 }
@@ -195,6 +197,15 @@ fn header(
 fn skipped(settings: &GateSettings, greetings: &[Greeting; 2]) -> Vec<Skip> {
     let skip = |gate: &Gate| Some(Skip { gate: *gate, reason: obstacle(*gate, greetings)? });
     settings.gates.iter().filter_map(skip).collect()
+}
+
+/// The sentence that a side has no checks, so that those of the other are not run.
+fn without_checks(greetings: &[Greeting; 2]) -> Option<String> {
+    let mut sides = Side::BOTH.into_iter().zip(greetings);
+    let lacks =
+        |(_, greeting): &(Side, &Greeting)| !greeting.parts.iter().any(|part| part == "checks");
+    let (side, _) = sides.find(lacks)?;
+    Some(format!("the {side} build knows no checks: none are compared"))
 }
 
 /// Why a gate cannot be run with these workers here.
@@ -242,6 +253,8 @@ struct ComparisonRun<'a> {
     waiting: Waiting<'a>,
     /// What was measured before this process, if anything. Its settings hold.
     before: StoredComparison,
+    /// Both sides have checks.
+    checks: bool,
 }
 
 impl ComparisonRun<'_> {
@@ -281,7 +294,7 @@ impl ComparisonRun<'_> {
         }
         common.retain(|configuration| !configuration.stages.is_empty());
         let checked = |side| self.before.checks.iter().any(|check| check.side == side);
-        if self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
+        if self.checks && self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
             let stages = common.iter().flat_map(|configuration| &configuration.stages);
             let stages = stages.filter(|name| CellSubject::of(name).is_stage());
             let stages = stages.sorted().dedup().cloned().collect();

@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -21,12 +21,15 @@ use fathom_gpu::ClockPlan;
 
 /// Runs the command of a worker that is no build of fathom.
 const SHELL: &str = "sh";
-/// A reply longer than this is garbage.
-const MAX_REPLY_BYTES: u64 = 16 << 20;
+/// A reply longer than this is garbage. The longest of fathom's own have some 50 KiB. Of one reply come lines of records, which are
+/// 4.5 times as long where numbers are written out, and may have 8 MiB.
+const MAX_REPLY_BYTES: u64 = 1 << 20;
 /// Replies that wait to be read. A worker that writes more, which nobody asked for, waits itself.
 const REPLIES_AHEAD: usize = 1;
-/// Characters of a garbled reply that its fault shows.
+/// Characters of a garbled reply that its fault shows, and of a name.
 const EXCERPT: usize = 80;
+/// The same of the reason that a worker gives.
+const REASON: usize = 1000;
 /// A worker that was asked to end is killed after this.
 const FAREWELL: Duration = Duration::from_secs(2);
 /// A reply that takes longer than this is announced as being waited for.
@@ -126,18 +129,13 @@ pub struct WorkerStart {
     pub shader_cache: Option<PathBuf>,
     /// The audited clock of a hardware adapter: both sides must read the same one.
     pub clock: Option<ClockPlan>,
-    /// How long a sample may take.
-    pub sample_patience: Duration,
+    /// How long the reply to one kind of request may take, in place of what is usual.
+    pub patience: Option<(RequestKind, Duration)>,
 }
 
 impl WorkerStart {
     pub fn new(program: &Path) -> Self {
-        Self {
-            name: "a",
-            program: program.to_owned(),
-            sample_patience: SAMPLE_PATIENCE,
-            ..Self::default()
-        }
+        Self { name: "a", program: program.to_owned(), ..Self::default() }
     }
 
     /// A worker that is started by a command of the shell.
@@ -175,9 +173,11 @@ impl WorkerStart {
 pub struct WorkerProcess {
     name: &'static str,
     tree: ProcessTree,
+    /// Lines for its standard input, which it may leave unread. None after the last.
+    requests: Option<Sender<String>>,
     replies: Receiver<std::io::Result<String>>,
     errors: Option<Listener>,
-    sample_patience: Duration,
+    patience: Option<(RequestKind, Duration)>,
     asked: RequestKind,
 }
 
@@ -213,26 +213,32 @@ impl WorkerProcess {
         if let Some(output) = tree.stdout.take() {
             std::thread::spawn(move || read_replies(output, &sender));
         }
+        let (requests, written) = channel();
+        if let Some(input) = tree.stdin.take() {
+            std::thread::spawn(move || write_requests(input, &written));
+        }
         let errors = tree.stderr.take().map(Listener::start);
-        let WorkerStart { name, sample_patience, .. } = *start;
-        Ok(Self { name, tree, replies, errors, sample_patience, asked: RequestKind::Hello })
+        let WorkerStart { name, patience, .. } = *start;
+        let (requests, asked) = (Some(requests), RequestKind::Hello);
+        Ok(Self { name, tree, requests, replies, errors, patience, asked })
     }
 
     /// Sends a request; [`Self::receive`] takes its reply, so that two workers can prepare at the same time.
     pub fn send(&mut self, request: &WorkerRequest) -> Result<(), WorkerFault> {
+        if let Ok(Ok(unasked)) = self.replies.try_recv() {
+            return Err(self.garbage(&unasked));
+        }
         self.asked = request.into();
         let line = serde_json::to_string(request).unwrap_or_default() + "\n";
-        let pipe = self.tree.stdin.as_mut();
-        let sent = pipe.is_some_and(|pipe| {
-            pipe.write_all(line.as_bytes()).and_then(|()| pipe.flush()).is_ok()
-        });
+        let sent = self.requests.as_ref().is_some_and(|requests| requests.send(line).is_ok());
         if sent { Ok(()) } else { Err(self.ended()) }
     }
 
-    /// The reply to the last request. After a fault that does not [go on](WorkerFault::goes_on) the worker is dead.
+    /// The reply to the last request, of its kind. After a fault that does not [go on](WorkerFault::goes_on) the worker is dead.
     pub fn receive(&mut self, waiting: &Waiting<'_>) -> Result<Reply, WorkerFault> {
-        let patience = match self.asked {
-            RequestKind::Sample => self.sample_patience,
+        let patience = match (self.asked, self.patience) {
+            (asked, Some((kind, patience))) if asked == kind => patience,
+            (RequestKind::Sample, _) => SAMPLE_PATIENCE,
             _ => PATIENCE,
         };
         let asked = Instant::now();
@@ -285,11 +291,13 @@ impl WorkerProcess {
                 if fatal {
                     self.tree.kill();
                 }
-                Err(WorkerFault::Refused { reason, fatal, absent })
+                Err(WorkerFault::Refused { reason: excerpt(&reason, REASON), fatal, absent })
             }
-            Ok(Reply::Unsupported { message }) => Err(WorkerFault::Unsupported(message)),
-            Ok(reply) => Ok(reply),
-            Err(_) => Err(self.garbage(line)),
+            Ok(Reply::Unsupported { message }) => {
+                Err(WorkerFault::Unsupported(excerpt(&message, EXCERPT)))
+            }
+            Ok(reply) if answers(&reply, self.asked) => Ok(reply),
+            _ => Err(self.garbage(line)),
         }
     }
 
@@ -323,14 +331,12 @@ impl WorkerProcess {
 
     fn garbage(&mut self, line: &str) -> WorkerFault {
         self.tree.kill();
-        let line = line.trim_end();
-        let excerpt: String = line.chars().take(EXCERPT).collect();
-        let more = if excerpt.len() < line.len() { "…" } else { "" };
-        WorkerFault::Garbage { request: self.asked, excerpt: format!("`{excerpt}{more}`") }
+        let excerpt = excerpt(line.trim_end(), EXCERPT);
+        WorkerFault::Garbage { request: self.asked, excerpt: format!("`{excerpt}`") }
     }
 
     fn ended(&mut self) -> WorkerFault {
-        self.tree.stdin = None;
+        self.requests = None;
         let status = self.tree.status_within(FAREWELL).ok().flatten();
         let status = status.map_or("its output closed".to_owned(), |status| status.to_string());
         WorkerFault::Ended { status, stderr: self.last_words() }
@@ -345,10 +351,33 @@ impl WorkerProcess {
     /// Asks the worker to end, and sees to it.
     pub fn quit(mut self) {
         if self.send(&WorkerRequest::Quit).is_ok() {
-            self.tree.stdin = None;
+            self.requests = None;
             // Whatever it does, it is gone after this.
             let _ = self.tree.status_within(FAREWELL);
         }
+    }
+}
+
+/// So many characters of a text that a worker has written.
+fn excerpt(text: &str, most: usize) -> String {
+    match text.char_indices().nth(most) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// The reply is of the kind that was asked for.
+fn answers(reply: &Reply, asked: RequestKind) -> bool {
+    use RequestKind as Asked;
+    match reply {
+        Reply::Hello(_) => asked == Asked::Hello,
+        Reply::Clock { .. } => asked == Asked::Clock,
+        Reply::Prepared { .. } => asked == Asked::Prepare,
+        Reply::Sample { .. } => asked == Asked::Sample,
+        Reply::Exact(_) => asked == Asked::Exact,
+        Reply::Checks { .. } => asked == Asked::Checks,
+        Reply::Instructions { .. } => asked == Asked::Instructions,
+        Reply::Fault { .. } | Reply::Unsupported { .. } => true,
     }
 }
 
@@ -357,6 +386,15 @@ fn protocol_of(line: &str) -> Option<u32> {
     let greeting: Value = serde_json::from_str(line).ok()?;
     let version = greeting.get("protocol")?.as_u64()?;
     Some(u32::try_from(version).unwrap_or(u32::MAX))
+}
+
+/// Writes line after line until there are no more or nobody reads them.
+fn write_requests(mut input: impl Write, requests: &Receiver<String>) {
+    while let Ok(line) = requests.recv() {
+        if input.write_all(line.as_bytes()).is_err() {
+            return;
+        }
+    }
 }
 
 /// Hands on line after line until the output ends or nobody listens.

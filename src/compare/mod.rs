@@ -14,11 +14,11 @@ pub mod driver;
 pub mod flow;
 pub mod instructions;
 pub mod launch;
-pub mod protocol;
-
 pub mod rounds;
 pub mod survey;
 mod valgrind;
 pub mod worker;
+
+pub use fathom_record::protocol;
 
 pub use fathom_gates::{adapters, exact, files, rank, store, tables, time, verdict};

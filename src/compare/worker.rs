@@ -1,40 +1,33 @@
 //! `fathom worker`: holds the prepared configurations of one build and measures one stage of them on request.
 //!
-//! A stage is measured alone in a frame, in one command buffer, over what a whole frame before has left in its inputs. On a
-//! software adapter its time is the CPU time that the process spends from the submission to the fence: the process *is* the
-//! GPU there, timestamps of such drivers miss work (see the audit), and what other processes took from its core is not
-//! the stage's. On a hardware adapter it is the audited clock's.
+//! A stage is measured alone in a frame, in one command buffer, over what a whole frame before has left in its inputs, by a
+//! [`StageClock`].
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use anyhow::{Context, bail};
 use thiserror::Error;
 
 use super::protocol::{
-    CheckReading, Exact, ExactStage, GateConfiguration, Greeting, PROTOCOL, Reply, StageKind,
-    WorkerRequest, parse_request,
+    self, CheckReading, Exact, ExactStage, GateConfiguration, Greeting, PROTOCOL, Reply,
+    ServeError, StageKind, WorkerRequest,
 };
 use super::valgrind;
 use fathom_base::parameter::ParamError;
 use fathom_base::quiet;
 use fathom_gpu as gpu;
-use fathom_gpu::{
-    ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, MachineReader, Stage, SubmitCost,
-};
+use fathom_gpu::{ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, Stage, StageClock};
 use fathom_harness::MAX_PASSES;
 use fathom_harness::catalog::Catalog;
 use fathom_harness::subject::{Subject, SubjectError, Subjects};
 use fathom_pipelines::{AnyPipeline, Judge, Known};
+use fathom_record::PassKind;
 use fathom_record::comparison::CellSubject;
-use fathom_record::{PassKind, StageTime};
 use fathom_scene::SceneError;
 use fathom_verify::{Case, Check, VerifyError, verify_stages};
 
-/// Readings of a frame before its clock is given up.
-const ATTEMPTS: u32 = 20;
 /// Most frames of one request.
 const MAX_FRAMES: u32 = 10_000;
 
@@ -56,29 +49,12 @@ pub fn serve(
     options: &gpu::Options,
     catalog: &Catalog,
     input: impl BufRead,
-    mut output: impl Write,
-) -> anyhow::Result<()> {
+    output: impl Write,
+) -> Result<(), ServeError> {
     quiet::pad_heap();
     let subjects = Subjects::of(catalog).silent();
     let mut worker = RequestServer { options, catalog, subjects, device: None };
-    for line in input.lines() {
-        let line = line.context("cannot read a request")?;
-        if line.trim().is_empty() {
-            continue;
-        }
-        let reply = match parse_request(&line) {
-            Ok(WorkerRequest::Quit) => return Ok(()),
-            Ok(request) => worker.answer(request).unwrap_or_else(Refusal::reply),
-            Err(reply) => reply,
-        };
-        let line = serde_json::to_string(&reply).context("cannot write a reply")?;
-        let written = writeln!(output, "{line}").and_then(|()| output.flush());
-        written.context("cannot write a reply")?;
-        if let Reply::Fault { reason, fatal: true, .. } = reply {
-            bail!(reason);
-        }
-    }
-    Ok(())
+    protocol::serve(input, output, |request| worker.answer(request).unwrap_or_else(Refusal::reply))
 }
 
 /// Why a request cannot be met.
@@ -138,11 +114,7 @@ struct RequestServer<'a> {
 /// The open device and what is prepared on it.
 struct Device {
     gpu: Gpu,
-    timer: FrameTimer,
-    /// Clocks, temperature and what holds them down, where a driver tells.
-    machine: Option<MachineReader>,
-    /// The hardware's clock has been audited, here or in another worker.
-    audited: bool,
+    clock: StageClock,
     prepared: BTreeMap<String, Prepared>,
 }
 
@@ -155,7 +127,7 @@ impl RequestServer<'_> {
         }
         let device = self.device.as_mut().ok_or(Refusal::NoHello)?;
         match request {
-            WorkerRequest::Clock => device.clock(),
+            WorkerRequest::Clock => Ok(Reply::Clock { clock: device.clock.plan(&device.gpu)? }),
             WorkerRequest::Prepare { configuration } => {
                 device.prepare(&mut self.subjects, &configuration)
             }
@@ -173,12 +145,8 @@ impl RequestServer<'_> {
 
     fn hello(&mut self, clock: Option<ClockPlan>) -> Result<Reply, Refusal> {
         let gpu = Gpu::open(self.options)?;
-        let audited = clock.is_some() || gpu.adapter.software;
-        let plan = clock.unwrap_or(ClockPlan::fenced(SubmitCost::default()));
-        let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
-        let machine = MachineReader::open(&gpu.adapter);
-        let prepared = BTreeMap::new();
-        let device = self.device.insert(Device { gpu, timer, machine, audited, prepared });
+        let clock = StageClock::new(&gpu, clock, MAX_PASSES)?;
+        let device = self.device.insert(Device { gpu, clock, prepared: BTreeMap::new() });
         Ok(Reply::Hello(Box::new(Greeting {
             protocol: PROTOCOL,
             fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -192,15 +160,6 @@ impl RequestServer<'_> {
 }
 
 impl Device {
-    fn clock(&mut self) -> Result<Reply, Refusal> {
-        if !self.audited {
-            let plan = gpu::audit(&self.gpu)?.plan;
-            self.timer = FrameTimer::new(&self.gpu, plan, MAX_PASSES)?;
-            self.audited = true;
-        }
-        Ok(Reply::Clock { clock: self.timer.plan() })
-    }
-
     fn prepare(
         &mut self,
         subjects: &mut Subjects,
@@ -212,8 +171,8 @@ impl Device {
         let pipeline = subject.build(&self.gpu)?;
         let stages = pipeline.stages();
         // A whole frame compiles the shaders and fills every stage's inputs.
-        self.timer.untimed(&self.gpu, &stages)?;
-        let kinds = stages.iter().zip(self.timer.kinds(&self.gpu, &stages)?);
+        self.clock.timer.untimed(&self.gpu, &stages)?;
+        let kinds = stages.iter().zip(self.clock.timer.kinds(&self.gpu, &stages)?);
         let kinds = kinds.map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
         let of_host = |subject: CellSubject| {
             let name = subject.to_string();
@@ -228,29 +187,24 @@ impl Device {
 
     fn sample(&mut self, config: &str, stage: &str, frames: u32) -> Result<Reply, Refusal> {
         let frames = checked(frames)?;
-        if !self.audited {
-            self.clock()?;
-        }
-        let (gpu, timer) = (&self.gpu, &mut self.timer);
         let subject = Subjected::find(&self.prepared, config, stage)?;
-        let read = |_| match &subject {
-            Subjected::Stage(stage) => Ok(reading(gpu, timer, stage)?),
-            host => {
-                let start = Instant::now();
-                host.run(gpu, timer)?;
-                Ok(start.elapsed().as_secs_f64() * 1e9)
-            }
+        if let Subjected::Stage(stage) = subject {
+            return Ok(self.clock.sample(&self.gpu, stage, frames)?);
+        }
+        let timed = |_| {
+            let start = Instant::now();
+            subject.run(&self.gpu, &mut self.clock.timer)?;
+            Ok(start.elapsed().as_secs_f64() * 1e9)
         };
-        let ns = (0..frames).map(read).collect::<Result<_, Refusal>>()?;
-        let machine = self.machine.as_ref().and_then(MachineReader::read);
-        Ok(Reply::Sample { ns, machine: machine.map(Box::new) })
+        let ns = (0..frames).map(timed).collect::<Result<_, GpuError>>()?;
+        Ok(Reply::Sample { ns, machine: None })
     }
 
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {
         let (Subject { scene, .. }, pipeline) = known(&self.prepared, config)?;
         let stages = pipeline.stages();
         let counted = gpu::count(&self.gpu, &stages, MAX_PASSES)?.unwrap_or_default();
-        self.timer.untimed(&self.gpu, &stages)?;
+        self.clock.timer.untimed(&self.gpu, &stages)?;
         let stages = stages.iter().map(|stage| {
             let counters = counted.iter().find(|counted| counted.name == stage.name());
             ExactStage {
@@ -284,11 +238,11 @@ impl Device {
         valgrind::start_counting();
         // A frame that steadies it is not counted. Making a pipeline takes seconds under callgrind, and needs none.
         if !matches!(subject, Subjected::Create(_)) {
-            subject.run(&self.gpu, &mut self.timer)?;
+            subject.run(&self.gpu, &mut self.clock.timer)?;
         }
         for _ in 0..frames {
             fathom_sample_boundary();
-            subject.run(&self.gpu, &mut self.timer)?;
+            subject.run(&self.gpu, &mut self.clock.timer)?;
         }
         fathom_sample_boundary();
         Ok(Reply::Instructions { frames })
@@ -364,43 +318,4 @@ impl<'a> Subjected<'a> {
         }
         Ok(())
     }
-}
-
-/// The stage's time; an error where it is below what the clock can tell from none, as a ratio of such times says nothing.
-fn resolved(sample: &StageTime) -> Result<f64, GpuError> {
-    if sample.is_resolved() {
-        return Ok(sample.ns);
-    }
-    let message = format!(
-        "{}: shorter than the fenced host clock's resolution of {:.3} ms: choose a larger configuration",
-        sample.stage,
-        sample.resolution_ns * 1e-6
-    );
-    Err(DeviceError::Internal(message).into())
-}
-
-/// Time of one frame with this stage alone. Readings that cannot be true are taken again.
-fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &Stage) -> Result<f64, GpuError> {
-    let mut last = String::new();
-    for _ in 0..ATTEMPTS {
-        if gpu.adapter.software {
-            let time = timer.on_host(gpu, &[stage])?;
-            let ns = time.process_ns.unwrap_or(time.wall_ns);
-            if ns > 0.0 {
-                return Ok(ns);
-            }
-            last = format!("{ns} ns");
-        } else {
-            let sample = timer.timed(gpu, &[stage])?;
-            match sample.faults.first() {
-                None => return resolved(&sample.stages[0]),
-                Some(fault) => last = fault.to_string(),
-            }
-        }
-    }
-    let name = stage.name();
-    let message = format!(
-        "{name}: no acceptable reading of the clock in {ATTEMPTS} frames; the last: {last}"
-    );
-    Err(DeviceError::Internal(message).into())
 }

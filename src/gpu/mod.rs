@@ -22,8 +22,9 @@ pub use ceilings::{CopyCheck, ceilings, compare_copies, limits, measure};
 pub use error::GpuError;
 pub use fathom_clock::{
     Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, Fault, FrameSample,
-    FrameTimer, HostClock, HostCost, HostTime, MachineReader, StageCounters, StageScope,
-    SubmitCost, Targets, TimedStage, audit, audit_all, audit_cpu_time, audit_table, count,
+    FrameTimer, HostClock, HostCost, HostTime, MachineReader, StageClock, StageCounters,
+    StageScope, SubmitCost, Targets, TimedStage, audit, audit_all, audit_cpu_time, audit_table,
+    count,
 };
 pub use layout::{Binding, BindingKind, Member, StructLayout};
 pub use limits::Demand;

@@ -17,6 +17,7 @@ use fathom_base::{statistics, text};
 
 pub mod calendar;
 pub mod ceilings;
+mod clock_plan;
 pub mod command;
 pub mod comparison;
 mod error_figure;
@@ -29,6 +30,7 @@ mod names;
 pub mod nan;
 pub mod output;
 mod params;
+pub mod protocol;
 pub mod public;
 mod samples;
 pub mod schema;
@@ -36,6 +38,7 @@ mod shard;
 #[cfg(test)]
 mod tests;
 pub use ceilings::{Ceiling, CeilingShare, Limit};
+pub use clock_plan::{ClockPlan, SubmitCost};
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use fathom_base::machine::Machine;

@@ -6,6 +6,7 @@ use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::Value;
 
+use super::protocol::Exchange;
 use super::{Record, SampleLine};
 
 /// A kind of line that has a schema.
@@ -17,6 +18,8 @@ pub enum LineKind {
     Record,
     /// Lines of `samples.jsonl`
     Sample,
+    /// Lines between `fathom compare` and a worker: `$defs` has `WorkerRequest` and `Reply`
+    Worker,
 }
 
 impl LineKind {
@@ -25,6 +28,7 @@ impl LineKind {
         match self {
             Self::Record => of::<Record>("Record of fathom"),
             Self::Sample => of::<SampleLine>("Samples of fathom"),
+            Self::Worker => of::<Exchange>("Worker protocol of fathom"),
         }
     }
 

@@ -10,7 +10,7 @@ use fathom::compare::bench::Processes;
 use fathom::compare::launch::{
     Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
 };
-use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
+use fathom::compare::protocol::{GateConfiguration, Reply, RequestKind, WorkerRequest};
 use fathom::compare::rounds::{self, Before, WorkerRole};
 use fathom::compare::store::StoredComparison;
 use fathom::compare::time;
@@ -155,7 +155,7 @@ fn toy() -> GateConfiguration {
 }
 
 /// The patience with a worker that answers no sample at all. It need not be long.
-const HUNG: Duration = Duration::from_secs(1);
+const HUNG: Option<(RequestKind, Duration)> = Some((RequestKind::Sample, Duration::from_secs(1)));
 
 /// A worker that hangs for ever where its folder stays, and ends soon after it is gone.
 fn hangs(folder: &Path) -> String {
@@ -171,7 +171,7 @@ fn a_worker_that_hangs_costs_one_cell() {
     let hangs = hangs(folder.path());
     let hanging = Script { instead: &[("\"bad\"", &hangs)], ..Script::default() };
     let mut head = scripted(folder.path(), "head", &hanging);
-    head.sample_patience = HUNG;
+    head.patience = HUNG;
     let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
     let control = Some(CellId::new("toy", "good"));
     let schedule = Schedule { control, ..schedule(&[("toy", "bad")], 3, 2) };
@@ -198,7 +198,7 @@ fn a_hung_worker_is_killed_for_certain() {
             ..Script::default()
         },
     );
-    start.sample_patience = HUNG;
+    start.patience = HUNG;
     let mut worker = WorkerProcess::start(&start).unwrap();
     worker.greeted(&Waiting::PLAINLY).unwrap();
     let request = sample("toy", "bad", 1);

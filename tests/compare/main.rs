@@ -8,6 +8,8 @@ mod builds;
 mod common;
 mod folders;
 mod gate;
+#[cfg(target_os = "linux")]
+mod hostile_workers;
 mod jobs;
 mod own_worker;
 mod processes;

@@ -3,6 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use fathom::compare::store::StoredComparison;
+use fathom::record::schema::LineKind;
+use serde_json::{Value, json};
+
 use super::common::{Ends, Place, Told, holds};
 
 fn example() -> PathBuf {
@@ -29,6 +33,37 @@ fn a_program_of_another_language_is_compared_by_its_times_alone() {
     holds(&out, &["regression", "2 slower", "+5.0 %"]);
 }
 
+/// What both sides hear and say in a whole comparison, one object per request or reply.
+fn exchange(place: &Place) -> Vec<Value> {
+    let mut compare = place.fathom("compare --launches 2 --pairs 2 --out out --cells-file");
+    compare.arg(example().join("cells.toml"));
+    let worker = example().join("worker.py");
+    let heard = format!("tee -a heard | python3 '{}' --counted | tee -a said", worker.display());
+    // Two launches are too few for a verdict.
+    compare.args(["--base-cmd", &heard, "--head-cmd", &heard]).ends(3);
+    let lines = |name: &str| -> Vec<Value> {
+        place.read(name).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    };
+    let heard = lines("heard").into_iter().map(|request| json!({ "request": request }));
+    let quit = json!({ "message": "quit" });
+    heard
+        .chain(lines("said").into_iter().map(|reply| json!({ "request": quit, "reply": reply })))
+        .collect()
+}
+
+#[test]
+fn what_the_example_hears_and_says_is_as_the_schema_has_it() {
+    let schema = jsonschema::draft202012::new(&LineKind::Worker.schema()).unwrap();
+    let exchange = exchange(&Place::new());
+    for message in ["hello", "prepare", "sample", "quit"] {
+        assert!(exchange.iter().any(|line| line["request"]["message"] == message), "{message}");
+    }
+    assert!(exchange.iter().any(|line| line["reply"]["message"] == "sample"));
+    for line in &exchange {
+        schema.validate(line).unwrap_or_else(|error| panic!("{error}: {line}"));
+    }
+}
+
 #[test]
 fn a_command_that_is_no_worker_is_told_in_one_line() {
     let other = r#"read -r line; echo '{"message":"hello","protocol":7}'; read -r line"#;
@@ -42,4 +77,84 @@ fn a_command_that_is_no_worker_is_told_in_one_line() {
         assert!(err.contains(reason), "{command}: {err}");
         assert_eq!(err.lines().count(), 1, "{err}");
     }
+}
+
+/// A worker of another language that has one exact figure has no errors, counters, checks or instructions.
+#[test]
+fn what_a_program_lacks_is_told_and_fails_nothing() {
+    let exact = r#"{"message":"exact","stages":[{"name":"sum","work":{},"counters":{}}],"allocated_bytes":8,"errors":{},"quantities":{},"notes":[]}"#;
+    let worker = example().join("worker.py");
+    let parts = r#"s/"parts": \["time"\]/"parts": ["time","exact"]/"#;
+    let instead = format!(r#"s/^{{"message": "unsupported", "request": "exact"}}$/{exact}/"#);
+    let command =
+        format!("python3 '{}' --counted | sed -u -e '{parts}' -e '{instead}'", worker.display());
+    let place = Place::new();
+    let mut compare = place.fathom("compare --launches 10 --pairs 2 --out out --cells-file");
+    compare.arg(example().join("cells.toml")).args([
+        "--base-cmd",
+        &command,
+        "--head-cmd",
+        &command,
+    ]);
+    let told = [
+        "no regression",
+        "2 same",
+        "exact gate: ",
+        "instructions gate skipped: the base build knows no such gate",
+        "the base build knows no checks: none are compared",
+    ];
+    holds(&compare.ends(0).out, &told);
+    holds(&place.read("out/summary.md"), &told[3..]);
+    holds(&place.read("out/junit.xml"), &["skipped"]);
+    // Without that figure a summary tells of two gates.
+    let place = Place::new();
+    compared(&place, "--counted").ends(0);
+    let told = ["exact", "instructions"]
+        .map(|gate| format!("{gate} gate skipped: the base build knows no such gate"));
+    holds(&place.read("out/summary.md"), &told.each_ref().map(String::as_str));
+}
+
+/// The example in C++, built; none, with a printed reason, where what it needs is not installed.
+fn vulkan_worker(place: &Place) -> Option<PathBuf> {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/vulkan_worker");
+    let header = |name: &str| Path::new("/usr/include").join(name).exists();
+    let tool = |name: &str| Command::new(name).arg("--version").output().is_ok();
+    let tools = ["make", "g++", "glslangValidator"].into_iter().all(tool);
+    if !tools || !header("vulkan/vulkan.h") || !header("nlohmann/json.hpp") {
+        println!(
+            "skipped: what examples/vulkan_worker needs is missing; scripts/setup.sh test installs it"
+        );
+        return None;
+    }
+    let mut make = Command::new("make");
+    make.arg("-C").arg(source).arg(format!("OUT={}", place.path("").display())).ends(0);
+    Some(place.path("vulkan_worker"))
+}
+
+/// By the turns that the shader has counted. Of times no more is asked than that they are there.
+#[test]
+fn a_program_in_cpp_is_compared_by_vulkan_alone() {
+    let place = Place::new();
+    let Some(worker) = vulkan_worker(&place) else { return };
+    let cells = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/vulkan_worker/cells.toml");
+    let compared = |options: &str, [base, head]: [&str; 2]| {
+        let mut compare = place.fathom(format!("compare --pairs 2 {options} --cells-file"));
+        compare.arg(&cells).args(["--base-cmd", &format!("'{}' {base}", worker.display())]);
+        compare.args(["--head-cmd", &format!("'{}' {head}", worker.display())]);
+        compare
+    };
+    let equal = compared("--launches 10 --out equal", ["--counted", "--counted"]).ends(0);
+    holds(&equal.out, &["no regression", "2 same", "vulkan_worker 1.0"]);
+    let slower = compared("--launches 10 --out slower", ["--counted", "--counted --work 1.05"]);
+    holds(&{ slower }.ends(1).out, &["regression", "2 slower", "+5.0 %"]);
+    // Two launches are too few for a verdict.
+    compared("--launches 2 --out cpu", ["", ""]).ends(3);
+    let stored = StoredComparison::read(&place.path("cpu")).unwrap();
+    assert!(stored.faults.is_empty() && stored.launches.len() == 2, "{:?}", stored.faults);
+    // What those of a software driver are worth is not for this test to say.
+    let asked = compared("--launches 1 --out timestamps", ["--timestamps"; 2]).output().unwrap();
+    assert!([2, 3].contains(&asked.status.code().unwrap()));
+    let stored = StoredComparison::read(&place.path("timestamps")).unwrap();
+    assert!(stored.faults.iter().all(|fault| fault.reason.contains("timestamps")));
+    compared("--launches 2 --out other", ["", "--wrok 2"]).refused("the head build: it ended with");
 }

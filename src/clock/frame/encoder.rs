@@ -1,5 +1,6 @@
 //! Frames whose passes are opened in an encoder of the caller.
 
+use super::host_clock::HostClock;
 use super::scope::{Mode, Query};
 use super::timer::{FrameSample, FrameTimer};
 use crate::{DeviceError, WatchedDevice};
@@ -81,7 +82,7 @@ impl FrameTimer {
         gpu.scoped(|| {
             self.recorder.push(encoder, false);
             gpu.flush()?;
-            Ok(self.recorder.run(gpu)?.by(self.plan.host()))
+            Ok(self.recorder.run(gpu)?.by(HostClock::of(&self.plan)))
         })
     }
 }

@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 use std::time::Instant;
 
+use fathom_record::{Clock, ClockPlan};
 use serde::{Deserialize, Serialize};
 
 /// What time means to the host.
@@ -17,6 +18,12 @@ pub enum HostClock {
 }
 
 impl HostClock {
+    /// What the host reads around submissions and host stages where passes are timed by this plan.
+    pub fn of(plan: &ClockPlan) -> Self {
+        let kinds = [plan.compute, plan.render, plan.copy];
+        if kinds.contains(&Clock::ProcessCpu) { Self::ProcessCpu } else { Self::Wall }
+    }
+
     /// Nanoseconds since a fixed moment.
     pub fn now_ns(self) -> f64 {
         match self {

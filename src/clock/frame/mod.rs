@@ -12,7 +12,6 @@
 //! between passes of a segment by timestamps, the time between segments by the host clock, and one submission cost per
 //! segment. Commands of a caller's encoder beside its timed passes belong to the gaps. Stages + gaps = envelope then holds only if timestamps and host clock agree.
 
-mod clock;
 mod encoder;
 mod host_clock;
 mod meter;
@@ -21,7 +20,6 @@ mod scope;
 mod stage;
 mod timer;
 
-pub use clock::{ClockPlan, SubmitCost};
 pub use host_clock::HostClock;
 pub use meter::CostMeter;
 pub(super) use probe::Probe;

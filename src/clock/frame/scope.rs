@@ -1,10 +1,9 @@
 //! Encodes a frame: the scope through which stages open their passes, and the resulting command buffers.
 
-use super::clock::ClockPlan;
 use super::host_clock::{HostClock, process_ns, thread_ns};
 use super::meter::Metering;
 use crate::{DeviceError, TimedStage, WatchedDevice};
-use fathom_record::PassKind;
+use fathom_record::{ClockPlan, PassKind};
 use std::ops::Range;
 
 /// WebGPU's largest query set.

@@ -2,13 +2,12 @@
 
 use std::fmt;
 
-use super::clock::ClockPlan;
-use super::host_clock::thread_ns;
+use super::host_clock::{HostClock, thread_ns};
 use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
 use crate::queries::{QueryResults, RESULT_BYTES};
 use crate::{DeviceError, TimedStage, WatchedDevice};
-use fathom_record::{Clock, FaultKind, PassKind, StageTime};
+use fathom_record::{Clock, ClockPlan, FaultKind, PassKind, StageTime};
 
 /// A timestamp duration may exceed its segment's wall time by this factor: two clocks differ by about as much.
 const WALL_TOLERANCE: f64 = 1.01;
@@ -98,8 +97,8 @@ impl FrameTimer {
             period_ns: f64::from(gpu.queue.get_timestamp_period()),
             max_passes,
             queries,
-            recorder: Recorder::by(plan.host()),
-            metering: Metering::by(plan.host()),
+            recorder: Recorder::by(HostClock::of(&plan)),
+            metering: Metering::by(HostClock::of(&plan)),
             spans: Vec::new(),
             ticks: Vec::new(),
             previous: Vec::new(),
@@ -133,7 +132,7 @@ impl FrameTimer {
         gpu: &WatchedDevice,
         stages: &[&S],
     ) -> Result<f64, DeviceError> {
-        Ok(self.on_host(gpu, stages)?.by(self.plan.host()))
+        Ok(self.on_host(gpu, stages)?.by(HostClock::of(&self.plan)))
     }
 
     /// Runs one frame as [`Self::untimed`] does and also reads the process's CPU time.

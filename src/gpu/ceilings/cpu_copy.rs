@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::kernel;
 use super::{ROUNDS, Stand};
-use crate::ClockPlan;
+use crate::{ClockPlan, HostClock};
 use crate::{Gpu, GpuError};
 use fathom_base::statistics::{Estimate, estimate, ratio_estimate};
 use fathom_record::ceilings::Limit;
@@ -80,9 +80,9 @@ pub fn compare_copies(
     let mut pairs_ns = Vec::new();
     for _ in 0..PAIRS {
         let adapter_ns = stand.time_ns(turns)?;
-        let start_ns = plan.host().now_ns();
+        let start_ns = HostClock::of(&plan).now_ns();
         cpu.run(turns);
-        pairs_ns.push((adapter_ns, plan.host().now_ns() - start_ns));
+        pairs_ns.push((adapter_ns, HostClock::of(&plan).now_ns() - start_ns));
     }
     Ok(CopyCheck::of_times(working_set_bytes, bytes, &pairs_ns))
 }

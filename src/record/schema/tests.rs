@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 
 use itertools::Itertools;
 use jsonschema::Validator;
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use fathom_experiments::fixtures;
@@ -10,11 +11,12 @@ use fathom_record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, Launch,
     NamedDriver, Side, SideEnvironment, Skip,
 };
+use fathom_record::protocol::{Reply, WorkerRequest};
 use fathom_record::schema::*;
 use fathom_record::{
-    Addition, Clock, ErrorFigure, ErrorSpan, FaultKind, Fenced, FramePair, MachineState, Note,
-    NoteKind, PassKind, Picture, PictureKind, PictureScale, Profile, Record, RejectedFrames,
-    SAMPLES_SCHEMA, SampleLine, StageTime,
+    Adapter, Addition, Clock, ClockPlan, ErrorFigure, ErrorSpan, FaultKind, Fenced, FramePair,
+    MachineState, Note, NoteKind, PassKind, Picture, PictureKind, PictureScale, Profile, Record,
+    RejectedFrames, SAMPLES_SCHEMA, SampleLine, StageTime, SubmitCost,
 };
 
 fn validator(kind: LineKind) -> Validator {
@@ -25,10 +27,14 @@ fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
-const KINDS: [LineKind; 2] = [LineKind::Record, LineKind::Sample];
+const KINDS: [LineKind; 3] = [LineKind::Record, LineKind::Sample, LineKind::Worker];
 
 fn committed(kind: LineKind) -> PathBuf {
-    let name = format!("{kind:?}").to_lowercase();
+    let name = match kind {
+        LineKind::Record => "record",
+        LineKind::Sample => "sample",
+        LineKind::Worker => "worker-protocol",
+    };
     root().join(format!("docs/{name}.schema.json"))
 }
 
@@ -153,6 +159,49 @@ fn compared() -> Vec<Value> {
     written.chain(figures).collect()
 }
 
+/// Each request with a reply that has every optional part.
+fn exchanges() -> Vec<Value> {
+    let clock = ClockPlan::fenced(SubmitCost::default());
+    let adapter = json!(Adapter::default());
+    let greeting = json!({"message": "hello", "protocol": 1, "fathom_version": "0", "adapter": adapter,
+        "parts": ["time"], "cores": [0], "randomized": true, "notes": ["n"]});
+    let exact = json!({"message": "exact", "stages": [{"name": "a", "work": {"photons": 3}, "counters": {"c": 1}}],
+        "allocated_bytes": 8, "errors": {"e": null}, "quantities": {"q": 0.5}, "notes": ["n"],
+        "judged": [{"name": "e", "value": 0.5, "unit": "m", "stage": "a"}]});
+    let check = json!({"stage": "a", "what": "w", "unit": "%", "measured": null, "tolerance": 0.1, "sound": false});
+    let [of_stage, fault] = [
+        json!({"config": "a", "stage": "b", "frames": 3}),
+        json!({"message": "fault", "reason": "r", "fatal": true, "absent": false}),
+    ];
+    let of_stage = |message: &str| {
+        let mut request = of_stage.clone();
+        request["message"] = message.into();
+        request
+    };
+    let pairs = [
+        (json!({"message": "hello", "protocol": 1, "clock": clock}), greeting),
+        (json!({"message": "clock"}), json!({"message": "clock", "clock": clock})),
+        (
+            json!({"message": "prepare", "id": "a", "pipeline": "p", "scene": "s", "params": {"b.c": [1]}}),
+            json!({"message": "prepared", "stages": [{"name": "b", "kind": "compute"}]}),
+        ),
+        (
+            of_stage("sample"),
+            json!({"message": "sample", "ns": [1.5], "machine": {"clock_mhz": 900.0}}),
+        ),
+        (json!({"message": "exact", "config": "a"}), exact),
+        (
+            json!({"message": "checks", "stages": ["a"]}),
+            json!({"message": "checks", "checks": [check]}),
+        ),
+        (of_stage("instructions"), json!({"message": "instructions", "frames": 3})),
+        (json!({"message": "quit"}), json!(null)),
+        (json!({"message": "clock"}), fault),
+        (json!({"message": "clock"}), json!({"message": "unsupported", "request": "clock"})),
+    ];
+    pairs.map(|(request, reply)| json!({"request": request, "reply": reply})).into()
+}
+
 fn cell() -> CellId {
     CellId::new("tank", "compose")
 }
@@ -196,6 +245,8 @@ fn records_that_are_written_are_valid() {
         valid(&records, &record);
     }
     valid(&validator(LineKind::Sample), &sample_line());
+    let worker = validator(LineKind::Worker);
+    exchanges().iter().for_each(|exchange| valid(&worker, exchange));
 }
 
 #[test]
@@ -245,14 +296,17 @@ fn damaged(line: &Value) -> Vec<(String, Value)> {
 #[test]
 fn the_schema_refuses_what_the_reader_refuses() {
     use fathom_record::Line;
-    fn agree<T: Line>(kind: LineKind, lines: &[Value]) -> [usize; 2] {
+    fn is_read<T: Line>(line: Value) -> bool {
+        let schema = line.get("schema").and_then(Value::as_u64);
+        let other_format = schema.is_some_and(|schema| schema != u64::from(T::SCHEMA));
+        let read = serde_json::from_value::<T>(line);
+        read.is_ok_and(|read| read.check().is_ok()) && !other_format
+    }
+    fn agree(kind: LineKind, lines: &[Value], is_read: fn(Value) -> bool) -> [usize; 2] {
         let validator = validator(kind);
         let mut counts = [0; 2];
         for (what, line) in lines.iter().flat_map(damaged) {
-            let schema = line.get("schema").and_then(Value::as_u64);
-            let other_format = schema.is_some_and(|schema| schema != u64::from(T::SCHEMA));
-            let read = serde_json::from_value::<T>(line.clone());
-            let read = read.is_ok_and(|read| read.check().is_ok()) && !other_format;
+            let read = is_read(line.clone());
             let valid = validator.is_valid(&line);
             let half = ["/low", "/high"].iter().any(|bound| what.contains(bound));
             let stricter = half || what.ends_with("= []");
@@ -264,10 +318,16 @@ fn the_schema_refuses_what_the_reader_refuses() {
         }
         counts
     }
-    let [refused, accepted] = agree::<Record>(LineKind::Record, &full());
+    let [refused, accepted] = agree(LineKind::Record, &full(), is_read::<Record>);
     assert!(refused > 1000 && accepted > 100, "{refused} refused, {accepted} accepted");
-    let [refused, accepted] = agree::<SampleLine>(LineKind::Sample, &[sample_line()]);
+    let [refused, accepted] = agree(LineKind::Sample, &[sample_line()], is_read::<SampleLine>);
     assert!(refused > 50 && accepted > 10, "{refused} refused, {accepted} accepted");
+    let exchanged = |line: Value| {
+        let request = WorkerRequest::deserialize(&line["request"]).is_ok();
+        request && Option::<Reply>::deserialize(&line["reply"]).is_ok()
+    };
+    let [refused, accepted] = agree(LineKind::Worker, &exchanges(), exchanged);
+    assert!(refused > 200 && accepted > 20, "{refused} refused, {accepted} accepted");
 }
 
 #[test]

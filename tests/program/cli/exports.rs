@@ -149,11 +149,15 @@ fn exporters_and_schemas_are_told() {
     {
         assert!(listed.lines().any(|line| line.trim_start().starts_with(format)), "{format}");
     }
-    for (words, kind) in [("schema", LineKind::Record), ("schema sample", LineKind::Sample)] {
+    for (words, kind) in [
+        ("schema", LineKind::Record),
+        ("schema sample", LineKind::Sample),
+        ("schema worker", LineKind::Worker),
+    ] {
         assert_eq!(fathom(words).ends(0).json(), kind.schema());
     }
     let wrong = fathom("schema records").refused("error: invalid value 'records'");
-    holds(&wrong, &["record, sample"]);
+    holds(&wrong, &["record, sample, worker"]);
 }
 
 /// Of two experiments, with their times and pictures, beside a picture of `own`. What only the machine or the user told is in

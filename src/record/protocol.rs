@@ -5,24 +5,28 @@
 //! [`Reply::Unsupported`]. The version is raised when a message changes its meaning.
 
 use std::collections::BTreeMap;
+use std::io::{self, BufRead, Write};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use strum::{Display, EnumDiscriminants, EnumString};
+use thiserror::Error;
 
-use fathom_experiments::CellPlan;
-use fathom_gpu::ClockPlan;
-use fathom_record::comparison::CellId;
-use fathom_record::{Adapter, ErrorFigure, MachineState, PassKind, Work, nan};
+use super::comparison::CellId;
+use super::{Adapter, ClockPlan, ErrorFigure, MachineState, PassKind, Work, nan};
 
 /// Version of these messages.
 pub const PROTOCOL: u32 = 1;
 
 /// A pipeline on a scene with these parameters, under a name of the caller's choice.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GateConfiguration {
+    /// Later requests call the configuration so.
     pub id: String,
+    /// As the cells file has it.
     pub pipeline: String,
+    /// As the cells file has it.
     pub scene: String,
     /// Dotted path → value, over the pipeline's defaults.
     pub params: Map<String, Value>,
@@ -37,27 +41,17 @@ impl GateConfiguration {
     }
 }
 
-impl From<CellPlan> for GateConfiguration {
-    fn from(plan: CellPlan) -> Self {
-        Self {
-            id: plan.cell,
-            pipeline: plan.pipeline,
-            scene: plan.scene,
-            params: plan.overrides.into_iter().collect(),
-            stages: plan.stages,
-        }
-    }
-}
-
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, EnumDiscriminants)]
+/// A line that a worker reads.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, EnumDiscriminants)]
 #[serde(tag = "message", rename_all = "snake_case")]
 #[strum_discriminants(name(RequestKind), derive(Display, EnumString))]
 #[strum_discriminants(strum(serialize_all = "snake_case"))]
 pub enum WorkerRequest {
     /// Comes first. The worker opens its device.
     Hello {
+        /// Version of the protocol.
         protocol: u32,
-        /// How to time, where the caller knows it from another worker's [`Reply::Clock`].
+        /// How to time, where the caller knows it from another worker's reply to `clock`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         clock: Option<ClockPlan>,
     },
@@ -70,41 +64,59 @@ pub enum WorkerRequest {
     },
     /// Runs a stage alone, so many frames in a row.
     Sample {
+        /// The id of a prepared configuration.
         config: String,
+        /// A stage of it.
         stage: String,
+        /// How many times to take.
         frames: u32,
     },
     /// What can be counted of a configuration.
     Exact {
+        /// The id of a prepared configuration.
         config: String,
     },
-    /// Runs a stage alone with a call of [`fathom_sample_boundary`](super::worker::fathom_sample_boundary) before each
-    /// frame and one after the last.
+    /// Runs a stage alone with a call of a function named `fathom_sample_boundary` before each frame and one after the last.
     Instructions {
+        /// The id of a prepared configuration.
         config: String,
+        /// A stage of it.
         stage: String,
+        /// How many frames to count.
         frames: u32,
     },
     /// The checks of `fathom verify` that concern these stages.
     Checks {
+        /// Names of stages.
         stages: Vec<String>,
     },
+    /// Ends the worker, which does not reply.
     Quit,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+impl WorkerRequest {
+    /// The answer of a worker that cannot do this.
+    pub fn unsupported(&self) -> Reply {
+        Reply::Unsupported { message: RequestKind::from(self).to_string() }
+    }
+}
+
+/// A line that a worker writes, for each request.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "message", rename_all = "snake_case")]
 pub enum Reply {
     Hello(Box<Greeting>),
     Clock {
+        /// What the audit has chosen.
         clock: ClockPlan,
     },
     Prepared {
-        /// In frame order.
+        /// All stages of the configuration, in frame order.
         stages: Vec<StageKind>,
     },
     /// One reading per frame.
     Sample {
+        /// Nanoseconds, each above 0.
         ns: Vec<f64>,
         /// The adapter after the last frame, where its driver tells; workers of earlier versions do not.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -112,31 +124,38 @@ pub enum Reply {
     },
     Exact(Box<Exact>),
     Checks {
+        /// One for each figure that is checked.
         checks: Vec<CheckReading>,
     },
     Instructions {
+        /// How many were counted: as many as were asked for.
         frames: u32,
     },
     /// The request could not be met. After a fatal one the worker ends.
     Fault {
+        /// For people, in a line.
         reason: String,
+        /// The worker ends.
         fatal: bool,
         /// This build knows no such pipeline, scene, stage or parameter.
         absent: bool,
     },
     /// The worker does not know this message.
     Unsupported {
+        /// Its name.
         #[serde(rename = "request")]
         message: String,
     },
 }
 
 /// What a worker says of itself.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Greeting {
+    /// Version of the protocol.
     pub protocol: u32,
     /// Version of the program.
     pub fathom_version: String,
+    /// What the stages run on.
     pub adapter: Adapter,
     /// `exact`, `checks`, `time`, `instructions`: what this worker can do.
     pub parts: Vec<String>,
@@ -156,49 +175,60 @@ pub fn with_driver(adapter: &Adapter) -> String {
     format!("{} ({})", adapter.name, adapter.driver_info)
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageKind {
+    /// As the cells file has it.
     pub name: String,
     /// Kind of its first pass; `host` for a stage without passes.
     pub kind: PassKind,
 }
 
 /// The exact figures of a configuration.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Exact {
     /// In frame order.
     pub stages: Vec<ExactStage>,
+    /// Memory of the adapter that the configuration has taken.
     pub allocated_bytes: u64,
     /// Errors against the reference: more is worse.
     #[serde(deserialize_with = "nan::map")]
+    #[schemars(schema_with = "nan::map_schema")]
     pub errors: BTreeMap<String, f64>,
     /// The same with the stage that each judges; absent from workers that do not know.
     #[serde(default)]
     pub judged: Vec<ErrorFigure>,
     /// Figures read back from the frame that are no errors.
     #[serde(deserialize_with = "nan::map")]
+    #[schemars(schema_with = "nan::map_schema")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
     pub notes: Vec<String>,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ExactStage {
+    /// As `prepared` has it.
     pub name: String,
+    /// What the program declares that the stage does.
     pub work: Work,
     /// Shader invocations; empty where the adapter does not count.
     pub counters: BTreeMap<String, u64>,
 }
 
 /// A stage's error on a small case.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CheckReading {
+    /// The stage that is checked.
     pub stage: String,
+    /// What of it.
     pub what: String,
+    /// Of `measured` and `tolerance`.
     pub unit: String,
+    /// The error.
     #[serde(deserialize_with = "nan::number")]
+    #[schemars(schema_with = "nan::number_schema")]
     pub measured: f64,
-    #[serde(deserialize_with = "nan::number")]
+    /// The largest error that passes.
     pub tolerance: f64,
     /// It passed and its control failed.
     pub sound: bool,
@@ -218,6 +248,56 @@ pub fn parse_request(line: &str) -> Result<WorkerRequest, Reply> {
         }
         _ => serde_json::from_value(value).map_err(fault),
     }
+}
+
+/// Why a worker ends before it is asked to.
+#[derive(Debug, Error)]
+pub enum ServeError {
+    #[error("cannot read a request: {0}")]
+    Read(io::Error),
+    #[error("cannot write a reply: {0}")]
+    Write(io::Error),
+    #[error("{0}")]
+    Fatal(String),
+}
+
+/// The loop of a worker: answers each line of `input` with a line of `output`, until `quit`, the end of the input or a fatal fault.
+/// A worker passes [`WorkerRequest::unsupported`] on for what it cannot do.
+pub fn serve(
+    input: impl BufRead,
+    mut output: impl Write,
+    mut answer: impl FnMut(WorkerRequest) -> Reply,
+) -> Result<(), ServeError> {
+    for line in input.lines() {
+        let line = line.map_err(ServeError::Read)?;
+        if line.trim().is_empty() {
+            continue;
+        }
+        let reply = match parse_request(&line) {
+            Ok(WorkerRequest::Quit) => return Ok(()),
+            Ok(request) => answer(request),
+            Err(reply) => reply,
+        };
+        let line =
+            serde_json::to_string(&reply).map_err(|error| ServeError::Write(error.into()))?;
+        let written = writeln!(output, "{line}").and_then(|()| output.flush());
+        written.map_err(ServeError::Write)?;
+        if let Reply::Fault { reason, fatal: true, .. } = reply {
+            return Err(ServeError::Fatal(reason));
+        }
+    }
+    Ok(())
+}
+
+/// What one line asks and another answers; `quit` has no reply.
+#[derive(JsonSchema)]
+pub(super) struct Exchange {
+    /// The line on the worker's standard input.
+    #[expect(dead_code, reason = "for the schema alone")]
+    request: WorkerRequest,
+    /// The line on its standard output.
+    #[expect(dead_code, reason = "for the schema alone")]
+    reply: Option<Reply>,
 }
 
 #[cfg(test)]

@@ -1,25 +1,31 @@
 //! Which clock times which kind of pass.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::host_clock::HostClock;
-use fathom_record::{Clock, PassKind};
+use super::{Clock, PassKind};
 
 /// The clock for each kind of pass, as the audit found it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ClockPlan {
+    /// Of compute passes.
     pub compute: Clock,
+    /// Of render passes.
     pub render: Clock,
+    /// Of copies.
     pub copy: Clock,
     pub submit_cost: SubmitCost,
 }
 
 /// Host time in ns from submission to fence of a command buffer with the smallest pass of a kind. An empty command buffer would
 /// be too fast: a driver need not wake its threads for it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SubmitCost {
+    /// Of a compute pass.
     pub compute_ns: f64,
+    /// Of a render pass.
     pub render_ns: f64,
+    /// Of a copy.
     pub copy_ns: f64,
 }
 
@@ -57,7 +63,7 @@ impl ClockPlan {
     }
 
     /// A pass of this kind is alone in a submission.
-    pub(super) fn fences(&self, kind: PassKind) -> bool {
+    pub fn fences(&self, kind: PassKind) -> bool {
         self.clock(kind) != Clock::Timestamp
     }
 
@@ -65,12 +71,6 @@ impl ClockPlan {
     pub fn process_cpu(submit_cost: SubmitCost) -> Self {
         let clock = Clock::ProcessCpu;
         Self { compute: clock, render: clock, copy: clock, submit_cost }
-    }
-
-    /// The clock that the host reads around submissions and host stages.
-    pub fn host(&self) -> HostClock {
-        let kinds = [self.compute, self.render, self.copy];
-        if kinds.contains(&Clock::ProcessCpu) { HostClock::ProcessCpu } else { HostClock::Wall }
     }
 
     /// The same plan with another clock for one kind of pass.

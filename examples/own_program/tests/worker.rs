@@ -1,0 +1,39 @@
+//! The program as a worker, compared with itself.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use fathom::Catalog;
+use fathom::compare::flow::{self, CompareOptions, Program};
+use fathom::compare::launch::WorkerStart;
+use fathom::compare::store::StoredComparison;
+use fathom::compare::verdict::{Status, Verdicts};
+use fathom::record::comparison::{Gate, GateSettings};
+
+/// Of times on a machine of any load no more is asked than that they are there.
+#[test]
+fn the_program_is_compared_with_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let command = format!("'{}'", env!("CARGO_BIN_EXE_worker"));
+    let program = Program { label: "worker".to_owned(), start: WorkerStart::of_command(&command) };
+    let options = CompareOptions {
+        catalog: Catalog::builtin(),
+        programs: [program.clone(), program],
+        cells_file: Some(Path::new(env!("CARGO_MANIFEST_DIR")).join("cells.toml")),
+        filter: None,
+        env_values: false,
+        settings: GateSettings { launches: 2, pairs: 2, ..GateSettings::default() },
+        out: Some(folder.path().join("out")),
+        resume: false,
+    };
+    let out = flow::measure(&options, &AtomicBool::new(false), &|_| ()).expect("it is compared");
+    let stored = StoredComparison::read(&out).unwrap();
+    assert!(stored.faults.is_empty(), "{:?}", stored.faults);
+    let skipped: Vec<Gate> = stored.header.skipped.iter().map(|skip| skip.gate).collect();
+    assert_eq!(skipped, [Gate::Exact, Gate::Instructions]);
+    // Two launches of two pairs, of six cells and the control.
+    let pairs = stored.pairs.iter().filter(|pair| !pair.second);
+    assert_eq!(pairs.clone().count(), 2 * 2 * 7);
+    assert!(pairs.into_iter().all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0));
+    assert_eq!(Verdicts::of(&stored).status, Status::Inconclusive);
+}
