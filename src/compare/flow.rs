@@ -170,7 +170,7 @@ fn header(
     let mut settings = options.settings.clone();
     let mut skipped = Vec::new();
     settings.gates.retain(|gate| {
-        let reason = obstacle(*gate, greetings);
+        let reason = obstacle(*gate, greetings, options);
         let possible = reason.is_none();
         skipped.extend(reason.map(|reason| Skip { gate: *gate, reason }));
         possible
@@ -199,11 +199,14 @@ fn without_checks(greetings: &[Greeting; 2]) -> Option<String> {
 }
 
 /// Why a gate cannot be run with these workers here.
-fn obstacle(gate: Gate, greetings: &[Greeting; 2]) -> Option<String> {
+fn obstacle(gate: Gate, greetings: &[Greeting; 2], options: &CompareOptions) -> Option<String> {
     let knows = |greeting: &Greeting| greeting.parts.contains(&gate.to_string());
     let mut sides = Side::BOTH.into_iter().zip(greetings);
     if let Some((side, _)) = sides.find(|(_, greeting)| !knows(greeting)) {
         return Some(format!("the {side} build knows no such gate"));
+    }
+    if gate == Gate::Instructions && options.programs.iter().any(|it| it.start.command.is_some()) {
+        return Some("callgrind would count the shell that starts a command".to_owned());
     }
     let software = greetings.iter().all(|greeting| greeting.adapter.software);
     (gate == Gate::Instructions).then(|| instructions::obstacle(software))?
