@@ -82,7 +82,7 @@ pub fn measure(
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
     let mut builds = [base?, head?];
     let greetings = greeted(options, &mut builds)?;
-    let skipped = skipped(&options.settings, &greetings);
+    let skipped = skipped(options, &greetings);
     let software = greetings[Side::Head as usize].adapter.software;
     gates.retain(|cell| {
         let mut wanted = options.settings.gates.iter();
@@ -194,9 +194,9 @@ fn header(
 }
 
 /// The gates asked for that cannot be run.
-fn skipped(settings: &GateSettings, greetings: &[Greeting; 2]) -> Vec<Skip> {
-    let skip = |gate: &Gate| Some(Skip { gate: *gate, reason: obstacle(*gate, greetings)? });
-    settings.gates.iter().filter_map(skip).collect()
+fn skipped(options: &CompareOptions, greetings: &[Greeting; 2]) -> Vec<Skip> {
+    let skip = |gate: &Gate| Some(Skip { gate: *gate, reason: obstacle(*gate, greetings, options)? });
+    options.settings.gates.iter().filter_map(skip).collect()
 }
 
 /// The sentence that a side has no checks, so that those of the other are not run.
@@ -209,11 +209,14 @@ fn without_checks(greetings: &[Greeting; 2]) -> Option<String> {
 }
 
 /// Why a gate cannot be run with these workers here.
-fn obstacle(gate: Gate, greetings: &[Greeting; 2]) -> Option<String> {
+fn obstacle(gate: Gate, greetings: &[Greeting; 2], options: &CompareOptions) -> Option<String> {
     let knows = |greeting: &Greeting| greeting.parts.contains(&gate.to_string());
     let mut sides = Side::BOTH.into_iter().zip(greetings);
     if let Some((side, _)) = sides.find(|(_, greeting)| !knows(greeting)) {
         return Some(format!("the {side} build knows no such gate"));
+    }
+    if gate == Gate::Instructions && options.programs.iter().any(|it| it.start.command.is_some()) {
+        return Some("callgrind would count the shell that starts a command".to_owned());
     }
     let software = greetings.iter().all(|greeting| greeting.adapter.software);
     (gate == Gate::Instructions).then(|| instructions::obstacle(software))?
