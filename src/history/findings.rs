@@ -2,6 +2,7 @@
 
 use std::iter::once;
 
+use itertools::Itertools;
 use rayon::prelude::*;
 
 use super::changes::{LEAST_RUNS, change_points};
@@ -152,22 +153,23 @@ fn of_series(
     let points = change_points(&values, scores);
     let inner = points.iter().map(|point| point.at);
     let bounds: Vec<usize> = once(0).chain(inner).chain([values.len()]).collect();
-    let change = points.iter().zip(bounds.array_windows()).map(|(point, [from, at, to])| {
-        let machine = controls.judge(series, [*from, *at, *to]);
-        Change {
-            series: place,
-            at: *at,
-            runs: [at - 1, *at].map(|at| series.points[at].run),
-            size: match machine {
-                MachineShift::Partly { left, .. } => Size::Share(left.map(f64::exp_m1)),
-                _ => Size::of(&values[*from..*at], &values[*at..*to]),
-            },
-            n: [at - from, to - at],
-            p: point.p,
-            false_share: 1.0,
-            machine,
-        }
-    });
+    let change =
+        points.iter().zip(bounds.into_iter().tuple_windows()).map(|(point, (from, at, to))| {
+            let machine = controls.judge(series, [from, at, to]);
+            Change {
+                series: place,
+                at,
+                runs: [at - 1, at].map(|at| series.points[at].run),
+                size: match machine {
+                    MachineShift::Partly { left, .. } => Size::Share(left.map(f64::exp_m1)),
+                    _ => Size::of(&values[from..at], &values[at..to]),
+                },
+                n: [at - from, to - at],
+                p: point.p,
+                false_share: 1.0,
+                machine,
+            }
+        });
     change.collect()
 }
 

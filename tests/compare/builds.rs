@@ -373,7 +373,7 @@ fn files_of_records_are_judged_by_what_is_exact() {
     };
     let told = compare("same", 4, &|_| ());
     let first = "times not judged (status 4): exact figures of 1 cell: same; times of 1 cell not judged: two runs share no pairs";
-    assert_eq!(told.lines().next(), Some(first));
+    assert!(told.lines().take(2).any(|line| line == first), "{told}");
     let exact = "compare base/records.jsonl same/records.jsonl --gates exact";
     holds(&place.fathom(exact).ends(0).out, &["no regression (status 0): exact figures"]);
 

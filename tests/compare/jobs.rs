@@ -13,6 +13,9 @@ use super::api::{BOT, Mood, Server};
 use super::common::{Ends, Place, Told, holds};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+/// Names and values of the environment.
+type Variables = Vec<(&'static str, String)>;
+
 const WORKER: &str = "python3 worker.py --counted";
 /// As many as find a slowdown in two cells.
 const LAUNCHES: &str = "8";
@@ -120,7 +123,7 @@ impl Project {
     }
 
     /// What GitHub tells each step of a job.
-    fn github(&self) -> Vec<(&'static str, String)> {
+    fn github(&self) -> Variables {
         let event = json!({ "pull_request": { "number": 7 } });
         let event = self.place.write("event.json", event.to_string()).display().to_string();
         vec![
@@ -134,7 +137,7 @@ impl Project {
         ]
     }
 
-    fn gitlab(&self) -> Vec<(&'static str, String)> {
+    fn gitlab(&self) -> Variables {
         vec![
             ("GITLAB_CI", "true".to_owned()),
             ("CI_API_V4_URL", format!("{}/gitlab", self.server.url)),
@@ -149,45 +152,33 @@ impl Project {
     /// Runs the steps of `action.yml` as a workflow that hands in these settings; the job's status, what was printed, and the output.
     fn action(&self, with: &Value) -> (i32, String, String) {
         let action = yaml(&root().join("action.yml"));
-        let mut inputs: BTreeMap<String, String> = BTreeMap::new();
-        for (name, input) in action["inputs"].as_object().unwrap() {
-            inputs.insert(name.clone(), input["default"].as_str().unwrap().to_owned());
-        }
-        for (name, value) in with.as_object().unwrap() {
-            let known = inputs.insert(name.clone(), value.as_str().unwrap().to_owned());
-            assert!(known.is_some(), "no input {name}");
-        }
-        let mut known: BTreeMap<String, String> =
-            inputs.into_iter().map(|(name, value)| (format!("inputs.{name}"), value)).collect();
-        known.insert("github.token".to_owned(), "secret".to_owned());
-        known.insert(
-            "steps.keep.outputs.artifact-url".to_owned(),
-            "https://example.invalid/a".to_owned(),
-        );
+        let mut known = known(&action, with);
         let (mut failed, mut printed) = (0, String::new());
         for step in action["runs"]["steps"].as_array().unwrap() {
             let Some(script) = step["run"].as_str() else { continue };
             assert!(!script.contains("${{"), "text of others in a script: {script}");
-            let condition = step["if"].as_str().unwrap_or("success()");
-            let wanted = !condition.contains("inputs.comment") || known["inputs.comment"] == "true";
-            if !(wanted && (failed == 0 || condition.contains("always()"))) {
+            let is_run = match step["if"].as_str() {
+                None => failed == 0,
+                Some("always() && inputs.comment == 'true'") => known["inputs.comment"] == "true",
+                Some(other) => panic!("{other}"),
+            };
+            if !is_run {
                 continue;
             }
-            let mut variables = self.github();
-            let output = self.place.write("output", "").display().to_string();
-            variables.push(("GITHUB_OUTPUT", output));
             let env = step["env"].as_object().cloned().unwrap_or_default();
-            let own = env
-                .iter()
-                .map(|(name, value)| (name.as_str(), evaluated(value.as_str().unwrap(), &known)));
-            variables.extend(own);
+            let value = |value: &Value| evaluated(value.as_str().unwrap(), &known);
+            let output = self.place.write("output", "").display().to_string();
+            let mut variables: Vec<(&str, String)> = self.github();
+            variables.push(("GITHUB_OUTPUT", output));
+            variables.extend(env.iter().map(|(name, text)| (name.as_str(), value(text))));
             let ended = self.script(script, &variables).output().unwrap();
             printed += &String::from_utf8_lossy(&[ended.stdout, ended.stderr].concat());
             failed = if failed == 0 { ended.status.code().unwrap() } else { failed };
-            if let (Some(id), Some((name, value))) =
-                (step["id"].as_str(), self.place.read("output").trim().split_once('='))
+            let output = self.place.read("output");
+            if let (Some(id), Some((name, text))) =
+                (step["id"].as_str(), output.trim().split_once('='))
             {
-                known.insert(format!("steps.{id}.outputs.{name}"), value.to_owned());
+                known.insert(format!("steps.{id}.outputs.{name}"), text.to_owned());
             }
         }
         (failed, printed, evaluated(action["outputs"]["status"]["value"].as_str().unwrap(), &known))
@@ -224,6 +215,22 @@ impl Project {
         assert!(comment.lines().count() <= 15 && comment.starts_with(MARK), "{comment}");
         comment
     }
+}
+
+/// What expressions of an action may name: its inputs, with these settings in place of defaults, and what GitHub hands in.
+fn known(action: &Value, with: &Value) -> BTreeMap<String, String> {
+    let mut inputs = BTreeMap::new();
+    for (name, input) in action["inputs"].as_object().unwrap() {
+        inputs.insert(format!("inputs.{name}"), input["default"].as_str().unwrap().to_owned());
+    }
+    for (name, value) in with.as_object().unwrap() {
+        let input = inputs.insert(format!("inputs.{name}"), value.as_str().unwrap().to_owned());
+        assert!(input.is_some(), "no input {name}");
+    }
+    let link = "https://example.invalid/a";
+    let handed = [("github.token", "secret"), ("steps.keep.outputs.artifact-url", link)];
+    inputs.extend(handed.map(|(name, value)| (name.to_owned(), value.to_owned())));
+    inputs
 }
 
 /// `${{ NAME }}` is all that a value may be.
@@ -417,7 +424,7 @@ fn what_keeps_a_comment_from_being_written_is_a_note() {
         };
         // A port that was free a moment ago.
         let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-        let cases: [(&str, Mood, Vec<(&str, String)>); 6] = [
+        let cases: [(&str, Mood, Variables); 6] = [
             (
                 "403: the token may not write here, as in a request from a fork",
                 Mood::Forbids,

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use fathom::record::{
-    Adapter, Clock, ErrorFigure, FrameRecord, Measured, Outcome, Record, Run, SCHEMA, StageRecord,
+    Adapter, Ceiling, Clock, ErrorFigure, FrameRecord, Limit, Measured, Outcome, Record, Run,
+    SCHEMA, StageRecord,
 };
 use fathom::statistics::estimate;
 use serde_json::json;
@@ -56,6 +57,16 @@ pub fn records(second: usize, cells: usize, ns: f64) -> String {
     let time = |number: usize| jitter * if number == 0 { ns } else { 5e6 };
     let cells = (0..cells).map(|number| cell(number, time(number)));
     lines(std::iter::once(header(second, None)).chain(cells))
+}
+
+/// The same run on an adapter that reads so many bytes a second.
+pub fn with_limit(records: &str, rate: f64) -> String {
+    let (header, rest) = records.split_once('\n').unwrap();
+    let mut header: Record = serde_json::from_str(header).unwrap();
+    let limit = Limit::Read { working_set_bytes: 1 << 20 };
+    let rate = estimate(&samples(rate));
+    header.try_as_run_mut().unwrap().ceilings = vec![Ceiling { limit, rate, doubling: 2.0 }];
+    lines([header]) + rest
 }
 
 /// A repository of empty commits, one a day.
