@@ -12,8 +12,9 @@ use crate::record::comparison::{Gate, GateSettings};
 use crate::tell;
 use anyhow::Context;
 
+use super::COULD_NOT_RUN;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
-use super::{BisectArgs, COULD_NOT_RUN};
+use super::compare_args::BisectArgs;
 
 /// The ends do not differ.
 const NOTHING_TO_FIND: u8 = 1;
