@@ -90,12 +90,30 @@ pub struct CompareArgs {
 #[derive(Args)]
 pub struct BisectArgs {
     /// Revision that is well
-    #[arg(long, value_name = "REV")]
-    pub good: String,
-    /// Later revision that is slower or costlier
+    #[arg(long, value_name = "REV", required_unless_present_any = ["drivers", "package"])]
+    pub good: Option<String>,
+    /// Later revision that is worse
     #[arg(long, value_name = "REV", default_value = "HEAD")]
     pub bad: String,
-    /// Gates that tell a change: a cell with more instructions is searched for before a slower one
+    /// Command of the shell that builds a revision in its checkout, in place of cargo
+    #[arg(long, value_name = "COMMAND", requires = "cmd", conflicts_with_all = ["drivers", "package"])]
+    pub build_cmd: Option<String>,
+    /// Command that starts a worker in a built checkout: any program that speaks the worker protocol (docs/worker-protocol.md)
+    #[arg(long, value_name = "COMMAND", requires = "build_cmd")]
+    pub cmd: Option<String>,
+    /// Search among Vulkan drivers in place of revisions: a file with the path of a manifest (ICD.json) on each line, oldest first
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["good", "bad", "package"])]
+    pub drivers: Option<PathBuf>,
+    /// A built fathom to run with each driver [default: this one]
+    #[arg(long, value_name = "PATH", requires = "drivers")]
+    pub program: Option<PathBuf>,
+    /// Search among versions of a crate in place of revisions: HEAD is built with each of them
+    #[arg(long = "crate", value_name = "NAME", requires = "versions", conflicts_with_all = ["good", "bad"])]
+    pub package: Option<String>,
+    /// Versions of that crate, oldest first
+    #[arg(long, value_name = "VERSION,…", value_delimiter = ',', requires = "package")]
+    pub versions: Vec<String>,
+    /// Gates that tell a change. A cell that one of them finds worse is searched for by the first of exact, instructions, time that does
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "instructions,time")]
     pub gates: Vec<Gate>,
     /// Only cells whose names contain this

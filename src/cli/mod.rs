@@ -210,11 +210,11 @@ pub enum Command {
             4 times not judged, exact figures no worse; 130 interrupted, with everything measured so far stored."
     )]
     Compare(Box<compare_args::CompareArgs>),
-    /// Find the revision that made a stage slower or costlier, through noise
+    /// Find the revision, driver or version of a crate that made a stage slower, costlier or less accurate, through noise
     #[command(
         after_help = "The ends are compared first. Then revisions between them are built and compared with the good one, in the cell that \
-            regressed most. Exit status: 0 the revision is found, with a probability of 95 % or more; 1 nothing to find; 2 could not \
-            measure; 3 several revisions could not be told apart, or the ends are too noisy; 130 interrupted, and --resume goes on."
+            regressed most. Exit status: 0 the first one is found, with a probability of 95 % or more; 1 nothing to find; 2 could not \
+            measure; 3 several could not be told apart, or the ends are too noisy; 130 interrupted, and --resume goes on."
     )]
     Bisect(Box<compare_args::BisectArgs>),
     /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion. Needs a build with the feature `bench`

@@ -24,6 +24,8 @@ impl Scatter {
     pub const TIMES: Scatter = Scatter { launch: 0.01, build: 0.003 };
     /// Of instruction counts: two runs of one build differ by up to 0.04 %, and a stage that did not change by up to 0.03 % (`docs/ci.md`).
     pub const COUNTS: Scatter = Scatter { launch: 4e-4, build: 3e-4 };
+    /// Of figures that are 1 where an exact figure is worse and 0 where it is not: the search is then a plain bisection.
+    pub const EXACT: Scatter = Scatter { launch: 1e-3, build: 1e-3 };
 }
 
 /// So many launches the scatter that is assumed counts for.

@@ -79,8 +79,8 @@ fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build()
     let told = history.bisect("--good HEAD~8").ends(0);
     let found: Value = serde_json::from_str(&told.out).unwrap();
     let answer = &found["answer"];
-    assert_eq!(found["revisions"], 8);
-    let commit = answer["commit"].as_str().unwrap();
+    assert_eq!(found["count"], 8);
+    let commit = answer["first"].as_str().unwrap();
     let mut subject = Command::new("git");
     let subject =
         subject.args(["log", "-1", "--format=%s", commit]).current_dir(history.0.path(""));
