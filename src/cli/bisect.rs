@@ -4,16 +4,18 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 use crate::compare::bisect::{self, BisectOptions};
+use crate::compare::candidates::{Building, Searched};
 use crate::compare::cells::Gates;
 use crate::compare::flow;
 use crate::gates::verdict::Status;
 use crate::harness::catalog::Catalog;
-use crate::record::comparison::{Gate, GateSettings};
+use crate::record::comparison::GateSettings;
 use crate::tell;
 use anyhow::Context;
 
+use super::COULD_NOT_RUN;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
-use super::{BisectArgs, COULD_NOT_RUN};
+use super::compare_args::BisectArgs;
 
 /// The ends do not differ.
 const NOTHING_TO_FIND: u8 = 1;
@@ -27,14 +29,10 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> Outcome {
     if let Some(filter) = &args.cells {
         gates.filtered(filter)?;
     }
-    if args.gates.contains(&Gate::Exact) {
-        anyhow::bail!("`bisect` searches by the gates `instructions` and `time`");
-    }
     let options = BisectOptions {
         catalog: catalog.clone(),
         folder: std::env::current_dir().context("there is no current folder")?,
-        good: args.good.clone(),
-        bad: args.bad.clone(),
+        searched: searched(args)?,
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
         gpu: gpu_options(catalog, &args.adapter),
@@ -75,4 +73,25 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> Outcome {
         (None, Status::NoRegression) => ExitCode::from(NOTHING_TO_FIND),
         (None, _) => ExitCode::from(COULD_NOT_RUN),
     })
+}
+
+/// What is searched among; the command line has one of these.
+fn searched(args: &BisectArgs) -> anyhow::Result<Searched> {
+    if let Some(list) = &args.drivers {
+        let this = || std::env::current_exe().context("cannot tell where this program lies");
+        let program = args.program.clone().map_or_else(this, Ok)?;
+        return Ok(Searched::Drivers { list: list.clone(), program });
+    }
+    if let Some(package) = &args.package {
+        return Ok(Searched::Versions {
+            package: package.clone(),
+            versions: args.versions.clone(),
+        });
+    }
+    let by = match (&args.build_cmd, &args.cmd) {
+        (Some(build), Some(run)) => Building::Commands { build: build.clone(), run: run.clone() },
+        _ => Building::Cargo,
+    };
+    let good = args.good.clone().context("give --good REV, --drivers FILE or --crate NAME")?;
+    Ok(Searched::Revisions { good, bad: args.bad.clone(), by })
 }

@@ -21,8 +21,8 @@ use crate::record::comparison::{self, Gate, GateSettings, Side};
 use crate::{exporters, folder, private, tell, text};
 use anyhow::Context;
 
-use super::CompareArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
+use super::compare_args::CompareArgs;
 
 /// That the gates take on all cells with the defaults on two cores (`docs/ci.md`).
 const MOST_MINUTES: f64 = 8.0;

@@ -3,6 +3,7 @@
 mod bisect;
 mod commands;
 mod compare;
+mod compare_args;
 mod doctor;
 mod export;
 mod fleet;
@@ -17,10 +18,8 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use crate::experiments::{parse_axis, parse_set};
-use crate::exporters::OF_COMPARISONS;
 use crate::harness::catalog::Catalog;
 use crate::record::calendar;
-use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use crate::record::schema::LineKind;
 use crate::record::{Part, Profile};
 use crate::tell::{self, Verbosity};
@@ -212,16 +211,16 @@ pub enum Command {
         after_help = "Exit status: 0 no regression; 1 regression; 2 could not measure; 3 inconclusive; \
             4 times not judged, exact figures no worse; 130 interrupted, with everything measured so far stored."
     )]
-    Compare(Box<CompareArgs>),
+    Compare(Box<compare_args::CompareArgs>),
     /// Write what a project of your own needs to compare its pull requests: the cells of its worker, and a job that compares them
     Init(Box<init::InitArgs>),
-    /// Find the revision that made a stage slower or costlier, through noise
+    /// Find the revision, driver or version of a crate that made a stage slower, costlier or less accurate, through noise
     #[command(
         after_help = "The ends are compared first. Then revisions between them are built and compared with the good one, in the cell that \
-            regressed most. Exit status: 0 the revision is found, with a probability of 95 % or more; 1 nothing to find; 2 could not \
-            measure; 3 several revisions could not be told apart, or the ends are too noisy; 130 interrupted, and --resume goes on."
+            regressed most. Exit status: 0 the first one is found, with a probability of 95 % or more; 1 nothing to find; 2 could not \
+            measure; 3 several could not be told apart, or the ends are too noisy; 130 interrupted, and --resume goes on."
     )]
-    Bisect(Box<BisectArgs>),
+    Bisect(Box<compare_args::BisectArgs>),
     /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion. Needs a build with the feature `bench`
     Bench {
         /// Only cells whose names contain this: `pool caustics/trace`, `caustics`
@@ -437,145 +436,10 @@ pub struct ExportArgs {
     pub own: bool,
 }
 
-#[derive(Args)]
-pub struct CompareArgs {
-    /// Two files of records in place of two builds: what changed from one run to the other. Exact figures are judged; times are not, as two runs share no pairs
-    #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_bin", "replay", "resume", "out", "format"])]
-    pub records: Vec<PathBuf>,
-    /// Revision to build as the base
-    #[arg(long, value_name = "REV", conflicts_with_all = ["base_bin", "replay"])]
-    pub base: Option<String>,
-    /// A built fathom as the base
-    #[arg(long, value_name = "PATH", conflicts_with = "replay")]
-    pub base_bin: Option<PathBuf>,
-    /// A built fathom as the head [default: this one]
-    #[arg(long, value_name = "PATH", conflicts_with = "replay")]
-    pub head_bin: Option<PathBuf>,
-    /// Command of the shell that starts the base's workers: any program that speaks the worker protocol (docs/worker-protocol.md)
-    #[arg(long, value_name = "COMMAND", requires = "head_cmd", conflicts_with_all = ["base", "base_bin", "head_bin", "base_driver", "head_driver", "replay", "records"])]
-    pub base_cmd: Option<String>,
-    /// Command that starts the head's workers
-    #[arg(long, value_name = "COMMAND", requires = "base_cmd")]
-    pub head_cmd: Option<String>,
-    /// Environment variable for the base's processes alone; may be given several times. The base is this program, unless one is named
-    #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["replay", "records"])]
-    pub base_env: Vec<String>,
-    /// Environment variable for the head's processes alone; may be given several times
-    #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["replay", "records"])]
-    pub head_env: Vec<String>,
-    /// Write the values of these variables into records and reports too; without it only their names are written
-    #[arg(long, conflicts_with_all = ["replay", "records"])]
-    pub env_values: bool,
-    /// Manifest of the only Vulkan driver that the base's processes find
-    #[arg(long, value_name = "ICD.json", conflicts_with_all = ["replay", "records"])]
-    pub base_driver: Option<PathBuf>,
-    /// Manifest of the only Vulkan driver that the head's processes find
-    #[arg(long, value_name = "ICD.json", conflicts_with_all = ["replay", "records"])]
-    pub head_driver: Option<PathBuf>,
-    /// Gates to run
-    #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
-    pub gates: Vec<Gate>,
-    /// Pairs of worker processes in the time gate; as many again for cells that are still undecided
-    #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
-    pub launches: u32,
-    /// Pairs of samples of each cell in each launch; up to four times as many for undecided cells
-    #[arg(long, default_value_t = comparison::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PAIRS)))]
-    pub pairs: u32,
-    /// Share by which a time must change to count
-    #[arg(long, value_name = "SHARE", default_value_t = comparison::THRESHOLD, value_parser = parse_share)]
-    pub threshold: f64,
-    /// Share by which an instruction count must change to count
-    #[arg(long, value_name = "SHARE", default_value_t = comparison::INSTRUCTION_THRESHOLD, value_parser = parse_share)]
-    pub instruction_threshold: f64,
-    /// Only cells whose names contain this
-    #[arg(long, value_name = "FILTER")]
-    pub cells: Option<String>,
-    /// Experiment file whose cells list the `stages` to compare [default: benches/gates.toml, built in]
-    #[arg(long, value_name = "FILE")]
-    pub cells_file: Option<PathBuf>,
-    /// Seed of the order of cells and samples [default: drawn, and stored]
-    #[arg(long)]
-    pub seed: Option<u64>,
-    /// Folder to write to [default: a new one in reports/out]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Measure only what the folder lacks
-    #[arg(long, requires = "out")]
-    pub resume: bool,
-    /// Print the comparison stored in a folder, and write its reports again
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
-    pub replay: Option<PathBuf>,
-    /// Say what would be built and measured, and how long it takes; do nothing
-    #[arg(long, conflicts_with_all = ["records", "replay"])]
-    pub dry_run: bool,
-    /// What to print; files of every other format are written in any case
-    #[arg(long, default_value = compare::TEXT, value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
-    pub format: String,
-    #[command(flatten)]
-    pub adapter: AdapterArgs,
-}
-
-#[derive(Args)]
-pub struct BisectArgs {
-    /// Revision that is well
-    #[arg(long, value_name = "REV")]
-    pub good: String,
-    /// Later revision that is slower or costlier
-    #[arg(long, value_name = "REV", default_value = "HEAD")]
-    pub bad: String,
-    /// Gates that tell a change: a cell with more instructions is searched for before a slower one
-    #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "instructions,time")]
-    pub gates: Vec<Gate>,
-    /// Only cells whose names contain this
-    #[arg(long, value_name = "FILTER")]
-    pub cells: Option<String>,
-    /// Experiment file whose cells list the `stages` to compare [default: benches/gates.toml, built in]
-    #[arg(long, value_name = "FILE")]
-    pub cells_file: Option<PathBuf>,
-    /// Pairs of worker processes between the ends
-    #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
-    pub launches: u32,
-    /// Pairs of worker processes each time that a revision is measured
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
-    pub batch: u32,
-    /// Pairs of worker processes for the whole search, those of the ends apart
-    #[arg(long, value_name = "N", default_value_t = 120)]
-    pub most_launches: u32,
-    /// Share by which a time must change to count
-    #[arg(long, value_name = "SHARE", default_value_t = comparison::THRESHOLD, value_parser = parse_share)]
-    pub threshold: f64,
-    /// Seed of the order of cells and samples
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Folder to write to [default: a new one in reports/out]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Go on with the search in the folder
-    #[arg(long, requires = "out")]
-    pub resume: bool,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
-    #[command(flatten)]
-    pub adapter: AdapterArgs,
-}
-
 fn parse_samples(text: &str) -> Result<u32, String> {
     let known = [1, 4, 9, 16];
     let samples = text.parse().ok().filter(|samples| known.contains(samples));
     samples.ok_or_else(|| "samples of a pixel are 1, 4, 9 or 16".to_owned())
-}
-
-fn parse_gate(name: &str) -> Result<Gate, String> {
-    let names = || Gate::ALL.map(|gate| gate.to_string()).join(", ");
-    name.parse().map_err(|_| format!("gates are {}", names()))
-}
-
-fn parse_share(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(share) if 0.0 < share && share < 1.0 => Ok(share),
-        _ => Err("a share lies between 0 and 1, such as 0.02".to_owned()),
-    }
 }
 
 /// Help was asked for, or the line is wrong.

@@ -1,82 +1,99 @@
-//! `fathom bisect`: the first of many revisions in which a stage became slower or costlier.
+//! `fathom bisect`: the first of many candidates in which a stage became slower, costlier or less accurate.
 //!
-//! The ends are compared first, by all gates that are asked for: without a regression there is nothing to find. Then revisions between them are
+//! The ends are compared first, by all gates that are asked for: without a regression there is nothing to find. Then candidates between them are
 //! built and compared with the good one, in the one cell that regressed most, in the order of [`Search`]. Each comparison is a folder of records;
 //! what is concluded is a function of these, so a search that was killed goes on where it was.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use serde_json::{Value, json};
 
-use super::build::{self, SetAside};
+use super::candidates::{Candidate, Made, Maker, Searched};
 use super::cells::Gates;
-use super::flow::{self, CompareOptions, Program};
-use super::launch::{Waiting, WorkerStart};
-use fathom_base::process;
+use super::flow::{self, CompareOptions};
+use super::launch::Waiting;
+use fathom_base::text;
+use fathom_gates::adapters::AdapterRelation;
 use fathom_gates::bisect::{ENOUGH, Found, Scatter, Search};
 use fathom_gates::counts::{self, Change};
+use fathom_gates::exact::{self, Difference, DifferenceScope, FigureKind};
 use fathom_gates::store::StoredComparison;
 use fathom_gates::time::{self, TimeVerdict};
 use fathom_gates::verdict::{Status, Verdicts};
 use fathom_gpu as gpu;
 use fathom_harness::catalog::Catalog;
-use fathom_record::comparison::{CellId, Gate, GateSettings};
+use fathom_record::comparison::{CellId, Gate, GateSettings, Side};
 use fathom_record::output::RECORDS;
 
-/// Digits of a commit in names.
-const SHORT: usize = 12;
 /// Folder of the comparison of the ends.
 const ENDS: &str = "ends";
+/// Folder of the checkouts of a search by commands.
+const CHECKOUTS: &str = "checkouts";
 
 #[derive(Clone, Debug)]
 pub struct BisectOptions {
     pub catalog: Catalog,
-    /// In the repository.
+    /// In the repository, if there is one.
     pub folder: PathBuf,
-    pub good: String,
-    pub bad: String,
+    pub searched: Searched,
     pub cells_file: Option<PathBuf>,
     /// Only cells whose names contain this.
     pub filter: Option<String>,
     pub gpu: gpu::Options,
     /// Of the comparison of the ends.
     pub settings: GateSettings,
-    /// Launches of a revision each time it is measured.
+    /// Launches of a candidate each time it is measured.
     pub batch: u32,
     /// Launches between the ends after which the search gives up.
     pub most_launches: u32,
     pub out: PathBuf,
 }
 
-#[derive(Clone, Debug, PartialEq)]
-pub struct Revision {
-    pub commit: String,
-    /// First line of its message.
-    pub subject: String,
-}
-
-impl Revision {
-    fn short(&self) -> &str {
-        self.commit.get(..SHORT).unwrap_or(&self.commit)
-    }
-}
-
 /// What is searched for: the figure of a cell that became worse.
 #[derive(Clone, Debug, PartialEq)]
 struct Regressed {
     cell: CellId,
-    gate: Gate,
+    figure: Figure,
     /// ln(bad / good) of each launch.
     launches: Vec<f64>,
+}
+
+/// Which figure it is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Figure {
+    /// As it differs between the ends.
+    Exact(Difference),
+    Instructions,
+    Time,
+}
+
+impl Figure {
+    pub fn gate(&self) -> Gate {
+        match self {
+            Self::Exact(_) => Gate::Exact,
+            Self::Instructions => Gate::Instructions,
+            Self::Time => Gate::Time,
+        }
+    }
+
+    fn scatter(&self) -> Scatter {
+        match self {
+            Self::Exact(_) => Scatter::EXACT,
+            Self::Instructions => Scatter::COUNTS,
+            Self::Time => Scatter::TIMES,
+        }
+    }
 }
 
 /// What a search came to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bisected {
-    pub revisions: Vec<Revision>,
+    /// The good one is not among them.
+    pub candidates: Vec<Candidate>,
+    pub noun: &'static str,
     pub good: String,
     /// None where the ends do not differ.
     pub answer: Option<Answer>,
@@ -87,11 +104,12 @@ pub struct Bisected {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     pub cell: CellId,
-    pub gate: Gate,
+    /// An exact one: as it differs from the good candidate in the first one that has it, where that was measured; else in the bad one.
+    pub figure: Figure,
     pub found: Found,
     /// Other cells that regressed between the ends.
     pub others: Vec<CellId>,
-    /// Revisions without a figure, by number, and why.
+    /// Candidates without a figure, by number, and why.
     pub skipped: Vec<(usize, String)>,
     pub launches: usize,
 }
@@ -118,30 +136,30 @@ impl Bisected {
             };
         };
         let named = |number: usize| {
-            let revision = &self.revisions[number - 1];
-            format!("{} {}", revision.short(), revision.subject)
+            let Candidate { label, subject, .. } = &self.candidates[number - 1];
+            format!("{label} {subject}").trim_end().to_owned()
         };
         let Found { first, probability, candidates, step, interval } = &answer.found;
         let mut lines = vec![if answer.is_certain() {
-            format!("first revision: {} (probability {probability:.3})", named(*first))
+            format!("first {}: {} (probability {probability:.3})", self.noun, named(*first))
         } else {
-            "these revisions could not be told apart:".to_owned()
+            format!("these {}s could not be told apart:", self.noun)
         }];
         if !answer.is_certain() {
             let told = candidates.iter().map(|(number, p)| format!("  {p:.2}  {}", named(*number)));
             lines.extend(told);
         }
         let percent = |log: f64| 100.0 * log.exp_m1();
-        let what = if answer.gate == Gate::Time { "time" } else { "instructions" };
-        lines.push(format!(
-            "{}: {what} {:+.2} % (95 % {:+.2} to {:+.2}) from there on",
-            answer.cell,
-            percent(*step),
-            percent(interval.low),
-            percent(interval.high)
-        ));
-        let count = self.revisions.len();
-        lines.push(format!("{count} revisions, {} launches", answer.launches));
+        let [change, low, high] = [*step, interval.low, interval.high].map(percent);
+        let change = match &answer.figure {
+            Figure::Exact(Difference { figure, base, head, .. }) => {
+                format!("{figure} {base} → {head}")
+            }
+            other => format!("{} {change:+.2} % (95 % {low:+.2} to {high:+.2})", other.gate()),
+        };
+        lines.push(format!("{}: {change} from there on", answer.cell));
+        let count = self.candidates.len();
+        lines.push(format!("{count} {}s, {} launches", self.noun, answer.launches));
         lines.extend(answer.skipped.iter().map(|(number, why)| {
             format!("skipped {}: {}", named(*number), why.lines().next().unwrap_or_default())
         }));
@@ -153,26 +171,43 @@ impl Bisected {
     }
 
     pub fn json(&self) -> Value {
-        let named = |number: usize| &self.revisions[number - 1].commit;
+        let named = |number: usize| &self.candidates[number - 1].name;
         let answer = self.answer.as_ref().map(|answer| {
             let Found { first, probability, candidates, step, interval } = &answer.found;
             let candidates = candidates.iter();
-            json!({
-                "commit": named(*first),
+            let mut told = json!({
+                "first": named(*first),
                 "probability": probability,
                 "is_certain": answer.is_certain(),
-                "candidates": candidates.map(|(n, p)| json!({"commit": named(*n), "probability": p})).collect::<Vec<_>>(),
+                "candidates": candidates.map(|(n, p)| json!({"name": named(*n), "probability": p})).collect::<Vec<_>>(),
                 "cell": answer.cell.as_str(),
-                "gate": answer.gate.to_string(),
-                "change": step.exp_m1(),
-                "change_low": interval.low.exp_m1(),
-                "change_high": interval.high.exp_m1(),
+                "gate": answer.figure.gate().to_string(),
                 "launches": answer.launches,
                 "others": answer.others.iter().map(CellId::as_str).collect::<Vec<_>>(),
-                "skipped": answer.skipped.iter().map(|(n, why)| json!({"commit": named(*n), "reason": why})).collect::<Vec<_>>(),
-            })
+                "skipped": answer.skipped.iter().map(|(n, why)| json!({"name": named(*n), "reason": why})).collect::<Vec<_>>(),
+            });
+            let change = match &answer.figure {
+                Figure::Exact(Difference { figure, base, head, .. }) => {
+                    json!({ "figure": figure, "base": base, "head": head })
+                }
+                _ => json!({
+                    "change": step.exp_m1(),
+                    "change_low": interval.low.exp_m1(),
+                    "change_high": interval.high.exp_m1(),
+                }),
+            };
+            if let (Some(told), Value::Object(change)) = (told.as_object_mut(), change) {
+                told.extend(change);
+            }
+            told
         });
-        json!({ "good": self.good, "revisions": self.revisions.len(), "ends": self.ends.to_string(), "answer": answer })
+        json!({
+            "searched": self.noun,
+            "good": self.good,
+            "count": self.candidates.len(),
+            "ends": self.ends.to_string(),
+            "answer": answer,
+        })
     }
 }
 
@@ -182,66 +217,37 @@ pub fn bisect(
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
 ) -> Result<Bisected> {
-    let repository = build::repository(&options.folder)?;
-    let [good, bad] = [&options.good, &options.bad];
-    let [good, bad] = [build::commit(&repository, good)?, build::commit(&repository, bad)?];
-    let revisions = between(&repository, &good, &bad)?;
+    let BisectOptions { searched, folder, gpu, .. } = options;
+    let mut candidates = searched.candidates(folder)?;
+    let good = candidates.remove(0);
     let flags = [interrupted];
     let waiting = Waiting { interrupted: &flags, tell };
-    let good = Revision { commit: good, subject: String::new() };
-    let base = built(options, &good, waiting)?;
-    let run = Bisection { options, revisions: &revisions, base, good, waiting };
+    let (target, checkouts) = (options.catalog.program, options.out.join(CHECKOUTS));
+    let maker = Maker::new(searched, folder, target, gpu.clone(), checkouts, waiting);
+    let base = maker.make(&good, Side::Base)?;
+    let run = Bisection { options, candidates: &candidates, base, good, maker, waiting };
     let (ends, regressed, others) = run.ends()?;
     let answer = regressed.map(|regressed| run.search(regressed, others)).transpose()?;
-    Ok(Bisected { good: run.good.short().to_owned(), answer, ends, revisions })
-}
-
-/// The revisions after the good one up to the bad one, along first parents.
-fn between(repository: &Path, good: &str, bad: &str) -> Result<Vec<Revision>> {
-    let range = format!("{good}..{bad}");
-    let mut log = Command::new("git");
-    log.arg("-C").arg(repository);
-    log.args(["log", "--reverse", "--first-parent", "--format=%H %s", &range]);
-    let lines = process::printed(&mut log).map_err(|reason| anyhow!("git log: {reason}"))?;
-    let revision = |line: &str| {
-        let (commit, subject) = line.split_once(' ').unwrap_or((line, ""));
-        Revision { commit: commit.to_owned(), subject: subject.to_owned() }
-    };
-    let revisions: Vec<Revision> = lines.lines().map(revision).collect();
-    let mut ancestor = Command::new("git");
-    ancestor.arg("-C").arg(repository).args(["merge-base", "--is-ancestor", good, bad]);
-    let precedes = process::printed(&mut ancestor).is_ok();
-    if revisions.is_empty() || !precedes {
-        bail!("the good revision must come before the bad one: there is nothing between them");
-    }
-    Ok(revisions)
-}
-
-/// A revision's program, out of reach of later builds.
-fn built(options: &BisectOptions, revision: &Revision, waiting: Waiting<'_>) -> Result<SetAside> {
-    (waiting.tell)(&format!("building {}", revision.short()));
-    let [interrupted] = waiting.interrupted else { bail!("no flag") };
-    let (target, commit) = (options.catalog.program, &revision.commit);
-    let program = build::revision(&options.folder, target, commit, interrupted, &mut |line| {
-        (waiting.tell)(line)
-    })?;
-    build::set_aside(&program)
+    let (good, noun) = (run.good.label.clone(), searched.noun());
+    Ok(Bisected { good, noun, answer, ends, candidates })
 }
 
 struct Bisection<'a> {
     options: &'a BisectOptions,
-    revisions: &'a [Revision],
-    good: Revision,
-    base: SetAside,
+    /// Without the good one.
+    candidates: &'a [Candidate],
+    good: Candidate,
+    base: Made,
+    maker: Maker<'a>,
     waiting: Waiting<'a>,
 }
 
 impl Bisection<'_> {
-    /// A comparison of a revision with the good one, from its folder if it is there.
+    /// A comparison of a candidate with the good one, from its folder if it is there.
     fn compared(
         &self,
         name: &str,
-        revision: &Revision,
+        candidate: &Candidate,
         filter: Option<String>,
         settings: GateSettings,
     ) -> Result<StoredComparison> {
@@ -251,26 +257,23 @@ impl Bisection<'_> {
             let stored = StoredComparison::read(&folder)?;
             let header = &stored.header;
             let sides = [&header.base.label, &header.head.label];
-            if sides != [self.good.short(), revision.short()]
+            if sides != [&self.good.label, &candidate.label]
                 || header.cells != self.cells(&filter)?
             {
                 bail!(
-                    "{} is of other revisions or cells: resume with the same, or choose another folder with --out",
-                    folder.display()
+                    "{} is of other {}s or cells: resume with the same, or choose another folder with --out",
+                    folder.display(),
+                    self.options.searched.noun()
                 );
             }
             if stored.came_to_its_end() {
                 return Ok(stored);
             }
         }
-        let head = built(self.options, revision, self.waiting)?;
-        let program = |revision: &Revision, aside: &SetAside| Program {
-            label: revision.short().to_owned(),
-            start: WorkerStart { gpu: self.options.gpu.clone(), ..WorkerStart::new(&aside.path) },
-        };
+        let head = self.maker.make(candidate, Side::Head)?;
         let options = CompareOptions {
             catalog: self.options.catalog.clone(),
-            programs: [program(&self.good, &self.base), program(revision, &head)],
+            programs: [self.base.program.clone(), head.program.clone()],
             cells_file: self.options.cells_file.clone(),
             filter,
             env_values: false,
@@ -298,96 +301,167 @@ impl Bisection<'_> {
 
     /// What regressed most between the ends, if anything did, and what else.
     fn ends(&self) -> Result<(Status, Option<Regressed>, Vec<CellId>)> {
-        let Some(bad) = self.revisions.last() else { bail!("there are no revisions") };
+        let bad = self.candidates.last().context("there are no candidates")?;
         let filter = self.options.filter.clone();
         let stored = self.compared(ENDS, bad, filter, self.options.settings.clone())?;
         let verdicts = Verdicts::of(&stored);
-        let mut regressed: Vec<Regressed> = verdicts
-            .cells
-            .iter()
-            .filter_map(|judged| {
-                // Counts have no noise to speak of: they are searched for first.
-                let more = judged.instructions.as_ref().filter(|i| i.change == Change::More);
-                let slower = judged.time.as_ref().filter(|t| t.verdict == TimeVerdict::Slower);
-                let (gate, launches) = match (more, slower) {
-                    (Some(counted), _) => (Gate::Instructions, vec![counted.ratio.ln()]),
-                    (None, Some(time)) => (Gate::Time, time.launches.clone()),
-                    (None, None) => return None,
-                };
-                Some(Regressed { cell: judged.cell.clone(), gate, launches })
-            })
-            .collect();
+        let mut regressed = regressed(&verdicts);
         let size = |of: &Regressed| fathom_base::statistics::median(&of.launches);
+        // Figures without noise are searched for first.
         regressed.sort_by(|a, b| {
-            (a.gate == Gate::Time).cmp(&(b.gate == Gate::Time)).then(size(b).total_cmp(&size(a)))
+            let gates = a.figure.gate().cmp(&b.figure.gate());
+            gates.then(size(b).total_cmp(&size(a)))
         });
         let mut regressed = regressed.into_iter();
         let first = regressed.next();
-        Ok((verdicts.status, first, regressed.map(|of| of.cell).collect()))
+        let mut others: Vec<CellId> = regressed.map(|of| of.cell).collect();
+        others.dedup();
+        others.retain(|cell| first.as_ref().is_none_or(|first| first.cell != *cell));
+        Ok((verdicts.status, first, others))
     }
 
-    fn search(
-        &self,
-        Regressed { cell, gate, launches }: Regressed,
-        others: Vec<CellId>,
-    ) -> Result<Answer> {
-        let scatter = if gate == Gate::Time { Scatter::TIMES } else { Scatter::COUNTS };
-        let batch = if gate == Gate::Time { self.options.batch } else { 1 };
-        let mut search = Search::new(self.revisions.len(), scatter);
-        let ends = launches.len();
-        search.add(self.revisions.len(), &launches);
+    fn search(&self, of: Regressed, others: Vec<CellId>) -> Result<Answer> {
+        let Regressed { cell, mut figure, launches } = of;
+        let batch = if figure == Figure::Time { self.options.batch } else { 1 };
+        let mut search = Search::new(self.candidates.len(), figure.scatter());
+        let is_exact = figure.gate() == Gate::Exact;
+        let ends = if is_exact { vec![WORSE] } else { launches };
+        search.add(self.candidates.len(), &ends);
         let mut skipped = Vec::new();
-        let mut visits = vec![0u64; self.revisions.len() + 1];
+        let mut visits = vec![0u64; self.candidates.len() + 1];
+        let mut differences = BTreeMap::new();
         while let Some(number) = search.next(batch as usize) {
-            if search.launches() - ends >= self.options.most_launches as usize {
+            if search.launches() - ends.len() >= self.options.most_launches as usize {
                 break;
             }
             visits[number] += 1;
-            let revision = &self.revisions[number - 1];
-            let name = format!("{}-{}", revision.short(), visits[number]);
-            let settings = GateSettings {
-                launches: batch,
-                gates: vec![gate],
-                // No two comparisons have the same order of samples.
-                seed: self
-                    .options
-                    .settings
-                    .seed
-                    .wrapping_add(1000 * number as u64 + visits[number]),
-                ..self.options.settings.clone()
-            };
-            let figures = self.compared(&name, revision, Some(cell.to_string()), settings);
-            let figures = figures.and_then(|stored| figures_of(&stored, &cell, gate));
+            let candidate = &self.candidates[number - 1];
+            let measured = self.visit(number, visits[number], batch, (&cell, &figure));
             if self.waiting.is_interrupted() {
                 bail!("interrupted; `--resume` goes on");
             }
-            match figures {
-                Ok(launches) => search.add(number, &launches),
+            match measured {
+                Ok(Measured { launches, difference }) => {
+                    search.add(number, &launches);
+                    differences.extend(difference.map(|difference| (number, difference)));
+                }
                 Err(error) => {
-                    (self.waiting.tell)(&format!("skipping {}: {error}", revision.short()));
+                    (self.waiting.tell)(&format!("skipping {}: {error}", candidate.label));
                     search.skip(number);
                     skipped.push((number, error.to_string()));
                 }
             }
             let Found { first, probability, .. } = search.found();
-            let named = self.revisions[first - 1].short();
+            let named = &self.candidates[first - 1].label;
             (self.waiting.tell)(&format!("most probable: {named} ({probability:.2})"));
         }
         let (found, launches) = (search.found(), search.launches());
-        Ok(Answer { cell, gate, found, others, skipped, launches })
+        if let Some(difference) = differences.remove(&found.first) {
+            figure = Figure::Exact(difference);
+        }
+        Ok(Answer { cell, figure, found, others, skipped, launches })
+    }
+
+    /// Measures a candidate once more.
+    fn visit(
+        &self,
+        number: usize,
+        visit: u64,
+        batch: u32,
+        (cell, figure): (&CellId, &Figure),
+    ) -> Result<Measured> {
+        let candidate = &self.candidates[number - 1];
+        let label = text::file_stem(&candidate.label);
+        let settings = GateSettings {
+            launches: batch,
+            gates: vec![figure.gate()],
+            // No two comparisons have the same order of samples.
+            seed: self.options.settings.seed.wrapping_add(1000 * number as u64 + visit),
+            ..self.options.settings.clone()
+        };
+        let name = format!("{number}-{label}-{visit}");
+        let stored = self.compared(&name, candidate, Some(cell.to_string()), settings)?;
+        measured(&stored, cell, figure)
     }
 }
 
-/// ln(revision / good) of each launch of a cell.
-fn figures_of(stored: &StoredComparison, cell: &CellId, gate: Gate) -> Result<Vec<f64>> {
+/// Each figure that is worse at the bad end.
+fn regressed(verdicts: &Verdicts<'_>) -> Vec<Regressed> {
+    let exact = |cell: &CellId, difference: &Difference| Regressed {
+        cell: cell.clone(),
+        launches: vec![(difference.head.abs() / difference.base.abs()).ln()],
+        figure: Figure::Exact(difference.clone()),
+    };
+    let mut found = Vec::new();
+    for judged in &verdicts.cells {
+        let cell = &judged.cell;
+        let worse = judged.differences.iter().filter(|difference| difference.worse);
+        found.extend(worse.map(|difference| exact(cell, difference)));
+        if let Some(more) = judged.instructions.as_ref().filter(|i| i.change == Change::More) {
+            let launches = vec![more.ratio.ln()];
+            found.push(Regressed { cell: cell.clone(), figure: Figure::Instructions, launches });
+        }
+        if let Some(slower) = judged.time.as_ref().filter(|t| t.verdict == TimeVerdict::Slower) {
+            let launches = slower.launches.clone();
+            found.push(Regressed { cell: cell.clone(), figure: Figure::Time, launches });
+        }
+    }
+    for difference in verdicts.configurations.iter().filter(|difference| difference.worse) {
+        // Any cell of the configuration has its figures measured.
+        let mut cells = verdicts.cells.iter().map(|judged| &judged.cell);
+        if let DifferenceScope::Configuration(id) = &difference.scope {
+            let cell = cells.find(|cell| cell.configuration() == id);
+            found.extend(cell.map(|cell| exact(cell, difference)));
+        }
+    }
+    found
+}
+
+/// The figure of [`Search`] where an exact figure is worse; 0 where it is not.
+const WORSE: f64 = 1.0;
+
+/// What a comparison of a candidate says.
+struct Measured {
+    /// ln(candidate / good) of each launch.
+    launches: Vec<f64>,
+    /// Of an exact figure, if it is worse.
+    difference: Option<Difference>,
+}
+
+fn measured(stored: &StoredComparison, cell: &CellId, figure: &Figure) -> Result<Measured> {
     let none = || {
         let fault = stored.faults.first().map(|fault| fault.reason.clone());
         anyhow!(fault.unwrap_or_else(|| format!("{cell} was not measured")))
     };
-    if gate == Gate::Instructions {
-        return Ok(vec![counts::judge(stored).get(cell).ok_or_else(none)?.ratio.ln()]);
+    if let Figure::Exact(wanted) = figure {
+        let is_whole = stored.has_exact(cell) && stored.faults.is_empty();
+        ensure!(is_whole && exact::missing(stored).is_empty(), none());
+        let difference = exact::judge(stored);
+        let difference = difference.into_iter().find(|own| own.worse && is_same(own, wanted));
+        let launches = vec![if difference.is_some() { WORSE } else { 0.0 }];
+        return Ok(Measured { launches, difference });
     }
-    let cells = std::slice::from_ref(cell);
-    let judged = time::judge(cells, &stored.pairs, &stored.header.settings).cells;
-    judged.into_iter().next().map(|cell| cell.launches).ok_or_else(none)
+    let judged = AdapterRelation::in_header(&stored.header).is_judged();
+    ensure!(judged, "its adapter is another than the good one's, so its times are not judged");
+    let launches = if *figure == Figure::Instructions {
+        vec![counts::judge(stored).get(cell).ok_or_else(none)?.ratio.ln()]
+    } else {
+        let cells = std::slice::from_ref(cell);
+        let judged = time::judge(cells, &stored.pairs, &stored.header.settings).cells;
+        judged.into_iter().next().map(|cell| cell.launches).ok_or_else(none)?
+    };
+    Ok(Measured { launches, difference: None })
+}
+
+/// One figure of one configuration or stage. An error may be charged to another stage of the configuration where others moved with it.
+fn is_same(one: &Difference, other: &Difference) -> bool {
+    let place = |of: &Difference| match &of.scope {
+        DifferenceScope::Cell(cell) => (Some(cell.configuration().to_owned()), None),
+        DifferenceScope::Configuration(id) => (Some(id.clone()), None),
+        DifferenceScope::Stage(stage) => (None, Some(stage.clone())),
+    };
+    // Work and invocations are each stage's own.
+    let is_own = matches!(one.kind, FigureKind::Work | FigureKind::Counter);
+    let is_one = if is_own { one.scope == other.scope } else { place(one) == place(other) };
+    is_one && (one.kind, &one.figure) == (other.kind, &other.figure)
 }

@@ -16,10 +16,13 @@ use tempfile::TempDir;
 use fathom_base::folder::Folder;
 use fathom_base::input;
 use fathom_base::process::{self, Limits, ProcessError};
+use fathom_base::text;
 use fathom_harness::catalog::CargoTarget;
 
 /// Built revisions that are kept.
 const KEPT: usize = 8;
+/// The same after a build for `fathom bisect`: a search of hundreds of candidates visits fewer.
+pub const KEPT_BY_SEARCH: usize = 32;
 /// Folder of the cache, in the repository's target folder.
 pub const CACHE: &str = "target/compare";
 /// Variables that change what a compiler makes of a source.
@@ -27,9 +30,7 @@ const FLAGS: [&str; 2] = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS"];
 /// Hexadecimal digits that tell one way of compiling from another.
 const WAY_DIGITS: usize = 8;
 
-/// The release build of `target` at `revision` of the repository around `folder`, from the cache if it is there. cargo starts in the
-/// same folder of the checkout, so the crate need not be at the repository's root. `progress` is given each line that cargo
-/// writes. Once `interrupted` is set the build ends, and nothing of it is left.
+/// The release build of `target` at `revision` of the repository around `folder`; see [`Source::build`].
 pub fn revision(
     folder: &Path,
     target: CargoTarget,
@@ -37,19 +38,80 @@ pub fn revision(
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<PathBuf> {
-    let Place { repository, commit, program } = Place::of(folder, target, revision)?;
-    if !program.is_file() {
-        let cache = repository.join(CACHE);
-        let kept = program.parent().unwrap_or(&cache);
-        let worktree = Worktree::add(&repository, &cache, &commit)?;
-        let source = worktree.path.join(printed(&mut git(folder, ["rev-parse", "--show-prefix"]))?);
-        let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
-        let folders = (source, &*cache.join("target"));
-        let built = compile(folders, target, revision, &[], interrupted, progress)?;
-        keep(&built, &program)?;
-        forget_old(&cache.join("builds"), kept);
+    let source = Source { folder, target, revision, pin: None, kept: KEPT };
+    source.build(interrupted, progress)
+}
+
+/// What is built.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// In a repository.
+    pub folder: &'a Path,
+    pub target: CargoTarget,
+    pub revision: &'a str,
+    /// Name and version of a dependency that is built in place of the lock file's.
+    pub pin: Option<(&'a str, &'a str)>,
+    /// Builds that are kept after this one, with it.
+    pub kept: usize,
+}
+
+impl Source<'_> {
+    /// The release build, from the cache if it is there. cargo starts in the same folder of the checkout, so the crate need not be at the
+    /// repository's root. `progress` is given each line that cargo writes. Once `interrupted` is set the build ends, and nothing of it is left.
+    pub fn build(
+        &self,
+        interrupted: &AtomicBool,
+        progress: &mut dyn FnMut(&str),
+    ) -> Result<PathBuf> {
+        let Self { folder, target, revision, .. } = *self;
+        let Place { repository, commit, program } = self.place()?;
+        if !program.is_file() {
+            let cache = repository.join(CACHE);
+            let kept = program.parent().unwrap_or(&cache);
+            let worktree = Worktree::in_cache(&repository, &cache, &commit)?;
+            let prefix = printed(&mut git(folder, ["rev-parse", "--show-prefix"]))?;
+            let source = worktree.path.join(prefix);
+            let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
+            if let Some(pin) = self.pin {
+                update(source, pin, interrupted)?;
+            }
+            let folders = (source, &*cache.join("target"));
+            let built = compile(folders, target, revision, &[], interrupted, progress)?;
+            keep(&built, &program)?;
+            forget_old(&cache.join("builds"), kept, self.kept);
+        }
+        Ok(program)
     }
-    Ok(program)
+
+    fn place(&self) -> Result<Place> {
+        let mut place = Place::of(self.folder, self.target, self.revision)?;
+        if let (Some((name, version)), Some(kept)) = (self.pin, place.program.parent()) {
+            let pinned = text::file_stem(&format!("{name}-{version}"));
+            let kept = format!("{}-{pinned}", kept.display());
+            place.program = Path::new(&kept).join(place.program.file_name().unwrap_or_default());
+        }
+        Ok(place)
+    }
+}
+
+/// Puts another version of a dependency into a checkout's lock file.
+fn update(source: &Path, (name, version): (&str, &str), interrupted: &AtomicBool) -> Result<()> {
+    let mut command = cargo();
+    command.args(["update", "--color=never", "-p", name, "--precise", version]);
+    let limits = Limits { time: None, interrupted: Some(interrupted) };
+    match process::run(command.current_dir(source), limits, &mut |_| {}) {
+        Ok(_) => Ok(()),
+        Err(ProcessError::Interrupted) => bail!("choosing {name} {version} was interrupted"),
+        Err(ProcessError::Failed { complaint, .. }) => {
+            let said = complaint.lines().map(|line| line.trim().to_owned()).join(" ");
+            bail!("{name} {version} cannot be chosen; cargo says: {said}")
+        }
+        Err(other) => bail!("`cargo update` failed: {other}"),
+    }
+}
+
+fn cargo() -> Command {
+    Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
 }
 
 /// Where the build of a revision is kept.
@@ -123,26 +185,36 @@ pub struct Worktree {
 }
 
 impl Worktree {
-    pub fn add(repository: &Path, cache: &Path, commit: &str) -> Result<Self> {
+    pub fn in_cache(repository: &Path, cache: &Path, commit: &str) -> Result<Self> {
+        let short = commit.get(..12).unwrap_or(commit);
+        let path = cache.join(format!("worktree-{short}-{}", std::process::id()));
+        Self::add(repository, path, commit)
+    }
+
+    /// A checkout in this folder, which is made anew.
+    pub fn add(repository: &Path, path: PathBuf, commit: &str) -> Result<Self> {
+        let worktree = Self { repository: repository.to_owned(), path };
+        worktree.remove();
         // Forgets checkouts whose folders are gone.
         printed(&mut git(repository, ["worktree", "prune"]))?;
-        let short = commit.get(..12).unwrap_or(commit);
-        let worktree = Self {
-            repository: repository.to_owned(),
-            path: cache.join(format!("worktree-{short}-{}", std::process::id())),
-        };
         let path = worktree.path.to_string_lossy().into_owned();
         printed(&mut git(repository, ["worktree", "add", "--detach", "--force", &path, commit]))?;
         Ok(worktree)
+    }
+
+    /// What is left behind is pruned the next time.
+    fn remove(&self) {
+        if self.path.exists() {
+            let path = self.path.to_string_lossy();
+            let _ = printed(&mut git(&self.repository, ["worktree", "remove", "--force", &path]));
+            let _ = std::fs::remove_dir_all(&self.path);
+        }
     }
 }
 
 impl Drop for Worktree {
     fn drop(&mut self) {
-        let path = self.path.to_string_lossy();
-        // What is left behind is pruned the next time.
-        let _ = printed(&mut git(&self.repository, ["worktree", "remove", "--force", &path]));
-        let _ = std::fs::remove_dir_all(&self.path);
+        self.remove();
     }
 }
 
@@ -158,8 +230,7 @@ pub fn compile(
     progress: &mut dyn FnMut(&str),
 ) -> Result<PathBuf> {
     let limits = Limits { time: None, interrupted: Some(interrupted) };
-    let program = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut cargo = Command::new(program);
+    let mut cargo = cargo();
     cargo.args(["build", "--release", "--locked", "--color=never"]);
     cargo.args(["-p", target.package, "--bin", target.binary, "--target-dir"]).arg(built);
     cargo.current_dir(source).envs(environment.iter().copied());
@@ -214,8 +285,8 @@ pub fn set_aside(program: &Path) -> Result<SetAside> {
     Ok(SetAside { _folder: folder, path })
 }
 
-/// Removes the oldest builds but `newest`. What cannot be removed stays.
-fn forget_old(builds: &Path, newest: &Path) {
+/// Removes the oldest builds but `newest`, so that `kept` are left. What cannot be removed stays.
+fn forget_old(builds: &Path, newest: &Path, kept: usize) {
     let Ok(entries) = std::fs::read_dir(builds) else {
         return;
     };
@@ -225,7 +296,7 @@ fn forget_old(builds: &Path, newest: &Path) {
     };
     let others = entries.flatten().map(|entry| entry.path());
     let others = others.filter(|path| path.to_str().is_some() && path != newest);
-    for path in others.sorted_by_key(|path| Reverse(age(path))).skip(KEPT - 1) {
+    for path in others.sorted_by_key(|path| Reverse(age(path))).skip(kept - 1) {
         let _ = std::fs::remove_dir_all(path);
     }
 }
@@ -390,8 +461,10 @@ mod tests {
             std::fs::create_dir(folder.path().join(n.to_string())).unwrap();
         }
         let newest = folder.path().join("0");
-        forget_old(folder.path(), &newest);
-        assert!(newest.exists());
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), KEPT);
+        for (kept, left) in [(KEPT_BY_SEARCH, KEPT + 3), (KEPT, KEPT)] {
+            forget_old(folder.path(), &newest, kept);
+            assert!(newest.exists());
+            assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), left);
+        }
     }
 }

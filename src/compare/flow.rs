@@ -195,7 +195,8 @@ fn header(
 
 /// The gates asked for that cannot be run.
 fn skipped(options: &CompareOptions, greetings: &[Greeting; 2]) -> Vec<Skip> {
-    let skip = |gate: &Gate| Some(Skip { gate: *gate, reason: obstacle(*gate, greetings, options)? });
+    let skip =
+        |gate: &Gate| Some(Skip { gate: *gate, reason: obstacle(*gate, greetings, options)? });
     options.settings.gates.iter().filter_map(skip).collect()
 }
 

@@ -9,6 +9,7 @@
 pub mod bench;
 pub mod bisect;
 pub mod build;
+pub mod candidates;
 pub mod cells;
 pub mod driver;
 pub mod flow;

@@ -2,12 +2,13 @@
 //!
 //! Each revision keeps a probability, and the next one to measure is near the median of what is left: Horstein's search (1963),
 //! as Burnashev and Zigangirov (1974) and Waeber, Frazier and Henderson (2013) analyse it. A revision's figure is ln(figure / that of the good
-//! revision), of several launches. Revisions before the step have the mean 0, those from it on the step; each build moves its mean by a little of its
-//! own, which more launches do not take away, and each launch scatters. The step is unknown: it is integrated over.
+//! revision), of several launches. Revisions before the step have the mean 0, those from it on the step. Another revision may bring a smaller
+//! step of its own. Each build moves its mean by a little of its own, which more launches do not take away, as a drift of the machine does; how much
+//! is not known. Launches scatter with heavy tails. What is unknown is integrated over.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use fathom_base::statistics::{Interval, mean};
+use fathom_base::statistics::{Interval, Z_95};
 
 /// How figures scatter, as standard deviations of ln(figure / good figure).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,20 +17,32 @@ pub struct Scatter {
     pub launch: f64,
     /// Of a build's own mean.
     pub build: f64,
+    /// Of the step that another revision may bring.
+    pub other: f64,
 }
 
 impl Scatter {
     /// Of times. Launches of equal builds of a pass of 8 ms, pinned to a core, scattered by 0.7 to 1.4 %. What a build's own placement of
     /// code moves was not measured apart; 0.3 % is assumed.
-    pub const TIMES: Scatter = Scatter { launch: 0.01, build: 0.003 };
+    pub const TIMES: Scatter = Scatter { launch: 0.01, build: 0.003, other: 0.03 };
     /// Of instruction counts: two runs of one build differ by up to 0.04 %, and a stage that did not change by up to 0.03 % (`docs/ci.md`).
-    pub const COUNTS: Scatter = Scatter { launch: 4e-4, build: 3e-4 };
+    pub const COUNTS: Scatter = Scatter { launch: 4e-4, build: 3e-4, other: 0.01 };
+    /// Of figures that are 1 where an exact figure is worse and 0 where it is not: the search is then a plain bisection.
+    pub const EXACT: Scatter = Scatter { launch: 1e-3, build: 1e-3, other: 1e-3 };
 }
 
 /// So many launches the scatter that is assumed counts for.
 const ASSUMED_LAUNCHES: f64 = 4.0;
+/// Degrees of freedom of Student's t, by which launches scatter: one that is off by several deviations counts little.
+const FREEDOM: f64 = 3.0;
+/// Rounds of reweighting, after which means and scatter no longer move.
+const ROUNDS: usize = 30;
 /// Standard deviation of the step before anything is seen: far beyond the usual ones.
 const STEP: f64 = 0.5;
+/// Probability that there is such a step.
+const OTHER: f64 = 0.5;
+/// Multiples of the assumed scatter of builds, with their probabilities.
+const BUILDS: [(f64, f64); 3] = [(1.0, 0.5), (2.0, 0.3), (4.0, 0.2)];
 /// The search ends with an answer of this probability.
 pub const ENOUGH: f64 = 0.95;
 /// What measuring one more revision must promise, of the probability that is open: below this nothing more can be told.
@@ -65,71 +78,101 @@ impl Search {
 
     /// Figures of a revision's launches: ln(figure / that of the good revision).
     pub fn add(&mut self, revision: usize, launches: &[f64]) {
-        self.figures.entry(revision).or_default().extend(launches);
+        if !launches.is_empty() {
+            self.figures.entry(revision).or_default().extend(launches);
+        }
     }
 
     pub fn skip(&mut self, revision: usize) {
         self.skipped.insert(revision);
     }
 
-    /// Variance of a launch: that which is assumed, and those of each revision's launches about their mean.
-    fn launch_variance(&self) -> f64 {
-        let (mut squares, mut free) =
-            (ASSUMED_LAUNCHES * self.scatter.launch.powi(2), ASSUMED_LAUNCHES);
-        for launches in self.figures.values().filter(|launches| launches.len() > 1) {
-            let middle = mean(launches.iter().copied());
-            squares += launches.iter().map(|y| (y - middle).powi(2)).sum::<f64>();
-            free += (launches.len() - 1) as f64;
+    /// Squared scale of a launch and the mean of each revision, by Student's t: expectation and maximization in turn (Lange, Little and
+    /// Taylor, *J. Am. Stat. Assoc.* 84, 1989).
+    fn launches_by_t(&self) -> (f64, BTreeMap<usize, f64>) {
+        let median = |launches: &Vec<f64>| fathom_base::statistics::median(launches);
+        let mut means: BTreeMap<usize, f64> =
+            self.figures.iter().map(|(revision, launches)| (*revision, median(launches))).collect();
+        let assumed = self.scatter.launch.powi(2);
+        let mut variance = assumed;
+        for _ in 0..ROUNDS {
+            let (mut squares, mut free) = (ASSUMED_LAUNCHES * assumed, ASSUMED_LAUNCHES);
+            for (revision, launches) in &self.figures {
+                let old = means[revision];
+                let share = |y: &f64| (FREEDOM + 1.0) / (FREEDOM + (y - old).powi(2) / variance);
+                let (shares, sum) = launches
+                    .iter()
+                    .fold((0.0, 0.0), |(all, sum), y| (all + share(y), sum + share(y) * y));
+                if launches.len() > 1 {
+                    squares += launches.iter().map(|y| share(y) * (y - old).powi(2)).sum::<f64>();
+                    free += (launches.len() - 1) as f64;
+                }
+                means.insert(*revision, sum / shares);
+            }
+            variance = squares / free;
         }
-        squares / free
+        (variance, means)
     }
 
-    /// How much is known of a revision's mean after so many launches: one over its variance.
-    fn weight(&self, launches: usize) -> f64 {
-        match launches {
-            0 => 0.0,
-            n => 1.0 / (self.scatter.build.powi(2) + self.launch_variance() / n as f64),
+    /// What the launches say, with this scatter of builds.
+    fn seen(&self, build: f64, (variance, means): &(f64, BTreeMap<usize, f64>)) -> Seen {
+        let mut seen = Seen::new(self.revisions, self.scatter.other);
+        for (revision, mean) in means {
+            let weight = weight(build, *variance, self.figures[revision].len());
+            seen.evidence += 0.5 * (weight.ln() - weight * mean * mean);
+            seen.own[*revision] = (weight, weight * mean);
         }
-    }
-
-    /// Of the revisions from one on: the sum of weights, and of weights times means.
-    fn beyond(&self, first: usize) -> (f64, f64) {
-        let from = self.figures.range(first..).filter(|(_, launches)| !launches.is_empty());
-        from.fold((0.0, 0.0), |(weights, sums), (_, launches)| {
-            let weight = self.weight(launches.len());
-            (weights + weight, sums + weight * mean(launches.iter().copied()))
-        })
+        for first in (0..=self.revisions).rev() {
+            let ((weight, sum), (later, sums)) = (seen.own[first], seen.beyond[first + 1]);
+            seen.beyond[first] = (later + weight, sums + sum);
+        }
+        seen
     }
 
     /// That revisions 1 … n are the first with the step.
     pub fn probabilities(&self) -> Vec<f64> {
-        let logs = (1..=self.revisions).map(|first| {
-            // The marginal likelihood over that of no step at all.
-            let (weights, sum) = self.beyond(first);
-            let spread = weights + STEP.powi(-2);
-            0.5 * sum * sum / spread - 0.5 * (spread * STEP * STEP).ln()
-        });
-        let logs: Vec<f64> = logs.collect();
-        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let shares: Vec<f64> = logs.iter().map(|log| (log - most).exp()).collect();
-        let sum: f64 = shares.iter().sum();
-        shares.iter().map(|share| share / sum).collect()
+        self.steps().into_iter().map(|step| step.mass).collect()
+    }
+
+    /// For revisions 1 … n: the probability that it is the first with the step, and the step if it is.
+    fn steps(&self) -> Vec<Step> {
+        let launches = self.launches_by_t();
+        let mut steps = Steps::new(self.revisions);
+        let no_other = if self.revisions > 1 { 1.0 - OTHER } else { 1.0 };
+        for (multiple, share) in BUILDS {
+            let seen = self.seen(multiple * self.scatter.build, &launches);
+            let with_other = share * OTHER / (self.revisions - 1).max(1) as f64;
+            for first in 1..=self.revisions {
+                let (log, step, variance) = seen.one(first);
+                steps.add(first, log + (share * no_other).ln(), step, variance);
+                for other in (1..=self.revisions).filter(|other| *other != first) {
+                    let (log, step, variance, of_other) = seen.two(first, other);
+                    // The larger of two steps is the one that is searched for.
+                    if step.abs() >= of_other.abs() {
+                        steps.add(first, log + with_other.ln(), step, variance);
+                    }
+                }
+            }
+        }
+        steps.shared()
     }
 
     /// The revision to measure next, by so many launches; none where the answer is there, or nothing more can be told.
     pub fn next(&self, launches: usize) -> Option<usize> {
-        let probabilities = self.probabilities();
-        let found = self.found();
+        let steps = self.steps();
+        let found = found(&steps);
+        let (variance, _) = self.launches_by_t();
         if found.probability >= ENOUGH {
             return None;
         }
         let mut before = 0.0;
         let mut best = (LEAST_PROMISE, None);
         for revision in 1..self.revisions {
-            before += probabilities[revision - 1];
+            before += steps[revision - 1].mass;
             let known = self.figures.get(&revision).map_or(0, Vec::len);
             // How much farther apart, in squared deviations, the two means will be held; Bhattacharyya's bound of a wrong choice.
-            let gain = self.weight(known + launches) - self.weight(known);
+            let weight = |launches| weight(self.scatter.build, variance, launches);
+            let gain = weight(known + launches) - weight(known);
             let told = 1.0 - (-gain * found.step.powi(2) / 8.0).exp();
             let promise = before * (1.0 - before) * told;
             if !self.skipped.contains(&revision) && promise > best.0 {
@@ -140,28 +183,130 @@ impl Search {
     }
 
     pub fn found(&self) -> Found {
-        let probabilities = self.probabilities();
-        let numbered = || (1..).zip(probabilities.iter().copied());
-        let mut sorted: Vec<(usize, f64)> = numbered().collect();
-        sorted.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let (first, probability) = sorted.first().copied().unwrap_or((self.revisions, 0.0));
-        let mut held = 0.0;
-        let enough = sorted.iter().take_while(|(_, share)| {
-            let open = held < ENOUGH;
-            held += share;
-            open
-        });
-        let mut candidates: Vec<(usize, f64)> = enough.copied().collect();
-        candidates.sort_by_key(|(revision, _)| *revision);
-        let (weights, sum) = self.beyond(first);
-        let (step, half) = (sum / weights, 1.96 / weights.sqrt());
-        let interval = Interval { low: step - half, high: step + half };
-        Found { first, probability, candidates, step, interval }
+        found(&self.steps())
     }
 
     /// Launches that were measured.
     pub fn launches(&self) -> usize {
         self.figures.values().map(Vec::len).sum()
+    }
+}
+
+fn found(steps: &[Step]) -> Found {
+    let mut sorted: Vec<(usize, f64)> =
+        (1..).zip(steps).map(|(first, step)| (first, step.mass)).collect();
+    sorted.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let (first, probability) = sorted.first().copied().unwrap_or((steps.len(), 0.0));
+    let mut held = 0.0;
+    let enough = sorted.iter().take_while(|(_, share)| {
+        let open = held < ENOUGH;
+        held += share;
+        open
+    });
+    let mut candidates: Vec<(usize, f64)> = enough.copied().collect();
+    candidates.sort_by_key(|(revision, _)| *revision);
+    let Step { mean: step, variance, .. } = steps[first - 1];
+    let half = Z_95 * variance.sqrt();
+    let interval = Interval { low: step - half, high: step + half };
+    Found { first, probability, candidates, step, interval }
+}
+
+/// How much is known of a revision's mean after so many launches: one over its variance. That of a mean by Student's t is by a
+/// factor larger than that of a normal one.
+fn weight(build: f64, variance: f64, launches: usize) -> f64 {
+    match launches {
+        0 => 0.0,
+        n => 1.0 / (build * build + variance * (FREEDOM + 3.0) / (FREEDOM + 1.0) / n as f64),
+    }
+}
+
+/// A step of one revision, over all that is unknown.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Step {
+    mass: f64,
+    /// While masses are added: sums of means and of squares, by their masses.
+    mean: f64,
+    variance: f64,
+}
+
+struct Steps {
+    steps: Vec<Step>,
+    /// ln of the mass that counts as 1: the largest so far.
+    most: f64,
+}
+
+impl Steps {
+    fn new(revisions: usize) -> Self {
+        Self { steps: vec![Step::default(); revisions], most: f64::NEG_INFINITY }
+    }
+
+    fn add(&mut self, first: usize, log: f64, mean: f64, variance: f64) {
+        if log > self.most {
+            let by = (self.most - log).exp();
+            self.steps.iter_mut().for_each(|step| {
+                (step.mass, step.mean) = (step.mass * by, step.mean * by);
+                step.variance *= by;
+            });
+            self.most = log;
+        }
+        let (mass, step) = ((log - self.most).exp(), &mut self.steps[first - 1]);
+        step.mass += mass;
+        step.mean += mass * mean;
+        step.variance += mass * (variance + mean * mean);
+    }
+
+    /// The masses sum to 1, and means and variances are those of each step.
+    fn shared(self) -> Vec<Step> {
+        let sum: f64 = self.steps.iter().map(|step| step.mass).sum();
+        let shared = |step: Step| {
+            let mass = step.mass.max(f64::MIN_POSITIVE);
+            let mean = step.mean / mass;
+            let variance = (step.variance / mass - mean * mean).max(0.0);
+            Step { mass: step.mass / sum, mean, variance }
+        };
+        self.steps.into_iter().map(shared).collect()
+    }
+}
+
+/// Weights of revisions, and weights times means; and what they say of steps.
+struct Seen {
+    /// ln of the likelihood without any step.
+    evidence: f64,
+    own: Vec<(f64, f64)>,
+    /// Sums of those from a revision on.
+    beyond: Vec<(f64, f64)>,
+    /// Precisions of the step and of another one before anything is seen.
+    precision: f64,
+    of_other: f64,
+}
+
+impl Seen {
+    fn new(revisions: usize, other: f64) -> Self {
+        // The good revision is number 0, and nothing is beyond the last.
+        let none = vec![(0.0, 0.0); revisions + 2];
+        let [precision, of_other] = [STEP, other].map(|deviation| deviation.powi(-2));
+        Self { evidence: 0.0, own: none.clone(), beyond: none, precision, of_other }
+    }
+
+    /// Of one step: ln of the marginal likelihood, the step and its variance.
+    fn one(&self, first: usize) -> (f64, f64, f64) {
+        let (weights, sum) = self.beyond[first];
+        let spread = weights + self.precision;
+        let log = 0.5 * (sum * sum / spread - (spread / self.precision).ln());
+        (self.evidence + log, sum / spread, 1.0 / spread)
+    }
+
+    /// Of two steps: the same, and the other step.
+    fn two(&self, first: usize, other: usize) -> (f64, f64, f64, f64) {
+        let ((weights, sum), (others, sum_of_other)) = (self.beyond[first], self.beyond[other]);
+        let (both, _) = self.beyond[first.max(other)];
+        let (a, d) = (weights + self.precision, others + self.of_other);
+        let determinant = a * d - both * both;
+        let step = (d * sum - both * sum_of_other) / determinant;
+        let of_other = (a * sum_of_other - both * sum) / determinant;
+        let squares = step * sum + of_other * sum_of_other;
+        let log = 0.5 * (squares - (determinant / (self.precision * self.of_other)).ln());
+        (self.evidence + log, step, d / determinant, of_other)
     }
 }
 
@@ -186,6 +331,11 @@ mod tests {
         /// Of each build.
         own: Vec<f64>,
         launch: f64,
+        /// What one launch in twenty is off by, to either side.
+        off: f64,
+        /// The machine's drift over the search: its extent, and where in it the search begins.
+        drift: (f64, f64),
+        launched: usize,
         random: Pcg64,
     }
 
@@ -194,16 +344,31 @@ mod tests {
             let mut random = Pcg64::seed_from_u64(seed);
             let first = random.random_range(1..=REVISIONS);
             let own = (0..=REVISIONS).map(|_| scatter.build * normal(&mut random)).collect();
-            Self { first, step, own, launch: scatter.launch, random }
+            let drift = (0.0, random.random());
+            Self { first, step, own, launch: scatter.launch, off: 0.0, drift, launched: 0, random }
+        }
+
+        /// Another revision brings this step.
+        fn with_other(mut self, step: f64) -> Self {
+            let other = (self.first + self.random.random_range(1..REVISIONS)) % REVISIONS;
+            let other = if other == 0 { REVISIONS } else { other };
+            self.own[other..].iter_mut().for_each(|own| *own += step);
+            self
         }
 
         fn launches(&mut self, revision: usize, count: usize) -> Vec<f64> {
             let step = if revision >= self.first { self.step } else { 0.0 };
             let middle = step + self.own[revision];
-            // One launch in twenty is disturbed.
             let launch = |_| {
-                let heavy = if self.random.random_bool(0.05) { 3.0 } else { 1.0 };
-                middle + heavy * self.launch * normal(&mut self.random)
+                let turns = self.launched as f64 / PLAIN as f64 + self.drift.1;
+                let drift = self.drift.0 * (std::f64::consts::TAU * turns).sin();
+                self.launched += 1;
+                // One launch in twenty is disturbed.
+                let disturbed = self.random.random_bool(0.05);
+                let heavy = if disturbed { 3.0 } else { 1.0 };
+                let side = if self.random.random() { 1.0 } else { -1.0 };
+                let off = if disturbed { side * self.off } else { 0.0 };
+                middle + drift + off + heavy * self.launch * normal(&mut self.random)
             };
             (0..count).map(launch).collect()
         }
@@ -217,7 +382,10 @@ mod tests {
                 } else {
                     search.add(revision, &self.launches(revision, BATCH));
                 }
-                assert!(search.launches() < 20 * PLAIN);
+                // As the command's default.
+                if search.launches() >= ENDS + 120 {
+                    break;
+                }
             }
             search
         }
@@ -229,43 +397,92 @@ mod tests {
         (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
     }
 
+    /// How searches of many histories ended: shares of all, and means.
+    #[derive(Debug, Default)]
+    struct Ended {
+        found: f64,
+        /// Stated with 0.9 or more.
+        sure: f64,
+        /// Of the sure ones.
+        right: f64,
+        /// The step is among the candidates.
+        held: f64,
+        launches: f64,
+    }
+
+    fn ended(name: &str, history: impl Fn(u64) -> History) -> Ended {
+        const HISTORIES: u64 = 200;
+        let mut ended = Ended::default();
+        for seed in 0..HISTORIES {
+            let mut history = history(seed);
+            let search = history.search(&[]);
+            let answer = search.found();
+            let hit = f64::from(answer.first == history.first);
+            ended.found += hit / HISTORIES as f64;
+            if answer.probability >= 0.9 {
+                ended.sure += 1.0 / HISTORIES as f64;
+                ended.right += hit / HISTORIES as f64;
+            }
+            let held = answer.candidates.iter().any(|c| c.0 == history.first);
+            ended.held += f64::from(held) / HISTORIES as f64;
+            ended.launches += search.launches() as f64 / HISTORIES as f64;
+        }
+        ended.right /= ended.sure;
+        println!("{name}: {ended:.2?}");
+        ended
+    }
+
+    const LAUNCHES: Scatter = Scatter { launch: 0.014, build: 0.003, other: 0.0 };
+
     #[test]
     fn the_revision_is_found_in_fewer_launches_and_with_the_probability_that_is_told() {
-        const HISTORIES: u64 = 400;
-        let scatter = Scatter { launch: 0.014, build: 0.003 };
         for (step, least_found) in [(0.05, 0.95), (0.02, 0.5)] {
-            let (mut found, mut sure, mut right, mut launches, mut held) = (0, 0, 0, 0, 0);
-            for seed in 0..HISTORIES {
-                let mut history = History::new(seed, step, scatter);
-                let search = history.search(&[]);
-                let answer = search.found();
-                let hit = answer.first == history.first;
-                found += usize::from(hit);
-                if answer.probability >= 0.9 {
-                    (sure, right) = (sure + 1, right + usize::from(hit));
-                }
-                held += usize::from(answer.candidates.iter().any(|c| c.0 == history.first));
-                launches += search.launches();
+            let ended = ended(&format!("step {step}"), |seed| History::new(seed, step, LAUNCHES));
+            assert!(ended.found >= least_found && ended.right >= 0.85, "{ended:?}");
+            assert!(ended.held >= 0.9, "{ended:?}");
+            assert!(step < 0.05 || ended.launches <= 0.6 * PLAIN as f64, "{ended:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_told_as_probable_is_right_beside_another_step_tails_and_drift() {
+        let usual = |seed, step| History::new(seed, step, LAUNCHES);
+        for (step, other) in [(0.05, 0.02), (0.05, -0.02), (0.03, 0.02), (0.03, -0.02)] {
+            let name = format!("{step}, another {other}");
+            told_rightly(step, ended(&name, |seed| usual(seed, step).with_other(other)));
+        }
+        for step in [0.05, 0.02] {
+            let of = |seed, off, drift| {
+                let usual = usual(seed, step);
+                History { off, drift: (drift, usual.drift.1), ..usual }
+            };
+            told_rightly(step, ended(&format!("{step}, tails of 10 %"), |s| of(s, 0.1, 0.0)));
+            told_rightly(step, ended(&format!("{step}, drift of 1 %"), |s| of(s, 0.0, 0.01)));
+        }
+    }
+
+    fn told_rightly(step: f64, ended: Ended) {
+        assert!(ended.right >= 0.85, "{ended:?}");
+        assert!(step < 0.05 || ended.sure >= 0.5, "{ended:?}");
+    }
+
+    #[test]
+    fn figures_without_noise_are_searched_by_a_plain_bisection() {
+        for first in 1..=REVISIONS {
+            let mut search = Search::new(REVISIONS, Scatter::EXACT);
+            search.add(REVISIONS, &[1.0]);
+            while let Some(revision) = search.next(1) {
+                search.add(revision, &[f64::from(revision >= first)]);
             }
-            let share = |count: usize| count as f64 / HISTORIES as f64;
-            let mean_launches = launches as f64 / HISTORIES as f64;
-            println!(
-                "step {step}: found {}, sure {} of which right {}, held {}, launches {mean_launches}",
-                share(found),
-                share(sure),
-                right as f64 / sure as f64,
-                share(held)
-            );
-            assert!(share(found) >= least_found, "{found}");
-            assert!(right as f64 >= 0.85 * sure as f64, "{right} of {sure}");
-            assert!(share(held) >= 0.9, "{held}");
-            assert!(step < 0.05 || mean_launches <= 0.6 * PLAIN as f64, "{mean_launches}");
+            let found = search.found();
+            assert!(found.first == first && found.probability > 0.999, "{first}: {found:?}");
+            assert!(search.launches() <= 6, "{first}: {}", search.launches());
         }
     }
 
     #[test]
     fn revisions_that_do_not_build_stay_together() {
-        let mut history = History::new(3, 0.1, Scatter { launch: 0.005, build: 0.001 });
+        let mut history = History::new(3, 0.1, Scatter { launch: 0.005, build: 0.001, other: 0.0 });
         history.first = 10;
         let search = history.search(&[9, 10, 11]);
         let Found { candidates, step, interval, .. } = search.found();

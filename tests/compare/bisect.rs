@@ -1,12 +1,13 @@
 //! `fathom bisect` over a repository of a small program that answers as a worker does. Its times are constants of its source.
 
+use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
 
 use super::builds::CELLS;
-use super::common::{Ends, Place};
-use super::script::hello;
+use super::common::{Ends, Place, holds};
+use super::script::{Script, hello};
 
 const MANIFEST: &str = "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n\
     [[bin]]\nname = \"fathom\"\npath = \"main.rs\"\n\n[workspace]\n";
@@ -50,10 +51,32 @@ impl History {
             let ns = ns.map_or("no number".to_owned(), |ns| ns.to_string());
             let text = text.replace("{ NS }", &format!("{{ {ns} }}"));
             history.0.write("main.rs", format!("// {number}\n{text}"));
-            history.git(&["add", "--force", "Cargo.toml", "Cargo.lock", "main.rs"]);
-            history.git(&["commit", "--quiet", &format!("--message=Change {number}")]);
+            history.commit(number, &["Cargo.toml", "Cargo.lock", "main.rs"]);
         }
         history
+    }
+
+    /// A repository whose commits each write something.
+    fn of(commits: usize, write: impl Fn(&Path, usize)) -> Self {
+        let history = Self(Place::new());
+        history.git(&["init", "--quiet"]);
+        for number in 0..commits {
+            write(&history.0.path(""), number);
+            history.commit(number, &["."]);
+        }
+        history
+    }
+
+    fn commit(&self, number: usize, paths: &[&str]) {
+        self.git(&[&["add", "--force"], paths].concat());
+        self.git(&["commit", "--quiet", "--allow-empty", &format!("--message=Change {number}")]);
+    }
+
+    /// First line of a commit's message.
+    fn subject(&self, commit: &str) -> String {
+        let mut git = Command::new("git");
+        git.args(["log", "-1", "--format=%s", commit]).current_dir(self.0.path(""));
+        String::from_utf8(git.output().unwrap().stdout).unwrap().trim().to_owned()
     }
 
     fn git(&self, arguments: &[&str]) {
@@ -79,12 +102,9 @@ fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build()
     let told = history.bisect("--good HEAD~8").ends(0);
     let found: Value = serde_json::from_str(&told.out).unwrap();
     let answer = &found["answer"];
-    assert_eq!(found["revisions"], 8);
-    let commit = answer["commit"].as_str().unwrap();
-    let mut subject = Command::new("git");
-    let subject =
-        subject.args(["log", "-1", "--format=%s", commit]).current_dir(history.0.path(""));
-    assert_eq!(String::from_utf8(subject.output().unwrap().stdout).unwrap(), "Change 5\n");
+    assert_eq!(found["count"], 8);
+    let commit = answer["first"].as_str().unwrap();
+    assert_eq!(history.subject(commit), "Change 5");
     assert!(answer["probability"].as_f64().unwrap() >= 0.95, "{answer}");
     assert!(answer["cell"].as_str().unwrap().ends_with(" a"), "{answer}");
     assert!((answer["change"].as_f64().unwrap() - 0.05).abs() < 1e-3, "{answer}");
@@ -123,4 +143,144 @@ fn equal_ends_leave_nothing_to_find() {
     }
     let backwards = history.bisect("--good HEAD --bad HEAD~1").output().unwrap();
     assert_eq!(backwards.status.code(), Some(2));
+}
+
+#[test]
+fn a_program_of_another_language_is_searched_in_its_checkouts() {
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/own_worker");
+    let history = History::of(10, |folder, number| {
+        let text = std::fs::read_to_string(example.join("worker.py")).unwrap();
+        let turns = if number < 6 { "1.0" } else { "1.05" };
+        let text = text.replace("default=1.0", &format!("default={turns}"));
+        std::fs::write(folder.join("worker.in"), text).unwrap();
+        // One revision does not build.
+        std::fs::write(
+            folder.join("build.sh"),
+            if number == 3 { "exit 1" } else { "mv worker.in worker.py" },
+        )
+        .unwrap();
+        std::fs::write(folder.join(".gitignore"), "/out\n").unwrap();
+    });
+    let mut command =
+        history.0.fathom("bisect --good HEAD~9 --gates time --launches 10 --out out --json");
+    command.arg("--cells-file").arg(example.join("cells.toml"));
+    command.args(["--build-cmd", "sh build.sh", "--cmd", "python3 worker.py --counted"]);
+    let found = command.ends(0).json();
+    let answer = &found["answer"];
+    assert_eq!(history.subject(answer["first"].as_str().unwrap()), "Change 6", "{found}");
+    assert!((answer["change"].as_f64().unwrap() - 0.05).abs() < 1e-3, "{found}");
+    let left = std::fs::read_dir(history.0.path("out/checkouts")).unwrap().count();
+    assert_eq!(left, 0, "checkouts are removed in the end");
+    assert_eq!(command.arg("--resume").ends(0).json(), found);
+}
+
+#[test]
+fn a_cell_that_became_less_accurate_or_needs_more_memory_is_searched_by_bisection() {
+    for (error, bytes, figure) in [("0.02", 1000, "an_error"), ("0.01", 3000, "allocated_bytes")] {
+        let history = History::of(17, |folder, number| {
+            let usual = Script::default();
+            let worse = Script { error, bytes, ..Script::default() };
+            (if number < 11 { usual } else { worse }).write(folder, "worker.sh");
+            std::fs::write(folder.join("cells.toml"), CELLS).unwrap();
+        });
+        let words = "bisect --good HEAD~16 --gates exact --cells-file cells.toml --out out";
+        let mut command = history.0.fathom(words);
+        command.args(["--build-cmd", ":", "--cmd", "./worker.sh"]);
+        let told = command.ends(0).out;
+        holds(&told, &["first revision: ", "Change 11 ", figure, "16 revisions, 5 launches"]);
+        let found = command.args(["--json", "--resume"]).ends(0).json();
+        let answer = &found["answer"];
+        assert_eq!((&answer["gate"], &answer["figure"]), (&"exact".into(), &figure.into()));
+        assert!(answer["head"].as_f64() > answer["base"].as_f64() && answer["change"].is_null());
+    }
+}
+
+#[test]
+fn the_driver_that_made_a_stage_slower_is_found_past_one_that_cannot_be_loaded() {
+    let place = Place::new();
+    let hello = hello(1, r#""time""#).replace(r#""backend":"""#, r#""backend":"vulkan""#);
+    // The manifest's folder has the time, which a driver without one does not give.
+    let sample = r#"read -r ns < "${VK_DRIVER_FILES%/*}/ns" && echo "{\"message\":\"sample\",\"ns\":[$ns]}""#;
+    let broken = format!(r#"test -e "${{VK_DRIVER_FILES%/*}}/ns" && {hello} || exit 1"#);
+    let instead = [("\"sample\"", sample)];
+    Script { hello: broken, instead: &instead, ..Script::default() }
+        .write(&place.path(""), "program");
+    place.write("cells.toml", CELLS);
+    let mut list = String::new();
+    for (number, ns) in
+        [2_000_000, 2_000_000, 0, 2_100_000, 2_100_000, 2_100_000].iter().enumerate()
+    {
+        place.write(format!("{number}/icd.json"), r#"{"ICD": {"library_path": "driver.so"}}"#);
+        if *ns > 0 {
+            place.write(format!("{number}/ns"), format!("{ns}\n"));
+        }
+        list += &format!("{number}/icd.json\n");
+    }
+    place.write("drivers.txt", list);
+    let words = "bisect --drivers drivers.txt --program ./program --cells-file cells.toml --gates time --launches 10 --json --out out";
+    let found = place.fathom(words).ends(3).json();
+    let answer = &found["answer"];
+    let names: Vec<String> =
+        answer["candidates"].as_array().unwrap().iter().map(|of| of["name"].to_string()).collect();
+    assert!(
+        names.len() == 2 && names[0].contains("/2/icd") && names[1].contains("/3/icd"),
+        "{found}"
+    );
+    holds(&answer["skipped"][0]["reason"].to_string(), &["gives no Vulkan adapter"]);
+}
+
+/// A vendored crate in some versions, whose number is the time of stage `a`, and a program that depends on it.
+#[test]
+fn the_version_of_a_crate_that_made_a_stage_slower_is_found_past_one_that_does_not_fit() {
+    let history = History::of(1, |folder, _| {
+        let write = |name: String, text: &str| {
+            let path = folder.join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        let versions = [
+            ("1.0.0", USUAL),
+            ("1.1.0", USUAL),
+            ("1.2.0", SLOWER),
+            ("1.3.0", SLOWER),
+            ("2.0.0", USUAL),
+        ];
+        for (version, ns) in versions {
+            let manifest = format!(
+                "[package]\nname = \"small\"\nversion = \"{version}\"\nedition = \"2024\"\n"
+            );
+            write(format!("vendor/small-{version}/Cargo.toml"), &manifest);
+            let source = format!("pub const NS: u64 = {};\n", ns.unwrap());
+            write(format!("vendor/small-{version}/src/lib.rs"), &source);
+            write(format!("vendor/small-{version}/.cargo-checksum.json"), "{\"files\":{}}");
+        }
+        let source = "[source.crates-io]\nreplace-with = \"vendored\"\n[source.vendored]\ndirectory = \"vendor\"\n";
+        write(".cargo/config.toml".into(), source);
+        write("Cargo.toml".into(), &format!("{MANIFEST}\n[dependencies]\nsmall = \"1\"\n"));
+        let small = "\n[[package]]\nname = \"small\"\nversion = \"1.0.0\"\n\
+            source = \"registry+https://github.com/rust-lang/crates.io-index\"\n";
+        let lock = format!("{LOCK}dependencies = [\n \"small\",\n]\n{small}");
+        write("Cargo.lock".into(), &lock);
+        let hello = hello(1, r#""time""#);
+        let hello = hello.trim_start_matches("echo '").trim_end_matches('\'');
+        write("main.rs".into(), &MAIN.replace("HELLO", hello).replace("{ NS }", "{ small::NS }"));
+        write("cells.toml".into(), CELLS);
+        write(".gitignore".into(), "/target\n/out\n");
+    });
+    let words = "bisect --crate small --versions 1.0.0,2.0.0,1.1.0,1.2.0,1.3.0 --cells-file cells.toml --gates time --launches 10 --json --out out";
+    let found = history.0.fathom(words).ends(0).json();
+    let answer = &found["answer"];
+    assert_eq!(
+        (&answer["first"], &found["good"]),
+        (&"1.2.0".into(), &"small 1.0.0".into()),
+        "{found}"
+    );
+    for skipped in answer["skipped"].as_array().unwrap() {
+        let reason = skipped["reason"].as_str().unwrap();
+        holds(reason, &["small 2.0.0 cannot be chosen; cargo says: error: "]);
+        assert_eq!(reason.lines().count(), 1, "{reason}");
+    }
+    let refused =
+        history.0.fathom("bisect --crate small --versions 2.0.0,1.0.0 --out other").ends(2);
+    holds(&refused.err, &["small 2.0.0 cannot be chosen"]);
 }

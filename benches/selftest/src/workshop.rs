@@ -28,7 +28,7 @@ impl Workshop {
         let cache = repository.join(build::CACHE);
         let short = commit.get(..12).unwrap_or(&commit);
         Ok(Self {
-            worktree: Worktree::add(&repository, &cache, &commit)?,
+            worktree: Worktree::in_cache(&repository, &cache, &commit)?,
             target: cache.join("self-test-target"),
             programs: cache.join(format!("self-test-{short}")),
             at_hand: None,
