@@ -125,6 +125,20 @@ mod tests {
         assert_eq!(serde_json::to_string(&cell).unwrap(), "\"tank-fine caustics/trace\"");
     }
 
+    #[test]
+    fn encoding_of_all_stages_stands_before_the_making_of_pipelines() {
+        let stages = ["a/x", "encode:*", "create", "a/y"].map(str::to_owned).to_vec();
+        let expanded = with_all_encoded(GateConfiguration { stages, ..Default::default() });
+        assert_eq!(expanded.stages, ["a/x", "a/y", "encode:a/x", "encode:a/y", "create"]);
+        for (name, subject) in [
+            ("a/x", CellSubject::Stage("a/x")),
+            ("encode:a/x", CellSubject::Encode("a/x")),
+            ("create", CellSubject::Create),
+        ] {
+            assert_eq!((CellSubject::of(name), subject.to_string()), (subject, name.to_owned()));
+        }
+    }
+
     /// All but a stage of the host, one that is too short, and two that no frame holds.
     #[test]
     fn the_built_in_gates_compare_every_stage_that_can_be() {
@@ -132,9 +146,15 @@ mod tests {
         let cells = Gates::load(None, Catalog::builtin().gates).unwrap().cells();
         assert!(cells.len() >= 40, "{}", cells.len());
         for cell in &cells {
-            let known = fathom_stages::REGISTRY.iter().any(|stage| stage.name == cell.stage());
-            assert!(known, "{cell}");
+            let (CellSubject::Stage(name) | CellSubject::Encode(name)) = cell.subject() else {
+                continue;
+            };
+            assert!(fathom_stages::REGISTRY.iter().any(|stage| stage.name == name), "{cell}");
+            let encoded = |other: &CellId| other.subject() == CellSubject::Encode(name);
+            assert!(cells.iter().any(encoded), "{name} is in no configuration with `encode:*`");
         }
+        let creating = cells.iter().filter(|cell| cell.subject() == CellSubject::Create);
+        assert_eq!(creating.count(), fathom_pipelines::KINDS.len(), "one `create` per pipeline");
         for stage in fathom_stages::REGISTRY {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);
             assert!(
