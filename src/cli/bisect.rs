@@ -9,20 +9,26 @@ use crate::compare::cells::Gates;
 use crate::compare::flow;
 use crate::gates::verdict::Status;
 use crate::harness::catalog::Catalog;
-use crate::record::comparison::GateSettings;
+use crate::record::comparison::{Gate, GateSettings};
 use crate::tell;
 use anyhow::Context;
 
 use super::COULD_NOT_RUN;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
-use super::compare_args::BisectArgs;
+use super::compare_args::{BisectArgs, SearchArgs};
 
+/// Gates of a search for which none are named.
+const GATES: [Gate; 2] = [Gate::Instructions, Gate::Time];
 /// The ends do not differ.
 const NOTHING_TO_FIND: u8 = 1;
 /// Several revisions could not be told apart, or the ends are too noisy.
 const UNDECIDED: u8 = 3;
 
 pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> Outcome {
+    search(catalog, searched(args)?, &args.search)
+}
+
+pub fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outcome {
     watch_interrupts()?;
     // A wrong selection is told before minutes are spent on building.
     let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
@@ -32,13 +38,13 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> Outcome {
     let options = BisectOptions {
         catalog: catalog.clone(),
         folder: std::env::current_dir().context("there is no current folder")?,
-        searched: searched(args)?,
+        searched,
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
         gpu: gpu_options(catalog, &args.adapter),
         settings: GateSettings {
             launches: args.launches,
-            gates: args.gates.clone(),
+            gates: if args.gates.is_empty() { GATES.to_vec() } else { args.gates.clone() },
             seed: args.seed,
             threshold: args.threshold,
             ..GateSettings::default()
@@ -88,10 +94,13 @@ fn searched(args: &BisectArgs) -> anyhow::Result<Searched> {
             versions: args.versions.clone(),
         });
     }
-    let by = match (&args.build_cmd, &args.cmd) {
+    let good = args.good.clone().context("give --good REV, --drivers FILE or --crate NAME")?;
+    Ok(Searched::Revisions { good, bad: args.bad.clone(), by: building(&args.search) })
+}
+
+pub fn building(args: &SearchArgs) -> Building {
+    match (&args.build_cmd, &args.cmd) {
         (Some(build), Some(run)) => Building::Commands { build: build.clone(), run: run.clone() },
         _ => Building::Cargo,
-    };
-    let good = args.good.clone().context("give --good REV, --drivers FILE or --crate NAME")?;
-    Ok(Searched::Revisions { good, bad: args.bad.clone(), by })
+    }
 }

@@ -95,26 +95,34 @@ pub struct BisectArgs {
     /// Later revision that is worse
     #[arg(long, value_name = "REV", default_value = "HEAD")]
     pub bad: String,
-    /// Command of the shell that builds a revision in its checkout, in place of cargo
-    #[arg(long, value_name = "COMMAND", requires = "cmd", conflicts_with_all = ["drivers", "package"])]
-    pub build_cmd: Option<String>,
-    /// Command that starts a worker in a built checkout: any program that speaks the worker protocol (docs/worker-protocol.md)
-    #[arg(long, value_name = "COMMAND", requires = "build_cmd")]
-    pub cmd: Option<String>,
     /// Search among Vulkan drivers in place of revisions: a file with the path of a manifest (ICD.json) on each line, oldest first
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["good", "bad", "package"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["good", "bad", "package", "build_cmd"])]
     pub drivers: Option<PathBuf>,
     /// A built fathom to run with each driver [default: this one]
     #[arg(long, value_name = "PATH", requires = "drivers")]
     pub program: Option<PathBuf>,
     /// Search among versions of a crate in place of revisions: HEAD is built with each of them
-    #[arg(long = "crate", value_name = "NAME", requires = "versions", conflicts_with_all = ["good", "bad"])]
+    #[arg(long = "crate", value_name = "NAME", requires = "versions", conflicts_with_all = ["good", "bad", "build_cmd"])]
     pub package: Option<String>,
     /// Versions of that crate, oldest first
     #[arg(long, value_name = "VERSION,…", value_delimiter = ',', requires = "package")]
     pub versions: Vec<String>,
-    /// Gates that tell a change. A cell that one of them finds worse is searched for by the first of exact, instructions, time that does
-    #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "instructions,time")]
+    #[command(flatten)]
+    pub search: SearchArgs,
+}
+
+/// How a search goes, whatever is searched among.
+#[derive(Args)]
+pub struct SearchArgs {
+    /// Command of the shell that builds a revision in its checkout, in place of cargo
+    #[arg(long, value_name = "COMMAND", requires = "cmd")]
+    pub build_cmd: Option<String>,
+    /// Command that starts a worker in a built checkout: any program that speaks the worker protocol (docs/worker-protocol.md)
+    #[arg(long, value_name = "COMMAND", requires = "build_cmd")]
+    pub cmd: Option<String>,
+    /// Gates that tell a change; the first of exact, instructions and time that does is searched by [default: instructions,time; of a
+    /// change in a history that of its figure]
+    #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate)]
     pub gates: Vec<Gate>,
     /// Only cells whose names contain this
     #[arg(long, value_name = "FILTER")]
@@ -125,7 +133,7 @@ pub struct BisectArgs {
     /// Pairs of worker processes between the ends
     #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
     pub launches: u32,
-    /// Pairs of worker processes each time that a revision is measured
+    /// Pairs of worker processes each time that a candidate is measured
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
     pub batch: u32,
     /// Pairs of worker processes for the whole search, those of the ends apart

@@ -6,12 +6,19 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::{Args, Subcommand};
 
+use super::bisect;
 use super::commands::Outcome;
+use super::compare_args::SearchArgs;
 use super::export::write_into;
+use crate::compare::candidates::Searched;
+use crate::compare::cells::Gates;
+use crate::harness::catalog::Catalog;
+use crate::history::run::FRAME;
 use crate::history::{
-    self, Added, DEFAULT_FILE, Findings, History, Location, NewRun, Said, Selection, StoredRuns,
-    VARIABLE, on_page, otava, tables,
+    self, Added, Change, DEFAULT_FILE, Findings, History, Location, NewRun, Said, Selection,
+    StoredRuns, VARIABLE, on_page, otava, tables,
 };
+use crate::record::comparison::Gate;
 use crate::record::output::RECORDS;
 use crate::report::Artifact;
 use crate::report::page::Page;
@@ -51,6 +58,15 @@ pub enum HistoryCommand {
         /// Print JSON
         #[arg(long)]
         json: bool,
+        #[command(flatten)]
+        selection: SelectionArgs,
+    },
+    /// Find the commit between two runs that made a figure worse: `fathom bisect` between the commits around the change
+    Bisect {
+        /// Only figures whose names contain this; of several changes of theirs the latest
+        filter: Option<String>,
+        #[command(flatten)]
+        search: Box<SearchArgs>,
         #[command(flatten)]
         selection: SelectionArgs,
     },
@@ -114,7 +130,7 @@ impl SelectionArgs {
     }
 }
 
-pub fn history(command: HistoryCommand) -> Outcome {
+pub fn history(catalog: &Catalog, command: HistoryCommand) -> Outcome {
     match command {
         HistoryCommand::Add { folders, said, place } => add(&folders, said, &place.location()?),
         HistoryCommand::List { selection } => {
@@ -131,6 +147,10 @@ pub fn history(command: HistoryCommand) -> Outcome {
                 true => format!("{:#}", tables::changes_json(&stored, &findings)),
                 false => tables::changes(&stored, &findings),
             })
+        }
+        HistoryCommand::Bisect { filter, search, selection } => {
+            let is_named = filter.is_some();
+            bisect_change(catalog, &selection.stored(filter)?, is_named, *search)
         }
         HistoryCommand::Get { run, out, place } => get(&run, &out, &place.location()?),
         HistoryCommand::Export { otava, filter, selection } => {
@@ -171,6 +191,66 @@ fn show(stored: &StoredRuns, out: Option<&Path>) -> Outcome {
     let shown = Some(on_page::on_page(stored, &findings));
     let page = Page { history: shown, ..Page::new(Vec::new()) }.file();
     write_into(out, vec![page])
+}
+
+/// Searches between the commits of a change.
+fn bisect_change(
+    catalog: &Catalog,
+    stored: &StoredRuns,
+    is_named: bool,
+    mut search: SearchArgs,
+) -> Outcome {
+    let findings = Findings::of(stored);
+    let change = worse(stored, &findings, is_named)?;
+    let series = &stored.series[change.series];
+    let [before, after] = change.runs.map(|run| &stored.runs[run]);
+    let (name, size) = (series.key.name(), tables::size(change, series));
+    let told = format!("{name}: {size}, {}", tables::commits(before, after));
+    anyhow::ensure!(before.commit != after.commit, "{told}: there is no commit in between");
+    if search.json {
+        tell::note(told)
+    } else {
+        tell::answer(told)
+    }
+    if search.gates.is_empty() {
+        let is_time = series.key.is_time();
+        search.gates = vec![if is_time { Gate::Time } else { Gate::Exact }];
+    }
+    let gates = Gates::load(search.cells_file.as_deref(), catalog.gates)?;
+    let figure = &*series.key.figure.figure;
+    if search.cells.is_none() && gates.cells().iter().any(|cell| cell.stage() == figure) {
+        search.cells = Some(figure.to_owned());
+    }
+    let (good, bad) = (before.commit.clone(), after.commit.clone());
+    let searched = Searched::Revisions { good, bad, by: bisect::building(&search) };
+    bisect::search(catalog, searched, &search)
+}
+
+/// The latest change for the worse. A stage's goes before its frame's, whose commits are the same.
+///
+/// # Errors
+/// Where there is none, and where there are several and no figure was named.
+fn worse<'a>(
+    stored: &StoredRuns,
+    findings: &'a Findings,
+    is_named: bool,
+) -> anyhow::Result<&'a Change> {
+    let worse = || findings.changes.iter().filter(|change| change.size.estimate().median > 0.0);
+    let latest = worse().map(|change| change.runs[1]).max();
+    let latest =
+        latest.context("no figure became worse in these runs, so there is no commit to find")?;
+    let mut last: Vec<&Change> = worse().filter(|change| change.runs[1] == latest).collect();
+    let others = worse().find(|change| change.runs[1] != latest);
+    if let Some(other) = others.filter(|_| !is_named) {
+        let named = |change: &Change| stored.series[change.series].key.name();
+        anyhow::bail!(
+            "several commits made figures worse: name one figure of `fathom history changes`, such as `{}` or `{}`",
+            named(last[0]),
+            named(other)
+        );
+    }
+    last.sort_by_key(|change| &*stored.series[change.series].key.figure.figure == FRAME);
+    Ok(last[0])
 }
 
 fn get(run: &str, out: &Path, location: &Location) -> Outcome {

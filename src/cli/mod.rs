@@ -70,7 +70,7 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
         Command::Init(args) => init::init(&args),
         Command::Bisect(args) => bisect::bisect(catalog, &args),
         Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
-        Command::History { command } => history::history(command),
+        Command::History { command } => history::history(catalog, command),
         Command::Completions { shell } => shells::completions(catalog, shell),
         Command::Man { command } => shells::man(catalog, command.as_deref()),
         Command::Worker(args) => commands::worker(catalog, args),

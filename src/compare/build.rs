@@ -100,7 +100,14 @@ fn update(source: &Path, (name, version): (&str, &str), interrupted: &AtomicBool
     command.args(["update", "--color=never", "-p", name, "--precise", version]);
     let limits = Limits { time: None, interrupted: Some(interrupted) };
     match process::run(command.current_dir(source), limits, &mut |_| {}) {
-        Ok(_) => Ok(()),
+        // Of a vendored crate cargo takes another version in silence.
+        Ok(_) => {
+            let chosen = format!("{}@{version}", name.split('@').next().unwrap_or(name));
+            let mut asked = cargo();
+            asked.args(["pkgid", &chosen]).current_dir(source);
+            let lacks = |_| anyhow!("{name} {version} was not chosen by `cargo update`");
+            process::printed(&mut asked).map(drop).map_err(lacks)
+        }
         Err(ProcessError::Interrupted) => bail!("choosing {name} {version} was interrupted"),
         Err(ProcessError::Failed { complaint, .. }) => {
             let said = complaint.lines().map(|line| line.trim().to_owned()).join(" ");

@@ -62,7 +62,7 @@ impl History {
         history.git(&["init", "--quiet"]);
         for number in 0..commits {
             write(&history.0.path(""), number);
-            history.commit(number, &["."]);
+            history.commit(number, &[":!home", "."]);
         }
         history
     }
@@ -229,7 +229,7 @@ fn the_driver_that_made_a_stage_slower_is_found_past_one_that_cannot_be_loaded()
     holds(&answer["skipped"][0]["reason"].to_string(), &["gives no Vulkan adapter"]);
 }
 
-/// A vendored crate in some versions, whose number is the time of stage `a`, and a program that depends on it.
+/// A crate in a registry of files, whose number is the time of stage `a`, and a program that depends on it.
 #[test]
 fn the_version_of_a_crate_that_made_a_stage_slower_is_found_past_one_that_does_not_fit() {
     let history = History::of(1, |folder, _| {
@@ -249,26 +249,35 @@ fn the_version_of_a_crate_that_made_a_stage_slower_is_found_past_one_that_does_n
             let manifest = format!(
                 "[package]\nname = \"small\"\nversion = \"{version}\"\nedition = \"2024\"\n"
             );
-            write(format!("vendor/small-{version}/Cargo.toml"), &manifest);
+            write(format!("registry/small-{version}/Cargo.toml"), &manifest);
             let source = format!("pub const NS: u64 = {};\n", ns.unwrap());
-            write(format!("vendor/small-{version}/src/lib.rs"), &source);
-            write(format!("vendor/small-{version}/.cargo-checksum.json"), "{\"files\":{}}");
+            write(format!("registry/small-{version}/src/lib.rs"), &source);
+            let pack = format!(
+                r#"tar czf small-{version}.crate small-{version} && mkdir -p index/sm/al &&
+                sum=$(sha256sum small-{version}.crate) && cat >> index/sm/al/small <<END
+{{"name":"small","vers":"{version}","deps":[],"cksum":"${{sum%% *}}","features":{{}},"yanked":false}}
+END"#
+            );
+            let mut shell = Command::new("sh");
+            shell.args(["-c", &pack]).current_dir(folder.join("registry"));
+            assert!(shell.status().unwrap().success());
         }
-        let source = "[source.crates-io]\nreplace-with = \"vendored\"\n[source.vendored]\ndirectory = \"vendor\"\n";
+        let source = "[source.crates-io]\nreplace-with = \"here\"\n[source.here]\nlocal-registry = \"registry\"\n";
         write(".cargo/config.toml".into(), source);
         write("Cargo.toml".into(), &format!("{MANIFEST}\n[dependencies]\nsmall = \"1\"\n"));
-        let small = "\n[[package]]\nname = \"small\"\nversion = \"1.0.0\"\n\
-            source = \"registry+https://github.com/rust-lang/crates.io-index\"\n";
-        let lock = format!("{LOCK}dependencies = [\n \"small\",\n]\n{small}");
-        write("Cargo.lock".into(), &lock);
+        write("main.rs".into(), "");
+        let mut cargo = Command::new(env!("CARGO"));
+        cargo.args(["generate-lockfile", "--offline"]).current_dir(folder);
+        assert!(cargo.env("CARGO_HOME", folder.join("home")).status().unwrap().success());
         let hello = hello(1, r#""time""#);
         let hello = hello.trim_start_matches("echo '").trim_end_matches('\'');
         write("main.rs".into(), &MAIN.replace("HELLO", hello).replace("{ NS }", "{ small::NS }"));
         write("cells.toml".into(), CELLS);
-        write(".gitignore".into(), "/target\n/out\n");
+        write(".gitignore".into(), "/target\n/out\n/home\n");
     });
     let words = "bisect --crate small --versions 1.0.0,2.0.0,1.1.0,1.2.0,1.3.0 --cells-file cells.toml --gates time --launches 10 --json --out out";
-    let found = history.0.fathom(words).ends(0).json();
+    let home = history.0.path("home");
+    let found = history.0.fathom(words).env("CARGO_HOME", &home).ends(0).json();
     let answer = &found["answer"];
     assert_eq!(
         (&answer["first"], &found["good"]),
@@ -280,7 +289,10 @@ fn the_version_of_a_crate_that_made_a_stage_slower_is_found_past_one_that_does_n
         holds(reason, &["small 2.0.0 cannot be chosen; cargo says: error: "]);
         assert_eq!(reason.lines().count(), 1, "{reason}");
     }
-    let refused =
-        history.0.fathom("bisect --crate small --versions 2.0.0,1.0.0 --out other").ends(2);
+    let refused = history
+        .0
+        .fathom("bisect --crate small --versions 2.0.0,1.0.0 --out other")
+        .env("CARGO_HOME", &home)
+        .ends(2);
     holds(&refused.err, &["small 2.0.0 cannot be chosen"]);
 }

@@ -140,6 +140,40 @@ fn names_the_commits_of_a_change(place: &Place, db: &str) {
     history(here, db, "show nowhere").refused("nothing in this history fits `nowhere`");
 }
 
+/// A run every fifth day, cell 0 slower by 10 % from a day between two of them on, as the program of another language is.
+#[test]
+fn the_commit_of_a_change_between_two_runs_is_searched_for() {
+    let place = Place::new();
+    let Repository { folder: here, commits } = &Repository::new(place.path("days"), 60);
+    let db = "history.sqlite";
+    for day in (0..60).step_by(5) {
+        let ns = if day >= 33 { 5.5e6 } else { 5e6 };
+        put(&here.join("run"), &records(day, CELLS, ns));
+        history(here, db, add("run", &commits[day])).ends(0);
+    }
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/own_worker");
+    // The commits are empty: a build writes how many there are.
+    let worker = format!(
+        "python3 '{}' --counted --turns $(test $(cat count) -gt 33 && echo 1.1 || echo 1)",
+        example.join("worker.py").display()
+    );
+    let search = |words: &str, status: i32| {
+        let mut command = history(here, db, format!("bisect --launches 10 {words}"));
+        command.arg("--cells-file").arg(example.join("cells.toml"));
+        command.args(["--build-cmd", "git rev-list --count HEAD > count", "--cmd", &worker]);
+        command.ends(status)
+    };
+    let told = search("caustics/trace --out out", 0).out;
+    let [before, after] = [30, 35].map(|day| &commits[day][..10]);
+    holds(&told, &["own n=0 caustics/trace: +10", &format!("{before} → {after}")]);
+    holds(&told, &[&format!("first revision: {}", &commits[33][..12]), "time +10.0"]);
+    // Without a name the change is the only one too: of the stage, and of its frame.
+    let found = search("--out out --resume --json", 0).json();
+    assert_eq!(found["answer"]["first"], commits[33], "{found}");
+    let none = search("photon_error --out other", 2).err;
+    holds(&none, &["no figure became worse in these runs"]);
+}
+
 /// The configuration names files that are there, and each has the columns that it says.
 fn otava_reads(folder: &Path, runs: usize) {
     let text = std::fs::read_to_string(folder.join("otava.yaml")).unwrap();
