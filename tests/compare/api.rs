@@ -104,6 +104,7 @@ impl Served {
             (Mood::Forbids, "POST" | "PATCH" | "PUT", _) => (403, json!({ "message": "no" })),
             // GitHub's job token has no user, and GitLab's access token has.
             (_, "GET", "/github/user") => (403, json!({ "message": "not accessible" })),
+            (_, "GET", "/gitlab/job") => (200, json!({ "user": { "username": BOT } })),
             (_, "GET", "/gitlab/user") => (200, json!({ "username": BOT })),
             (
                 _,

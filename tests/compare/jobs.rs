@@ -399,6 +399,15 @@ fn a_comment_is_found_among_many_and_updated() {
         commented(&project, &variables, "third");
         assert_eq!(project.server.now().comments.len(), 153);
         holds(&project.server.said(BOT)[76], &["<!-- fathom compare: of_the_GPU -->"]);
+        if of_gitlab {
+            // The job's token is sent as such, and is of who began the job.
+            variables.retain(|(name, _)| *name != "FATHOM_TOKEN");
+            variables.push(("CI_JOB_TOKEN", "of the job".to_owned()));
+            commented(&project, &variables, "fourth");
+            let served = project.server.now();
+            assert!(served.headers.last().unwrap().contains("JOB-TOKEN: of the job\r\n"));
+            assert_eq!(served.comments.len(), 153);
+        }
     }
 }
 
