@@ -5,9 +5,10 @@ use std::process::Command;
 
 use fathom::compare::store::StoredComparison;
 use fathom::record::schema::LineKind;
+use itertools::Itertools as _;
 use serde_json::{Value, json};
 
-use super::common::{Ends, Place, Told, holds};
+use super::common::{Ends, Place, Told, holds, names};
 
 fn example() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/own_worker")
@@ -38,11 +39,20 @@ fn exchange(place: &Place) -> Vec<Value> {
     let mut compare = place.fathom("compare --launches 2 --pairs 2 --out out --cells-file");
     compare.arg(example().join("cells.toml"));
     let worker = example().join("worker.py");
-    let heard = format!("tee -a heard | python3 '{}' --counted | tee -a said", worker.display());
+    // Workers that run at once have files of their own.
+    let heard = format!("tee heard.$$ | python3 '{}' --counted | tee said.$$", worker.display());
     // Two launches are too few for a verdict.
     compare.args(["--base-cmd", &heard, "--head-cmd", &heard]).ends(3);
-    let lines = |name: &str| -> Vec<Value> {
-        place.read(name).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    let lines = |of: &str| -> Vec<Value> {
+        let files = names(&place.path("")).into_iter().filter(|name| name.starts_with(of));
+        // The last line of a worker that was killed may be cut short.
+        let whole = |line: &&str| line.ends_with('\n');
+        let parsed = |line: &str| serde_json::from_str(line).unwrap();
+        files
+            .flat_map(|name| {
+                place.read(name).split_inclusive('\n').filter(whole).map(parsed).collect_vec()
+            })
+            .collect()
     };
     let heard = lines("heard").into_iter().map(|request| json!({ "request": request }));
     let quit = json!({ "message": "quit" });
