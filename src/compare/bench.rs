@@ -220,7 +220,7 @@ fn of(role: WorkerRole) -> impl FnOnce(WorkerFault) -> RoleFault {
     move |fault| RoleFault { role, configuration: None, fault }
 }
 
-fn sound(ns: &[f64], frames: u32) -> bool {
+pub(super) fn sound(ns: &[f64], frames: u32) -> bool {
     let positive = |ns: &f64| ns.is_finite() && *ns > 0.0;
     ns.len() == frames as usize && ns.iter().all(positive)
 }

@@ -93,7 +93,7 @@ fn with_all_encoded(mut configuration: GateConfiguration) -> GateConfiguration {
             stages.map(|stage| CellSubject::Encode(stage).to_string()).collect::<Vec<_>>();
         // What makes pipelines leaves another heap behind: it is counted last.
         let create = CellSubject::Create.to_string();
-        let creates = configuration.stages.iter().any(|name| *name == create);
+        let creates = configuration.stages.contains(&create);
         configuration.stages.retain(|name| *name != create);
         configuration.stages.extend(encoded);
         configuration.stages.extend(creates.then_some(create));

@@ -12,7 +12,7 @@ use super::store::{StoredComparison, of_both};
 
 /// Share by which the instructions to encode a stage must differ: of 40,000, equal builds differ by up to 1.2 %, as keys of hash
 /// tables are random.
-const ENCODE_THRESHOLD: f64 = 0.05;
+const ENCODE_THRESHOLD: f64 = 0.03;
 
 /// A cell's counts on both sides.
 #[derive(Clone, Debug, PartialEq)]
