@@ -349,11 +349,16 @@ impl WorkerProcess {
     }
 
     /// Asks the worker to end, and sees to it.
-    pub fn quit(mut self) {
+    pub fn quit(self) {
+        self.quit_within(FAREWELL);
+    }
+
+    /// The same with so much time for what its driver has to finish.
+    pub fn quit_within(mut self, farewell: Duration) {
         if self.send(&WorkerRequest::Quit).is_ok() {
             self.requests = None;
             // Whatever it does, it is gone after this.
-            let _ = self.tree.status_within(FAREWELL);
+            let _ = self.tree.status_within(farewell);
         }
     }
 }

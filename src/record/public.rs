@@ -46,6 +46,7 @@ const TEXTS: &[(Text, &[&str])] = &[
             "cell/pipeline",
             "cell/outcome/stages/stage",
             "cell/outcome/stages/counters",
+            "cell/outcome/host/stages/stage",
             "cell/outcome/frame/machine/throttle",
             "cell/outcome/quantities",
             "cell/outcome/repeated",

@@ -16,7 +16,7 @@ use fathom::compare::store::StoredComparison;
 use fathom::compare::time;
 use fathom::gates::schedule::Schedule;
 use fathom::record::Record;
-use fathom::record::comparison::{CellId, Compared, GateSettings, Side};
+use fathom::record::comparison::{CellId, CellSubject, Compared, GateSettings, Side};
 use serde_json::{Map, json};
 
 use super::common::sets;
@@ -118,6 +118,7 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     for (request, reason, absent) in [
         (sample("plan", "compose", 1), "`plan` is not prepared", false),
         (sample("plane", "compos", 1), "has no stage `compos`; it has uniforms, ", true),
+        (sample("plane", "encode:compos", 1), "has no stage `compos`; it has uniforms, ", true),
         (sample("plane", "compose", 0), "frames must lie in 1…", false),
         (prepare("caustics.gird", 1), "did you mean `caustics.grid`", true),
         (prepare("view.width", 1_000_000), "", false),
@@ -131,15 +132,23 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     let Ok(Reply::Exact(exact)) = ask(WorkerRequest::Exact { config: config.clone() }) else {
         panic!("no exact figures")
     };
-    assert!(exact.allocated_bytes > 0 && exact.stages.len() == stages.len());
+    let hosts = stages.iter().filter(|stage| !CellSubject::of(&stage.name).is_stage()).count();
+    assert_eq!(hosts, exact.stages.len() + 1, "each stage can be encoded, and all be created");
+    assert!(exact.allocated_bytes > 0 && exact.stages.len() + hosts == stages.len());
     assert!(exact.errors.contains_key("caustics_photon_error_median_m"));
     for error in exact.errors.keys() {
         let judged = exact.judged.iter().find(|judged| *judged.name == **error).unwrap();
         assert!(stages.iter().any(|stage| *judged.stage == *stage.name), "{judged:?}");
     }
-    let stage = "compose".to_owned();
-    let counted = ask(WorkerRequest::Instructions { config, stage, frames: 2 });
-    assert_eq!(counted, Ok(Reply::Instructions { frames: 2 }));
+    for stage in ["compose", "encode:compose", "create"] {
+        let Ok(Reply::Sample { ns, .. }) = ask(sample("plane", stage, 2)) else {
+            panic!("no sample of {stage}")
+        };
+        assert!(ns.len() == 2 && ns.iter().all(|ns| *ns > 0.0), "{stage}: {ns:?}");
+        let (config, stage) = (config.clone(), stage.to_owned());
+        let counted = ask(WorkerRequest::Instructions { config, stage, frames: 2 });
+        assert_eq!(counted, Ok(Reply::Instructions { frames: 2 }));
+    }
     worker.quit();
 }
 
