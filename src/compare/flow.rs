@@ -85,11 +85,16 @@ pub fn measure(
     let skipped = skipped(options, &greetings);
     let software = greetings[Side::Head as usize].adapter.software;
     gates.retain(|cell| {
-        let mut wanted = options.settings.gates.iter();
-        wanted.any(|gate| {
-            !skipped.iter().any(|skip| skip.gate == *gate) && cell.is_of(*gate, software)
-        })
+        let is_run = |gate: &&Gate| !skipped.iter().any(|skip| skip.gate == **gate);
+        let mut run = options.settings.gates.iter().filter(is_run);
+        // A stage that no gate measures is told as such.
+        cell.is_stage() || run.any(|gate| cell.is_of(*gate, software))
     });
+    if gates.configurations.is_empty() {
+        bail!(
+            "these cells are of what the host does, and none of the gates that run here measures that"
+        );
+    }
     let header = header(options, &gates, &greetings, skipped)?;
     let mut held = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {

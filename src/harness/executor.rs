@@ -1,6 +1,6 @@
 //! The scheduler's hands on a real device: builds cells, runs their frames, and writes their records.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::path::Path;
 use std::time::{Instant, SystemTime};
@@ -50,8 +50,9 @@ pub struct Session {
     references: References,
     known: Known,
     reopened: bool,
-    /// Pipelines of whose CPU costs one cell tells.
-    pub hosts: BTreeSet<String>,
+    /// By pipeline: the first cell that was built, which tells its CPU costs, as the numbers of its experiment and its own; and what
+    /// making its pipelines took then.
+    hosts: BTreeMap<String, ((usize, usize), MadePipelines)>,
     pub spent: Spent,
 }
 
@@ -92,7 +93,7 @@ impl Session {
             references: References::default(),
             known: Known::of_earlier_runs(),
             reopened: false,
-            hosts: BTreeSet::new(),
+            hosts: BTreeMap::new(),
             spent,
         })
     }
@@ -177,8 +178,6 @@ impl Output<'_> {
 
 struct Built {
     pipeline: Box<AnyPipeline>,
-    /// The pipelines that had not been made before.
-    made: MadePipelines,
     /// Time of its frames, seconds, and how many they are.
     frames: (f64, u32),
 }
@@ -234,13 +233,14 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
 
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
-    fn find(&mut self, cell: usize, Built { pipeline, made, .. }: &Built) -> Findings {
+    fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> Findings {
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
         let PlannedCell { plan, subject, .. } = &self.cells[cell];
-        if !plan.errors_only && self.session.hosts.insert(plan.pipeline.clone()) {
-            let Session { gpu, timer, .. } = &mut *self.session;
+        let Session { gpu, timer, hosts, .. } = &mut *self.session;
+        let first = hosts.get(&plan.pipeline);
+        if let Some((_, made)) = first.filter(|(first, _)| *first == (self.number, cell)) {
             let costs = host::costs(gpu, timer, (subject, pipeline), *made);
             let failure = "what it costs the CPU not measured";
             findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
@@ -267,7 +267,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let start = Instant::now();
         let found = self.known.findings.get(&cell).cloned();
         let found = found.unwrap_or_else(|| {
-            let found = self.find(cell, &built);
+            let found = self.find(cell, pipeline);
             self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
             self.known.findings.insert(cell, found.clone());
             found
@@ -423,10 +423,13 @@ impl Executor for CellExecutor<'_, '_> {
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
         let PlannedCell { plan, subject, .. } = &self.cells[cell];
         self.output.progress.preparing(plan);
-        let Session { gpu, spent, .. } = &mut *self.session;
+        let Session { gpu, spent, hosts, .. } = &mut *self.session;
         let begun = Instant::now();
         let (pipeline, made) = gpu.making_pipelines(|| subject.build(gpu));
         let pipeline = pipeline?;
+        if !plan.errors_only {
+            hosts.entry(plan.pipeline.clone()).or_insert(((self.number, cell), made));
+        }
         let start = spent.since(begun, SetUp::Pipelines);
         if !plan.errors_only && !self.known.counters.contains_key(&cell) {
             let counted = gpu::count(gpu, &pipeline.stages(), MAX_PASSES);
@@ -436,7 +439,7 @@ impl Executor for CellExecutor<'_, '_> {
         spent.since(start, SetUp::Counting);
         let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
-        self.built.insert(cell, Built { pipeline, made, frames: (0.0, 0) });
+        self.built.insert(cell, Built { pipeline, frames: (0.0, 0) });
         self.state(cell).seen.prepare_s = Some(begun.elapsed().as_secs_f64());
         Ok(bytes)
     }
