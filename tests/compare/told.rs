@@ -375,6 +375,23 @@ fn documented_options_are_options() {
     }
 }
 
+/// On a software driver neither exact figures nor times are of what the host does; of stages they are.
+#[test]
+fn cells_that_no_gate_measures_are_refused_before_anything_is_written() {
+    let place = Place::new();
+    let base = ["--base-bin", env!("CARGO_BIN_EXE_fathom")];
+    let mut compare = place.fathom("compare --gates exact,time --cells create --out out");
+    compare.args(base).refused("none of the gates that run here measures that");
+    assert!(!place.path("out").exists());
+    let mut compare = place.fathom("compare --gates exact --cells compose --out out");
+    let told = compare.args(base).ends(0);
+    assert!(
+        told.out.contains("pool compose") && !told.out.contains("encode:compose"),
+        "{}",
+        told.out
+    );
+}
+
 /// A real gate on the default adapter over one cell; none where it cannot be run.
 fn counted(name: &str) -> Option<(StoredComparison, String)> {
     let place = Place::new();
