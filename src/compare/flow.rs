@@ -260,7 +260,7 @@ struct ComparisonRun<'a> {
     held: Held,
     interrupted: &'a AtomicBool,
     waiting: Waiting<'a>,
-    /// What was measured before this process, if anything. Its settings hold.
+    /// What was measured before this process, if anything, or before this step. Its settings hold.
     before: StoredComparison,
     /// Both sides have checks.
     checks: bool,
@@ -361,18 +361,17 @@ impl ComparisonRun<'_> {
             seed: settings.seed,
             second: false,
         };
+        self.launches(&schedule.until(time::LOOK), &mut workers)?;
+        let schedule = schedule.without(&time::settled(&self.before));
         self.launches(&schedule, &mut workers)?;
-        let so_far = StoredComparison::read(&self.held.output.folder)?;
-        let open = time::open(&so_far);
-        if open.is_empty() || !self.wants(Gate::Time) {
-            return Ok(());
-        }
-        self.before = so_far;
-        self.launches(&schedule.again(open), &mut workers)
+        self.launches(&schedule.again(time::open(&self.before)), &mut workers)
     }
 
-    /// One of the two measurements of the time gate.
+    /// One of the two measurements of the time gate, or the first launches of one. Afterwards [`Self::before`] holds them.
     fn launches(&mut self, schedule: &Schedule, workers: &mut Processes<'_>) -> Result<()> {
+        if schedule.cells.is_empty() || !self.wants(Gate::Time) {
+            return Ok(());
+        }
         let Schedule { cells, launches, pairs, second, .. } = schedule;
         let before = timed_before(&self.before, *second);
         let mut done = before.complete;
@@ -388,7 +387,9 @@ impl ComparisonRun<'_> {
             tell(&format!("time gate: {done} of {launches} launches"));
             Ok(())
         };
-        Ok(rounds::run(schedule, workers, &before, self.interrupted, sink)?)
+        rounds::run(schedule, workers, &before, self.interrupted, sink)?;
+        self.before = StoredComparison::read(&self.held.output.folder)?;
+        Ok(())
     }
 }
 

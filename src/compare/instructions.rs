@@ -8,10 +8,10 @@
 //!
 //! Only a process counts that found all its shaders in the driver's cache. Where it compiled some, Mesa compresses them for the
 //! cache in a thread of its own, whose instructions fall on any frame (up to 12 % of one of `rays/reduce`), and the compiler leaves
-//! another heap behind, which changes counts by 0.5 %. Each configuration has a cache that is kept. A process in which it grew is
-//! followed by a fresh one. Cells whose counts differ are counted a second time.
+//! another heap behind, which changes counts by 0.5 %. The caches are kept. A process in which one grew is
+//! followed by a fresh one. Cells whose counts differ are counted a second time, in processes that hold one configuration.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -20,6 +20,7 @@ use std::sync::mpsc::channel;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use itertools::{Either, Itertools};
 use tempfile::TempDir;
 
 use super::launch::{self, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart};
@@ -52,19 +53,21 @@ pub fn obstacle(software: bool) -> Option<String> {
     (!is_installed).then(lacks)
 }
 
-/// A configuration of one side, with the stages of it that are still to be counted.
+/// What one process counts: cells of one side, those of a configuration one after the other.
 #[derive(Clone)]
 struct Job<'a> {
     side: Side,
-    configuration: &'a GateConfiguration,
-    stages: Vec<String>,
+    cells: Vec<(&'a GateConfiguration, &'a String)>,
     second: bool,
+    /// Its shader cache is called so.
+    shaders: String,
 }
 
-/// Counts every cell of `wanted` that `before` lacks, on both sides: as many processes at once as there are cores.
+/// Counts every cell of `wanted` that `before` lacks, on both sides: as many processes at once as there are cores. Each
+/// counts many configurations, as valgrind's translation of the program takes half of the time of a process that counts one.
 ///
-/// `start` tells how to start the worker of a side. What cannot be counted becomes a fault. A `second` count has another layout
-/// of the heap.
+/// `start` tells how to start the worker of a side. What cannot be counted becomes a fault. A `second` count has a process for
+/// each configuration, and another layout of the heap.
 pub fn run(
     held: &mut Held,
     before: &StoredComparison,
@@ -73,12 +76,12 @@ pub fn run(
     start: &(dyn Fn(Side) -> WorkerStart + Sync),
     interrupted: &AtomicBool,
 ) -> Result<(), RecordError> {
-    let jobs = Mutex::new(jobs(before, wanted, second));
     let cores = launch::allowed_cores();
     let workers = match cores.len() {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         n => n,
     };
+    let jobs = Mutex::new(jobs(before, wanted, second, workers));
     let (sender, lines) = channel();
     let broken = AtomicBool::new(false);
     let ending = [interrupted, &broken];
@@ -92,7 +95,7 @@ pub fn run(
                     // One side after the other: what the first compiles the second finds.
                     for job in sides {
                         let start = quieted(start(job.side), core, second);
-                        let start = with_kept_shaders(start, &job.configuration.id);
+                        let start = with_kept_shaders(start, &job.shaders);
                         let conditions = Conditions { start, wrapper: callgrind, waiting };
                         for line in count_warm(&job, &conditions) {
                             // Nobody listens only when the store is broken, which ends everything.
@@ -116,36 +119,47 @@ fn quieted(start: WorkerStart, core: Option<usize>, second: bool) -> WorkerStart
     WorkerStart { quiet: Some(quiet), ..start }
 }
 
+/// By groups of configurations, for both sides: a group for each of `workers`, or for each configuration in a `second` count.
 fn jobs<'a>(
     before: &StoredComparison,
     wanted: &'a [GateConfiguration],
     second: bool,
+    workers: usize,
 ) -> VecDeque<Vec<Job<'a>>> {
-    let job = |configuration: &'a GateConfiguration, side: Side| {
-        let missing = |stage: &&String| {
-            let cell = CellId::new(&configuration.id, stage);
-            let mut counted = before.instructions.iter();
-            !counted.any(|line| (line.side, &line.cell, line.second) == (side, &cell, second))
+    let counted: BTreeSet<_> =
+        before.instructions.iter().map(|line| (line.side, &line.cell, line.second)).collect();
+    let of_group = |(number, group): (usize, &'a [GateConfiguration])| {
+        let shaders = match group {
+            [alone] => text::file_stem(&alone.id),
+            _ => format!("group-{number}-of-{workers}"),
         };
-        let stages = configuration.stages.iter().filter(missing).cloned().collect();
-        Job { side, configuration, stages, second }
+        let job = |side| {
+            let is_missing = |(configuration, stage): &(&GateConfiguration, &String)| {
+                !counted.contains(&(side, &CellId::new(&configuration.id, stage), second))
+            };
+            let cells =
+                group.iter().flat_map(|own| own.stages.iter().map(move |stage| (own, stage)));
+            Job {
+                side,
+                cells: cells.filter(is_missing).collect(),
+                second,
+                shaders: shaders.clone(),
+            }
+        };
+        Side::BOTH.map(job).into_iter().filter(|job| !job.cells.is_empty()).collect()
     };
-    let of_sides = |configuration| {
-        let sides = Side::BOTH.map(|side| job(configuration, side)).into_iter();
-        sides.filter(|job| !job.stages.is_empty()).collect()
-    };
-    wanted.iter().map(of_sides).collect()
+    let size = if second { 1 } else { wanted.len().div_ceil(workers).max(1) };
+    wanted.chunks(size).enumerate().map(of_group).collect()
 }
 
-/// Most that Mesa keeps of a configuration's shaders.
-const MOST_SHADERS: &str = "MESA_SHADER_CACHE_MAX_SIZE=64M";
+/// Most that Mesa keeps of the shaders of a process.
+const MOST_SHADERS: &str = "MESA_SHADER_CACHE_MAX_SIZE=256M";
 
-/// With a shader cache of the configuration's own: in that of the side if it has one, else in one that is kept from comparison to
-/// comparison.
-fn with_kept_shaders(start: WorkerStart, configuration: &str) -> WorkerStart {
+/// With a shader cache of its own: in that of the side if it has one, else in one that is kept from comparison to comparison.
+fn with_kept_shaders(start: WorkerStart, name: &str) -> WorkerStart {
     let kept = || Some(assets::cache()?.join("callgrind-shaders"));
     let Some(folder) = start.shader_cache.clone().or_else(kept) else { return start };
-    let folder = folder.join(text::file_stem(configuration));
+    let folder = folder.join(name);
     // Where there can be none the driver has its own, and nothing tells whether it grew.
     let is_there = std::fs::create_dir_all(&folder).is_ok();
     WorkerStart { shader_cache: is_there.then_some(folder), ..start }
@@ -166,11 +180,13 @@ fn size(folder: &Path) -> u64 {
 fn count_warm(job: &Job<'_>, conditions: &Conditions<'_>) -> Vec<Compared> {
     let kept = || conditions.start.shader_cache.as_deref().map_or(0, size);
     let before = kept();
-    let lines = count(job, conditions);
-    if kept() == before || conditions.waiting.is_interrupted() {
+    let is_warm = || kept() == before;
+    let (lines, mut grew) = count(job, conditions, &is_warm);
+    grew |= !is_warm();
+    if !grew || conditions.waiting.is_interrupted() {
         return lines;
     }
-    count(job, conditions)
+    count(job, conditions, &|| true).0
 }
 
 /// How a job is counted.
@@ -183,34 +199,36 @@ struct Conditions<'a> {
     waiting: Waiting<'a>,
 }
 
-/// Counts a job's stages one after the other: a line each, or the fault that it ended in. Stages after a fault are counted by a
-/// fresh worker; they fail too if that cannot be had, or if the worker hung.
-fn count(job: &Job<'_>, conditions: &Conditions<'_>) -> Vec<Compared> {
-    let cell = |stage: &str| CellId::new(&job.configuration.id, stage);
-    let faults = |stages: &[String], cause: &WorkerFault| {
-        let fault = |stage: &String| {
-            let (side, cell) = (Some(job.side), Some(cell(stage)));
-            Compared::Fault(Fault::new(Gate::Instructions, side, cell, cause.to_string()))
-        };
-        stages.iter().map(fault).collect::<Vec<_>>()
-    };
+/// Counts a job's cells one after the other: a line each, or the fault that it ended in. Cells after a fault are counted by a
+/// fresh worker; they fail too if that cannot be had, and those of their configuration if the worker hung. Ends before the
+/// first count where a prepared worker is not `warm`; then the second value is true.
+fn count(
+    job: &Job<'_>,
+    conditions: &Conditions<'_>,
+    warm: &dyn Fn() -> bool,
+) -> (Vec<Compared>, bool) {
     let mut lines = Vec::new();
-    let mut counter = None;
-    for (index, stage) in job.stages.iter().enumerate() {
-        if conditions.waiting.is_interrupted() {
-            break;
-        }
-        let mut ready = match counter.take().map_or_else(|| Counter::new(job, conditions), Ok) {
+    let mut left: VecDeque<_> = job.cells.iter().copied().collect();
+    let mut counter: Option<Counter> = None;
+    while let Some((configuration, stage)) = left.front().copied() {
+        let ready = match counter.take().map_or_else(|| Counter::new(&left, conditions), Ok) {
             Ok(ready) => ready,
-            Err(_) if conditions.waiting.is_interrupted() => return lines,
-            Err(cause) => {
-                lines.extend(faults(&job.stages[index..], &cause));
-                return lines;
+            Err(_) if conditions.waiting.is_interrupted() => break,
+            Err((unprepared, cause)) => {
+                let is_lost = |own: &GateConfiguration| unprepared.is_none_or(|id| own.id == id);
+                lines.extend(lost(job, &mut left, is_lost, &cause));
+                continue;
             }
         };
-        match ready.count(&job.configuration.id, stage, conditions.waiting) {
+        if lines.is_empty() && !warm() {
+            ready.quit();
+            return (lines, true);
+        }
+        let mut ready = ready;
+        match ready.count(&configuration.id, stage, conditions.waiting) {
             Ok(counts) => {
-                let (side, cell, second) = (job.side, cell(stage), job.second);
+                let (side, second) = (job.side, job.second);
+                let cell = CellId::new(&configuration.id, stage);
                 lines.push(Compared::Instructions(InstructionCounts {
                     side,
                     cell,
@@ -218,19 +236,42 @@ fn count(job: &Job<'_>, conditions: &Conditions<'_>) -> Vec<Compared> {
                     second,
                 }));
                 counter = Some(ready);
+                left.pop_front();
             }
-            Err(_) if conditions.waiting.is_interrupted() => return lines,
+            Err(_) if conditions.waiting.is_interrupted() => break,
             Err(cause @ WorkerFault::Silent { .. }) => {
-                lines.extend(faults(&job.stages[index..], &cause));
-                return lines;
+                lines.extend(lost(job, &mut left, |own| own.id == configuration.id, &cause));
             }
-            Err(cause) => lines.extend(faults(&job.stages[index..=index], &cause)),
+            Err(cause) => {
+                left.pop_front();
+                lines.push(fault(job.side, configuration, stage, &cause));
+            }
         }
     }
     if let Some(counter) = counter {
-        counter.worker.quit_within(FAREWELL);
+        counter.quit();
     }
-    lines
+    (lines, false)
+}
+
+/// The faults of the cells that are left of some configurations, which are then left out.
+fn lost<'a>(
+    job: &Job<'_>,
+    left: &mut VecDeque<(&'a GateConfiguration, &'a String)>,
+    is_lost: impl Fn(&GateConfiguration) -> bool,
+    cause: &WorkerFault,
+) -> Vec<Compared> {
+    let (gone, kept): (Vec<_>, VecDeque<_>) = left.drain(..).partition_map(|cell| match cell {
+        (own, _) if is_lost(own) => Either::Left(cell),
+        _ => Either::Right(cell),
+    });
+    *left = kept;
+    gone.into_iter().map(|(own, stage)| fault(job.side, own, stage, cause)).collect()
+}
+
+fn fault(side: Side, own: &GateConfiguration, stage: &str, cause: &WorkerFault) -> Compared {
+    let cell = Some(CellId::new(&own.id, stage));
+    Compared::Fault(Fault::new(Gate::Instructions, Some(side), cell, cause.to_string()))
 }
 
 fn callgrind(folder: &Path) -> Vec<OsString> {
@@ -248,7 +289,7 @@ fn callgrind(folder: &Path) -> Vec<OsString> {
 /// Stem of callgrind's files: each cut adds one, numbered from 1.
 const OUT: &str = "callgrind.out";
 
-/// A worker that has prepared a configuration, and where its counts go.
+/// A worker that has prepared configurations, and where its counts go.
 struct Counter {
     worker: WorkerProcess,
     folder: TempDir,
@@ -257,17 +298,32 @@ struct Counter {
 }
 
 impl Counter {
-    fn new(job: &Job<'_>, conditions: &Conditions<'_>) -> Result<Self, WorkerFault> {
+    /// Has prepared what the cells need that are left. A fault comes with the configuration that it is of.
+    fn new<'a>(
+        left: &VecDeque<(&'a GateConfiguration, &String)>,
+        conditions: &Conditions<'_>,
+    ) -> Result<Self, (Option<&'a str>, WorkerFault)> {
         let folder = tempfile::tempdir()
-            .map_err(|error| WorkerFault::fatal(format!("no folder for callgrind: {error}")))?;
+            .map_err(|error| WorkerFault::fatal(format!("no folder for callgrind: {error}")))
+            .map_err(|fault| (None, fault))?;
         let wrapper = (conditions.wrapper)(folder.path());
         let start = WorkerStart { wrapper, ..conditions.start.clone() };
-        let (mut worker, _) = WorkerProcess::open(&start, &conditions.waiting)?;
-        let request = WorkerRequest::Prepare { configuration: job.configuration.clone() };
-        match worker.ask(&request, &conditions.waiting)? {
-            Reply::Prepared { .. } => Ok(Self { worker, folder, cuts: 0 }),
-            other => Err(worker.unexpected(&other)),
+        let (mut worker, _) =
+            WorkerProcess::open(&start, &conditions.waiting).map_err(|fault| (None, fault))?;
+        for configuration in left.iter().map(|(own, _)| *own).dedup_by(|a, b| a.id == b.id) {
+            let request = WorkerRequest::Prepare { configuration: configuration.clone() };
+            let prepared = match worker.ask(&request, &conditions.waiting) {
+                Ok(Reply::Prepared { .. }) => continue,
+                Ok(other) => worker.unexpected(&other),
+                Err(fault) => fault,
+            };
+            return Err((Some(&configuration.id), prepared));
         }
+        Ok(Self { worker, folder, cuts: 0 })
+    }
+
+    fn quit(self) {
+        self.worker.quit_within(FAREWELL);
     }
 
     /// One stage's counts. After a fault callgrind may have cut any number of times: then the counter is of no more use.
@@ -346,9 +402,9 @@ esac; done
         std::fs::write(&script, SCRIPT.replace("ADAPTER", &adapter)).unwrap();
         let stages: Vec<String> = stages.iter().map(|stage| (*stage).to_owned()).collect();
         let id = "one".to_owned();
-        let configuration = GateConfiguration { id, stages: stages.clone(), ..Default::default() };
-        let (side, configuration) = (Side::Head, &configuration);
-        let job = Job { side, configuration, stages, second: false };
+        let configuration = GateConfiguration { id, stages, ..Default::default() };
+        let cells = configuration.stages.iter().map(|stage| (&configuration, stage)).collect();
+        let job = Job { side: Side::Head, cells, second: false, shaders: String::new() };
         let start = quieted(WorkerStart::new(&script), None, false);
         let start = WorkerStart { shader_cache: Some(folder.join("shaders")), ..start };
         std::fs::create_dir_all(folder.join("shaders")).unwrap();

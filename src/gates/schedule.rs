@@ -1,5 +1,7 @@
 //! What the gate of time measures: cells, launches, and rounds of each.
 
+use std::collections::BTreeSet;
+
 use fathom_record::comparison::CellId;
 
 /// The second measurement has up to so many times the rounds of the first, as far as it takes no longer than that. With 64
@@ -21,6 +23,17 @@ pub struct Schedule {
 }
 
 impl Schedule {
+    /// Its first launches.
+    pub fn until(&self, launches: u32) -> Self {
+        Self { launches: self.launches.min(launches), ..self.clone() }
+    }
+
+    /// The same of the cells that are not settled.
+    pub fn without(mut self, settled: &BTreeSet<CellId>) -> Self {
+        self.cells.retain(|cell| !settled.contains(cell));
+        self
+    }
+
     /// The second measurement, of the cells that this one left open.
     pub fn again(&self, open: Vec<CellId>) -> Self {
         let room = self.pairs as usize * self.cells.len() / open.len().max(1);

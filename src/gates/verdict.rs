@@ -306,8 +306,8 @@ fn overcome(comparison: &StoredComparison, fault: &Fault) -> bool {
         }
         Gate::Time if fault.cell.is_none() => {
             let wanted = comparison.header.settings.launches as usize;
-            let whole = |second| comparison.launches_of(second) >= wanted;
-            whole(false) && (whole(true) || time::open(comparison).is_empty())
+            let second = comparison.launches_of(true) >= wanted;
+            time::first_is_whole(comparison) && (second || time::open(comparison).is_empty())
         }
         // A cell or control that failed is left out of all later launches, unless it is tried again.
         Gate::Time => comparison.pairs.iter().any(|pair| {

@@ -9,7 +9,7 @@ use crate::adapters::AdapterRelation;
 use crate::counts::{Change, Counted};
 use crate::exact::{Difference, DifferenceScope, FigureKind};
 use crate::store::StoredComparison;
-use crate::time::{CellTime, ThrottledLaunches, TimeVerdict};
+use crate::time::{self, CellTime, ThrottledLaunches, TimeVerdict};
 use crate::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
 use fathom_record::comparison::{ComparedBuild, Fault, Gate, Side, SideEnvironment};
 use fathom_record::{Adapter, Interval, machine};
@@ -268,9 +268,10 @@ fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
     let settings = &verdicts.comparison.header.settings;
     match gate {
         Gate::Time => format!(
-            "{} launches of {} pairs{}; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
+            "{} launches of {} pairs{}{}; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
             verdicts.comparison.launches_of(false),
             settings.pairs,
+            settled(verdicts.comparison).unwrap_or_default(),
             second(verdicts.comparison).unwrap_or_default(),
             100.0 * settings.threshold,
             100.0 * settings.alpha
@@ -283,6 +284,13 @@ fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
             "work, counters and bytes as they are; errors beyond 1 % of the base's".to_owned()
         }
     }
+}
+
+/// How many cells the first launches settled, if any.
+fn settled(comparison: &StoredComparison) -> Option<String> {
+    let settled = time::settled(comparison).len();
+    (settled > 0)
+        .then(|| format!(" ({} launches for {}, which they settled)", time::LOOK, cells(settled)))
 }
 
 /// What the second measurement of the time gate was, if there was one.

@@ -98,6 +98,10 @@ impl Simulation {
                     comparison.pairs.extend(self.rounds(cell, false, change(n), second));
                 }
             }
+            let settled = settled(&comparison);
+            comparison.pairs.retain(|pair| {
+                pair.control || pair.second || pair.launch < LOOK || !settled.contains(&pair.cell)
+            });
             let open = open(&comparison);
             if schedule.second || open.is_empty() {
                 return comparison;
@@ -371,4 +375,36 @@ fn a_change_is_doubtful_where_its_slower_side_was_throttled_in_more_launches() {
         assert_eq!(found.reasons, [ThrottleReason::SwPowerCap].into());
         assert_eq!(cell.may_be_throttling(), is_doubtful, "{change} {base} {head}");
     }
+}
+
+#[test]
+fn cells_that_the_first_launches_settle_are_left_out_and_a_slower_one_stays() {
+    let mut simulation = Simulation::new(21, CALM);
+    let comparison = simulation.compare(|n| if n == 3 { 0.05 } else { 0.0 });
+    let settled = settled(&comparison);
+    assert!(settled.len() > CELLS / 2 && !settled.contains(&cells()[3]), "{settled:?}");
+    let gate = judge(&cells(), &comparison.pairs, &comparison.header.settings);
+    for cell in &gate.cells {
+        let launches = if settled.contains(&cell.cell) { LOOK } else { LAUNCHES };
+        assert_eq!(cell.launches.len(), launches as usize, "{}", cell.cell);
+        assert!(cell.detectable.is_some_and(|least| least > 0.02), "{}", cell.cell);
+    }
+    assert_eq!(gate.cells[3].verdict, TimeVerdict::Slower);
+    assert_eq!(alarms(&gate), 1);
+}
+
+#[test]
+fn a_measurement_is_whole_when_nothing_is_left_to_measure() {
+    let still = Noise { between: 0.001, within: 0.001, stalls: (0.0, 0.0) };
+    let pairs = Simulation::new(22, still).pairs(0.0);
+    let mut comparison = comparison(LAUNCHES, pairs);
+    assert!(first_is_whole(&comparison));
+    comparison.launches.truncate(LOOK as usize);
+    assert!(first_is_whole(&comparison));
+    // One launch less than the look needs.
+    comparison.launches.pop();
+    assert!(!first_is_whole(&comparison));
+    comparison.pairs = Simulation::new(22, still).pairs(0.05);
+    comparison.launches = (0..LOOK).map(|launch| Launch { launch, ..Launch::default() }).collect();
+    assert!(!first_is_whole(&comparison));
 }
