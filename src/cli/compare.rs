@@ -25,7 +25,7 @@ use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interr
 use super::compare_args::CompareArgs;
 
 /// That the gates take on all cells with the defaults on two cores (`docs/ci.md`).
-const MOST_MINUTES: f64 = 8.0;
+const MOST_MINUTES: f64 = 7.0;
 /// The format that is printed where none is asked for.
 pub const TEXT: &str = "text";
 /// Where GitHub Actions takes Markdown for a job's page.
