@@ -225,14 +225,14 @@ impl Drop for Worktree {
     }
 }
 
-/// The program that cargo makes of a checkout, into a target folder, in an environment with these variables.
+/// The program that cargo makes of a checkout, into a target folder, with these arguments more.
 ///
 /// Nothing that cargo started is left in the end, or once `interrupted` is set.
 pub fn compile(
     (source, built): (&Path, &Path),
     target: CargoTarget,
     revision: &str,
-    environment: &[(&str, &str)],
+    arguments: &[&str],
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<PathBuf> {
@@ -240,7 +240,7 @@ pub fn compile(
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--locked", "--color=never"]);
     cargo.args(["-p", target.package, "--bin", target.binary, "--target-dir"]).arg(built);
-    cargo.current_dir(source).envs(environment.iter().copied());
+    cargo.args(arguments).current_dir(source);
     match process::run(&mut cargo, limits, progress) {
         Ok(_) => {
             let program = format!("release/{}{}", target.binary, std::env::consts::EXE_SUFFIX);

@@ -1,16 +1,18 @@
 //! What the trials of a self-test show: a function of their stored comparisons alone.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use derive_more::{Add, AddAssign};
 use serde::Serialize;
 
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{CellVerdict, GateState, Status, Verdicts};
+use fathom::record::comparison::{CellId, CellSubject, Gate};
+use fathom::statistics::Interval;
 
 use crate::injections::{Injection, Size};
+use crate::slowed::{Composed, Coverage, Slowed, holds};
 use crate::trials::{Aim, Trial, Variant};
-use fathom::record::comparison::{CellId, Gate};
 
 /// A count and what it is of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Serialize)]
@@ -20,13 +22,24 @@ pub struct Share {
 }
 
 impl Share {
-    fn add(&mut self, hit: bool) {
+    pub fn add(&mut self, hit: bool) {
         self.count += usize::from(hit);
         self.of += 1;
     }
 
     pub fn ratio(self) -> f64 {
         self.count as f64 / self.of.max(1) as f64
+    }
+
+    /// The interval of 95 % of the share. Wilson, *J. Am. Stat. Assoc.* 22 (1927).
+    pub fn interval(self) -> Interval {
+        const Z: f64 = 1.96;
+        let n = self.of.max(1) as f64;
+        let share = self.ratio();
+        let middle = share + Z * Z / (2.0 * n);
+        let half = Z * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
+        let scale = 1.0 + Z * Z / n;
+        Interval { low: (middle - half) / scale, high: (middle + half) / scale }
     }
 }
 
@@ -69,14 +82,52 @@ pub struct CellResult {
     pub truth: Option<f64>,
 }
 
-/// How often injections of one size were found.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Detection {
+/// How often a stage that was changed was found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Serialize)]
+pub struct Found {
     pub caught: Share,
     /// Of those caught.
     pub named_first: Share,
     /// Verdicts on cells of other stages that are regressions.
     pub others_blamed: Share,
+}
+
+impl Found {
+    /// In one gate.
+    pub fn of(verdicts: &Verdicts<'_>, stage: &str) -> Self {
+        use CellVerdict::{Failed, New, NotMeasured};
+        let mut found = Self::default();
+        let is_own = |cell: &CellId| cell.stage() == stage;
+        let of_stage: Vec<_> =
+            verdicts.cells.iter().map(|cell| &cell.cell).filter(|cell| is_own(cell)).collect();
+        // What the host does with a longer shader takes longer.
+        let is_other = |cell: &CellId| match cell.subject() {
+            CellSubject::Stage(other) => other != stage,
+            CellSubject::Encode(other) => other != stage,
+            CellSubject::Create => {
+                !of_stage.iter().any(|own| own.configuration() == cell.configuration())
+            }
+        };
+        let regressions = verdicts.regressions();
+        let caught = regressions.iter().any(|cell| is_own(&cell.cell));
+        found.caught.add(caught);
+        if caught {
+            found.named_first.add(is_own(&regressions[0].cell));
+        }
+        let judged = |verdict| !matches!(verdict, Failed | New | NotMeasured);
+        for cell in verdicts.cells.iter().filter(|cell| is_other(&cell.cell)) {
+            if judged(cell.verdict) {
+                found.others_blamed.add(cell.verdict.is_regression());
+            }
+        }
+        found
+    }
+}
+
+/// How often injections of one size were found.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Detection {
+    pub found: Found,
     /// Least and greatest change that the trials measured of the injected stage in the configuration in which its sizes are
     /// tuned, in its time or its instructions.
     pub smallest: Option<f64>,
@@ -86,7 +137,7 @@ pub struct Detection {
 /// How often the slowdown of 5 % of one stage was found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StageDetection {
-    /// What a long measurement makes of it, in the configuration in which it is tuned.
+    /// What all comparisons with every stage slowed down make of it, in the configuration in which it is tuned.
     pub truth: Option<f64>,
     pub caught: Share,
     /// What each trial made of it there, and the least slowdown that it could have found.
@@ -110,12 +161,18 @@ pub struct Findings {
     pub detection: BTreeMap<String, Detection>,
     /// Of the slowdowns of 5 %: by the injected stage.
     pub stages: BTreeMap<String, StageDetection>,
+    /// The same in gates of equal builds with one stage of a gate in which all were slowed down.
+    pub composed: Composed,
     /// Changes of other kinds: kind → verdict on the injected stage's cells, and whether they were caught.
     pub kinds: BTreeMap<String, KindResult>,
     /// Intervals that contain the truth where it is 0.
     pub covered_zero: Share,
-    /// Intervals that contain the truth of an injection.
+    /// Intervals of comparisons with every stage slowed down that contain the truth from the others.
+    pub covered_slowed: Coverage,
+    /// Intervals of single injections that contain the truth from those comparisons.
     pub covered_injected: Share,
+    /// Cells whose interval in such a trial lies apart from that of the truth.
+    pub sensitive_to_context: BTreeSet<CellId>,
     /// Time gates that could not be judged because their control moved.
     pub void: Share,
     /// Median wall time of a time gate of all cells, seconds.
@@ -126,37 +183,42 @@ pub struct Findings {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct KindResult {
     pub stage: String,
-    pub caught: bool,
-    pub named_first: bool,
-    pub others_blamed: Share,
+    pub found: Found,
     pub verdicts: Vec<String>,
 }
 
 /// What comes of the trials that were made.
 pub fn findings(injections: &[Injection], made: &[(Trial, StoredComparison)]) -> Findings {
-    let truths = truths(made);
-    let mut all = Findings::default();
+    let slowed = Slowed::of(Size::Slow5, made);
+    let mut all = Findings {
+        covered_slowed: slowed.coverage(),
+        composed: slowed.composed(&equal_gates(made)),
+        ..Findings::default()
+    };
     let mut gate_times = Vec::new();
     for (trial, comparison) in made {
         let injection = injections.iter().find(|injection| trial.variant.injects(injection));
+        let injection = injection.filter(|_| trial.aim == Aim::Detection);
         let verdicts = Verdicts::of(comparison);
-        let result = result(trial, injection, &verdicts, &truths);
+        let result = result(trial, injection, &verdicts, &slowed);
         all.adapter = comparison.header.adapter.name.clone();
         all.cells = all.cells.max(comparison.header.cells.len());
         if trial.gates.contains(&Gate::Time) {
             let time = verdicts.gates.iter().find(|(gate, _)| *gate == Gate::Time);
             all.void.add(matches!(time, Some((_, GateState::Void(_)))));
         }
-        if trial.gates == [Gate::Time] && trial.aim != Aim::Truth {
+        if trial.gates == [Gate::Time] {
             gate_times.extend(result.wall_s);
-            all.cover(&result);
+            if trial.aim != Aim::Coverage {
+                all.cover(&result, &slowed);
+            }
         }
         match (trial.aim, injection) {
             (Aim::NoAlarm, _) => all.no_op(trial, &verdicts, &result),
             (Aim::Detection, Some(injection)) => {
                 all.detected(trial, injection, &verdicts, &result);
             }
-            (Aim::Detection, None) | (Aim::Truth, _) => {}
+            (Aim::Detection, None) | (Aim::Coverage, _) => {}
         }
         all.trials.push(result);
     }
@@ -166,35 +228,30 @@ pub fn findings(injections: &[Injection], made: &[(Trial, StoredComparison)]) ->
     all
 }
 
-/// What a long measurement says of all injections of a size: (size, cell) → change.
-type Truths = BTreeMap<(Size, CellId), f64>;
-
-fn truths(made: &[(Trial, StoredComparison)]) -> Truths {
-    let long = made.iter().filter_map(|(trial, comparison)| {
-        let Variant::Every(size) = trial.variant else {
-            return None;
-        };
-        let cells = Verdicts::of(comparison).cells.into_iter();
-        Some(cells.filter_map(move |cell| Some(((size, cell.cell), cell.time?.change.median))))
-    });
-    long.flatten().collect()
+/// Time gates of equal builds on a calm machine.
+fn equal_gates(made: &[(Trial, StoredComparison)]) -> Vec<&StoredComparison> {
+    let is_equal =
+        |trial: &Trial| trial.aim == Aim::NoAlarm && trial.gates == [Gate::Time] && !trial.loaded;
+    made.iter().filter(|(trial, _)| is_equal(trial)).map(|(_, stored)| stored).collect()
 }
 
 fn result(
     trial: &Trial,
     injection: Option<&Injection>,
     verdicts: &Verdicts<'_>,
-    truths: &Truths,
+    slowed: &Slowed<'_>,
 ) -> TrialResult {
     let stage = injection.map(|injection| injection.stage.clone());
     let cells = verdicts.cells.iter().map(|cell| {
         let time = cell.time.as_ref();
         let injected = stage.as_deref() == Some(cell.cell.stage());
         let truth = match trial.variant {
-            _ if !injected => Some(0.0),
-            Variant::Injected(_, Some(size)) => truths.get(&(size, cell.cell.clone())).copied(),
+            Variant::Every(Size::Slow5) => slowed.truth(&cell.cell, Some(&trial.id)),
+            Variant::Injected(_, Some(Size::Slow5)) if injected => slowed.truth(&cell.cell, None),
             _ => None,
         };
+        let is_equal = trial.aim != Aim::Coverage && !injected;
+        let truth = if is_equal { Some(0.0) } else { truth.map(|truth| truth.median) };
         CellResult {
             cell: cell.cell.clone(),
             verdict: cell.verdict.to_string(),
@@ -259,35 +316,21 @@ impl Findings {
         verdicts: &Verdicts<'_>,
         result: &TrialResult,
     ) {
-        use CellVerdict::{Failed, New, NotMeasured};
-        let (own, others): (Vec<_>, Vec<_>) =
-            verdicts.cells.iter().partition(|cell| cell.cell.stage() == injection.stage);
-        let caught = own.iter().any(|cell| cell.verdict.is_regression());
-        let named_first = result.named_first == result.stage;
-        let mut others_blamed = Share::default();
-        for cell in others {
-            if !matches!(cell.verdict, Failed | New | NotMeasured) {
-                others_blamed.add(cell.verdict.is_regression());
-            }
-        }
+        let found = Found::of(verdicts, &injection.stage);
         let Variant::Injected(_, Some(size)) = &trial.variant else {
-            let verdicts = own.iter().map(|cell| format!("{}: {}", cell.cell, cell.verdict));
-            let (stage, verdicts) = (injection.stage.clone(), verdicts.collect());
-            let found = KindResult { stage, caught, named_first, others_blamed, verdicts };
-            self.kinds.insert(injection.kind.clone(), found);
+            let own = verdicts.cells.iter().filter(|cell| cell.cell.stage() == injection.stage);
+            let verdicts = own.map(|cell| format!("{}: {}", cell.cell, cell.verdict)).collect();
+            let of_kind = KindResult { stage: injection.stage.clone(), found, verdicts };
+            self.kinds.insert(injection.kind.clone(), of_kind);
             return;
         };
         let detection = self.detection.entry(size.label().to_owned()).or_default();
-        detection.caught.add(caught);
-        if caught {
-            detection.named_first.add(named_first);
-        }
-        detection.others_blamed += others_blamed;
+        detection.found += found;
         let tuned = CellId::new(&injection.configuration, &injection.stage);
         let measured = result.cells.iter().find(|cell| cell.cell == tuned);
         if *size == Size::Slow5 {
             let stage = self.stages.entry(injection.stage.clone()).or_default();
-            stage.caught.add(caught);
+            stage.caught += found.caught;
             stage.truth = measured.and_then(|cell| cell.truth);
             stage.changes.extend(measured.and_then(|cell| cell.change));
             stage.detectable.extend(measured.and_then(|cell| cell.detectable));
@@ -303,15 +346,21 @@ impl Findings {
     }
 
     /// Counts the intervals of a gate that hold the truth.
-    fn cover(&mut self, result: &TrialResult) {
+    fn cover(&mut self, result: &TrialResult, slowed: &Slowed<'_>) {
         for cell in &result.cells {
             let (Some((low, high)), Some(truth)) = (cell.interval, cell.truth) else {
                 continue;
             };
-            let covered = low <= truth && truth <= high;
-            let injected = result.stage.as_deref() == Some(cell.cell.stage());
-            let share = if injected { &mut self.covered_injected } else { &mut self.covered_zero };
-            share.add(covered);
+            let covered = holds(Interval { low, high }, truth);
+            if result.stage.as_deref() != Some(cell.cell.stage()) {
+                self.covered_zero.add(covered);
+                continue;
+            }
+            self.covered_injected.add(covered);
+            let among_all = slowed.truth(&cell.cell, None).and_then(|truth| truth.interval);
+            if among_all.is_some_and(|all| all.high < low || high < all.low) {
+                self.sensitive_to_context.insert(cell.cell.clone());
+            }
         }
     }
 
@@ -324,14 +373,12 @@ impl Findings {
 }
 
 #[cfg(test)]
-pub mod tests {
-
+mod tests {
     use fathom::record::comparison::{
         ComparisonEnd, ComparisonHeader, GateSettings, Launch, Pair, Side,
     };
 
     use super::*;
-    use crate::trials::{Plan, trials};
 
     const LAUNCHES: u32 = 10;
     /// How far apart the ratios of the launches lie.
@@ -369,17 +416,20 @@ pub mod tests {
     #[test]
     fn findings_count_what_the_trials_show() {
         let injections = Injection::all().unwrap();
-        let all = trials(Plan { no_ops: 3, slow5: 12 }, &injections);
-        let trial = |id: &str| {
-            let found = all.iter().find(|trial| trial.id == id);
-            found.unwrap_or_else(|| panic!("{id}")).clone()
+        let calm = Trial::time("again", Variant::Again, Aim::NoAlarm);
+        let loaded = Trial { loaded: true, ..Trial::time("loaded", Variant::Again, Aim::NoAlarm) };
+        let slowed = |id: &str| Trial::time(id, Variant::Every(Size::Slow5), Aim::Coverage);
+        let injected = |size: Size| {
+            let variant = Variant::Injected("caustics-trace-fetches".to_owned(), Some(size));
+            Trial::time(&variant.to_string(), variant.clone(), Aim::Detection)
         };
         let made = [
-            (trial("no-op-000-again"), timed(1.001, 1.0005)),
-            (trial("no-op-002-again-loaded"), timed(1.05, 1.0005)),
-            (trial("every-slow5-truth"), timed(1.0501, 1.0005)),
-            (trial("caustics-trace-fetches-slow5-0"), timed(1.05, 1.0005)),
-            (trial("caustics-trace-fetches-slow10-0"), timed(1.045, 1.1)),
+            (calm, timed(1.001, 1.0005)),
+            (loaded, timed(1.05, 1.0005)),
+            (slowed("a"), timed(1.0501, 1.05)),
+            (slowed("b"), timed(1.0502, 1.07)),
+            (injected(Size::Slow5), timed(1.05, 1.0005)),
+            (injected(Size::Slow10), timed(1.045, 1.1)),
         ];
         let found = findings(&injections, &made);
         let share = |count, of| Share { count, of };
@@ -387,17 +437,32 @@ pub mod tests {
         assert_eq!(found.false_alarms_loaded.count, 1);
         assert_eq!(found.no_op_changes(), share(1, 4));
         let five = &found.detection["+5 % time"];
-        assert_eq!((five.caught, five.named_first), (share(1, 1), share(1, 1)));
-        assert_eq!(five.others_blamed.count, 0);
+        let one =
+            Found { caught: share(1, 1), named_first: share(1, 1), others_blamed: share(0, 1) };
+        assert_eq!(five.found, one);
         assert!((five.largest.unwrap() - 0.05).abs() < 1e-4);
         let of_stage = &found.stages["caustics/trace"];
         assert_eq!((of_stage.caught.count, of_stage.changes.len()), (1, 1));
         assert!((of_stage.truth.unwrap() - 0.0501).abs() < 1e-4);
-        let ten = &found.detection["+10 % time"];
-        assert_eq!((ten.caught.count, ten.named_first.count), (1, 0));
-        assert_eq!(ten.others_blamed, share(1, 1));
+        let ten =
+            Found { caught: share(1, 1), named_first: share(0, 1), others_blamed: share(1, 1) };
+        assert_eq!(found.detection["+10 % time"].found, ten);
         // The loaded no-op's trace, which is none, and the last trial's compose lie outside their intervals.
         assert_eq!(found.covered_zero, share(4, 6));
         assert_eq!(found.covered_injected, share(1, 1));
+        // Of `compose` neither of the two holds the other.
+        assert_eq!(found.covered_slowed.plain, share(2, 4));
+        // Each stage of the one calm gate of equal builds.
+        let composed =
+            Found { caught: share(2, 2), named_first: share(2, 2), others_blamed: share(0, 2) };
+        assert_eq!((found.composed.found, found.composed.without_second), (composed, 0));
+        assert!(found.sensitive_to_context.is_empty());
+    }
+
+    #[test]
+    fn a_share_has_wilsons_interval() {
+        // Newcombe, *Statistics in Medicine* 17 (1998), Table I: 81 of 263.
+        let Interval { low, high } = Share { count: 81, of: 263 }.interval();
+        assert!((low - 0.2553).abs() < 5e-5 && (high - 0.3662).abs() < 5e-5, "{low} {high}");
     }
 }

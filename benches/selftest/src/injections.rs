@@ -5,18 +5,23 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use strum::{Display, EnumIter};
 
+use crate::trials::Variant;
+
 static BUILT_IN: &str = include_str!("../injections.toml");
 
-/// What stands in an edit for the size, for a loop that does nothing, and for what that loop begins with.
+/// What stands in an edit for the size, for the loops that come to nothing, and in these for values.
 const SIZE: &str = "{n}";
 const IDLE: &str = "{idle}";
+const LOADS: &str = "{loads}";
 const SEED: &str = "{seed}";
+const PART: &str = "{part}";
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    /// The loop.
+    /// A loop that computes, and one that reads.
     idle: String,
+    loads: String,
     injection: Vec<Injection>,
 }
 
@@ -38,6 +43,9 @@ pub struct Injection {
     file: Option<String>,
     #[serde(default)]
     seed: String,
+    /// A number that differs between groups of neighbouring invocations.
+    #[serde(default)]
+    part: String,
     /// Its one place in the file.
     find: String,
     replace: String,
@@ -92,10 +100,12 @@ pub type Read<'a> = &'a dyn Fn(&str) -> Result<String, String>;
 impl Injection {
     /// Every injection.
     pub fn all() -> Result<Vec<Self>, String> {
-        let File { idle, mut injection } = toml::from_str(BUILT_IN)
+        let File { idle, loads, mut injection } = toml::from_str(BUILT_IN)
             .map_err(|error| format!("benches/selftest/injections.toml: {error}"))?;
-        for Self { replace, seed, .. } in &mut injection {
-            *replace = replace.replace(IDLE, &idle.replace(SEED, seed));
+        for Self { replace, seed, part, .. } in &mut injection {
+            for (name, code) in [(IDLE, &idle), (LOADS, &loads)] {
+                *replace = replace.replace(name, &code.replace(SEED, seed).replace(PART, part));
+            }
         }
         Ok(injection)
     }
@@ -104,28 +114,47 @@ impl Injection {
         self.file.clone().unwrap_or_else(|| format!("shaders/{}.wgsl", self.stage))
     }
 
-    /// The files that it changes, at a size if it has sizes.
-    pub fn changes(&self, size: Option<Size>, read: Read<'_>) -> Result<Changes, String> {
-        let text = read(&self.file())?;
+    /// Adds its change to others, at a size if it has sizes.
+    pub fn add(
+        &self,
+        size: Option<Size>,
+        read: Read<'_>,
+        changes: &mut Changes,
+    ) -> Result<(), String> {
+        let file = self.file();
+        let text = changes.remove(&file).map_or_else(|| read(&file), Ok)?;
         let n = size.and_then(|size| self.sizes.get(&size)).copied().unwrap_or(1);
         let edited = match text.matches(&self.find).count() {
             1 => text.replace(&self.find, &self.replace.replace(SIZE, &n.to_string())),
-            0 => return Err(format!("{} no longer holds `{}`", self.file(), self.find)),
-            n => return Err(format!("{} holds `{}` {n} times", self.file(), self.find)),
+            0 => return Err(format!("{file} no longer holds `{}`", self.find)),
+            n => return Err(format!("{file} holds `{}` {n} times", self.find)),
         };
-        Ok(Changes::from([(self.file(), edited)]))
+        changes.insert(file, edited);
+        Ok(())
     }
 }
 
-/// The files that all injections with sizes together change, each its own stage's shader.
-pub fn every(injections: &[Injection], size: Size, read: Read<'_>) -> Result<Changes, String> {
-    let sized = injections.iter().filter(|injection| !injection.sizes.is_empty());
-    let changes = sized.map(|injection| injection.changes(Some(size), read));
-    Ok(changes.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+/// The files that a variant changes.
+pub fn changes(
+    variant: &Variant,
+    injections: &[Injection],
+    read: Read<'_>,
+) -> Result<Changes, String> {
+    let size = match variant {
+        Variant::Again => None,
+        Variant::Unrelated => return unrelated(read),
+        Variant::Injected(_, size) => *size,
+        Variant::Every(size) => Some(*size),
+    };
+    let mut changes = Changes::new();
+    for injection in injections.iter().filter(|injection| variant.injects(injection)) {
+        injection.add(size, read, &mut changes)?;
+    }
+    Ok(changes)
 }
 
 /// A change of the host that no stage uses: a function, data and a long text, which move everything behind them.
-pub fn unrelated(read: Read<'_>) -> Result<Changes, String> {
+fn unrelated(read: Read<'_>) -> Result<Changes, String> {
     const FILE: &str = "src/base/statistics.rs";
     const CODE: &str = r#"
 /// Changes nothing that is measured.
@@ -148,12 +177,17 @@ pub extern "C" fn fathom_unrelated(n: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
+    use std::path::Path;
+
+    use fathom::compare::cells::Gates;
+    use fathom::embedded::{Folder, Folders, SHADERS};
+    use fathom::gpu::{default_defs, link};
+    use fathom::record::comparison::CellId;
 
     use super::*;
 
     fn source(file: &str) -> Result<String, String> {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(file);
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(file);
         std::fs::read_to_string(path).map_err(|error| error.to_string())
     }
 
@@ -165,25 +199,81 @@ mod tests {
             assert!(known.any(|stage| stage.name == injection.stage), "{}", injection.id);
             let sizes = injection.sizes.keys().copied().map(Some);
             for size in sizes.chain([None]) {
-                let changes = injection.changes(size, &source).unwrap();
+                let variant = Variant::Injected(injection.id.clone(), size);
+                let changes = changes(&variant, &injections, &source).unwrap();
+                assert_eq!(changes.len(), 1);
                 for (file, text) in &changes {
                     assert_ne!(source(file).unwrap(), *text);
                     let holds = |placeholder| text.contains(placeholder);
-                    assert!(![SIZE, IDLE, SEED].into_iter().any(holds), "{}", injection.id);
+                    assert!(
+                        ![SIZE, IDLE, LOADS, SEED, PART].into_iter().any(holds),
+                        "{}",
+                        injection.id
+                    );
+                    let is_shader = Path::new(file).starts_with("shaders");
+                    assert_eq!(is_shader, !injection.sizes.is_empty(), "{}", injection.id);
                 }
-                let shader = format!("shaders/{}.wgsl", injection.stage);
-                let own = changes.contains_key(&shader);
-                assert!(own || injection.sizes.is_empty(), "{}", injection.id);
             }
         }
-        let sized = injections.iter().filter(|other| !other.sizes.is_empty());
-        let shaders = sized.clone().map(|one| format!("shaders/{}.wgsl", one.stage));
-        let together = every(&injections, Size::Slow5, &source).unwrap();
-        assert!(together.keys().eq(shaders.collect::<BTreeSet<_>>().iter()));
-        assert_eq!(together.len(), sized.count());
-        let unrelated = unrelated(&source).unwrap();
+        let unrelated = changes(&Variant::Unrelated, &injections, &source).unwrap();
         let (_, text) = unrelated.first_key_value().unwrap();
         assert!(text.contains("extern \"C\" fn fathom_unrelated"));
+    }
+
+    #[test]
+    fn every_stage_of_the_gates_has_an_injection_with_sizes() {
+        let gates = Gates::load(None, fathom::Catalog::builtin().gates).unwrap();
+        let injections = Injection::all().unwrap();
+        for injection in injections.iter().filter(|one| !one.sizes.is_empty()) {
+            let tuned = CellId::new(&injection.configuration, &injection.stage);
+            assert!(gates.cells().contains(&tuned), "{tuned} is no cell");
+        }
+        let cells = gates.cells();
+        for stage in cells.iter().filter(|cell| cell.subject().is_stage()).map(CellId::stage) {
+            let own = injections.iter().filter(|one| one.stage == stage && !one.sizes.is_empty());
+            let asked = "add one to benches/selftest/injections.toml";
+            assert!(own.count() > 0, "no injection with sizes into {stage}: {asked}");
+        }
+    }
+
+    /// With each definition with which the committed shader links.
+    #[test]
+    fn injected_shaders_link() {
+        let injections = Injection::all().unwrap();
+        let every = changes(&Variant::Every(Size::Slow5), &injections, &source).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        for (file, text) in &every {
+            let to = folder.path().join(file);
+            std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+            std::fs::write(to, text).unwrap();
+        }
+        let injected = Folders::of(Folder::at(folder.path().join("shaders"))).and(SHADERS);
+        let committed = errors(&Folders::of(SHADERS), &every);
+        for (key, error) in errors(&injected, &every) {
+            assert!(error.is_none() || committed[&key].is_some(), "{key:?}: {error:?}");
+        }
+        assert!(committed.values().filter(|error| error.is_none()).count() > every.len());
+    }
+
+    /// Why shaders do not link, by path and a definition with one of its values.
+    fn errors(
+        folders: &Folders,
+        files: &Changes,
+    ) -> BTreeMap<(String, String, i32), Option<String>> {
+        let mut errors = BTreeMap::new();
+        for file in files.keys() {
+            let path = file.strip_prefix("shaders/").and_then(|path| path.strip_suffix(".wgsl"));
+            let path = path.unwrap();
+            let defaults = default_defs(folders, path).unwrap();
+            let values = |(name, _)| [0, 1, 2].map(|value| (String::clone(&name), value));
+            let one = ("NONE".to_owned(), 0);
+            for (name, value) in defaults.into_iter().flat_map(values).chain([one]) {
+                let failed = link(folders, path, &[(&name, value)]).err();
+                let key = (path.to_owned(), name, value);
+                errors.insert(key, failed.map(|error| error.to_string()));
+            }
+        }
+        errors
     }
 
     #[test]
@@ -203,8 +293,12 @@ mod tests {
         let (find, replace) = ("x".to_owned(), "y{n}".to_owned());
         let sizes = BTreeMap::from([(Size::Slow3, 3)]);
         let edit = Injection { sizes, find, replace, ..Injection::all().unwrap().remove(0) };
-        let made = |text: &str| edit.changes(Some(Size::Slow3), &|_| Ok(text.to_owned()));
-        assert_eq!(made("a x b").unwrap().into_values().next().unwrap(), "a y3 b");
+        let made = |text: &str| {
+            let mut changes = Changes::new();
+            edit.add(Some(Size::Slow3), &|_| Ok(text.to_owned()), &mut changes)?;
+            Ok::<_, String>(changes.into_values().next().unwrap())
+        };
+        assert_eq!(made("a x b").unwrap(), "a y3 b");
         assert!(made("a b").unwrap_err().contains("no longer holds"));
         assert!(made("x x").unwrap_err().contains("2 times"));
     }

@@ -9,6 +9,7 @@ mod findings;
 mod injections;
 mod report;
 mod selftest;
+mod slowed;
 mod trials;
 mod workshop;
 

@@ -41,13 +41,13 @@ pub fn run(test: &Cli) -> anyhow::Result<()> {
 }
 
 fn make(test: &Cli, missing: &[Trial], injections: &[Injection]) -> anyhow::Result<()> {
-    let mut workshop = Workshop::open(Path::new("."))?;
+    let workshop = Workshop::open(Path::new("."))?;
     for (number, trial) in (1..).zip(missing) {
         if INTERRUPT.load(Ordering::Relaxed) {
             break;
         }
         tell::note(format!("trial {number} of {}: {}", missing.len(), trial.id));
-        match measure(test, &mut workshop, trial, injections) {
+        match measure(test, &workshop, trial, injections) {
             // Whoever interrupts needs no reason.
             Err(_) if INTERRUPT.load(Ordering::Relaxed) => break,
             made => made?,
@@ -97,41 +97,45 @@ fn is_made(test: &Cli, trial: &Trial) -> anyhow::Result<bool> {
 fn settings_of(test: &Cli, trial: &Trial) -> GateSettings {
     GateSettings {
         gates: trial.gates.clone(),
-        launches: trial.launches.unwrap_or(test.launches),
+        launches: test.launches,
         pairs: test.pairs,
         seed: trial.seed,
         ..GateSettings::default()
     }
 }
 
-/// Builds a variant and compares it with its base.
+/// Compares a variant with its base.
 fn measure(
     test: &Cli,
-    workshop: &mut Workshop,
+    workshop: &Workshop,
     trial: &Trial,
     injections: &[Injection],
 ) -> anyhow::Result<()> {
-    let programs = workshop.programs(&trial.variant, injections)?;
     let gpu = gpu::Options { adapter: test.adapter.clone(), ..gpu::Options::default() };
-    let program = |path: &Path| Program {
-        label: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+    let program = |label: String, path: &Path| Program {
+        label,
         start: WorkerStart { gpu: gpu.clone(), ..WorkerStart::new(path) },
     };
     let folder = test.out.join(&trial.id);
-    let options = CompareOptions {
-        catalog: fathom::Catalog::builtin(),
-        programs: programs.each_ref().map(|path| program(path)),
-        cells_file: None,
-        filter: trial.filter.clone(),
-        env_values: false,
-        settings: settings_of(test, trial),
-        resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
-        out: Some(folder),
-    };
-    let load = if trial.loaded { Some(busy(&programs[0])?) } else { None };
-    let measured = flow::measure(&options, &INTERRUPT, &|text| tell::note(text));
-    drop(load);
-    measured.map(drop).map_err(|error| anyhow!("trial {}: {error}", trial.id))
+    workshop.with(&trial.variant, injections, |[base, head]| {
+        let load = if trial.loaded { Some(busy(&base)?) } else { None };
+        let options = CompareOptions {
+            catalog: fathom::Catalog::builtin(),
+            programs: [
+                program("base".to_owned(), &base),
+                program(trial.variant.to_string(), &head),
+            ],
+            cells_file: None,
+            filter: None,
+            env_values: false,
+            settings: settings_of(test, trial),
+            resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
+            out: Some(folder),
+        };
+        let measured = flow::measure(&options, &INTERRUPT, &|text| tell::note(text));
+        drop(load);
+        measured.map(drop).map_err(|error| anyhow!("trial {}: {error}", trial.id))
+    })
 }
 
 /// Other work on the machine: `fathom verify`, which renders and casts rays, over and over, until this is dropped. It keeps a core

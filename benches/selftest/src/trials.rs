@@ -2,8 +2,13 @@
 
 use std::fmt;
 
-use crate::injections::{Injection, Size};
 use fathom::record::comparison::Gate;
+use itertools::Itertools;
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_pcg::Pcg64;
+
+use crate::injections::{Injection, Size};
 
 /// A build that is compared with the base.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -20,7 +25,11 @@ pub enum Variant {
 
 impl Variant {
     pub fn injects(&self, injection: &Injection) -> bool {
-        matches!(self, Self::Injected(id, _) if *id == injection.id)
+        match self {
+            Self::Again | Self::Unrelated => false,
+            Self::Injected(id, _) => *id == injection.id,
+            Self::Every(size) => injection.sizes.contains_key(size),
+        }
     }
 }
 
@@ -44,11 +53,11 @@ pub enum Aim {
     NoAlarm,
     /// The injected stage is found and named.
     Detection,
-    /// How large the injections are: many launches.
-    Truth,
+    /// How often intervals hold the truth, where every stage is injected.
+    Coverage,
 }
 
-/// One comparison.
+/// One comparison of all cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trial {
     /// Name of its folder.
@@ -56,20 +65,22 @@ pub struct Trial {
     pub variant: Variant,
     pub aim: Aim,
     pub gates: Vec<Gate>,
-    /// Only cells whose names contain this.
-    pub filter: Option<String>,
-    /// Instead of the default.
-    pub launches: Option<u32>,
     /// Another process works meanwhile.
     pub loaded: bool,
     pub seed: u64,
 }
 
 impl Trial {
-    /// Of all cells, on a quiet machine.
+    /// A time gate, on a quiet machine.
+    #[cfg(test)]
+    pub fn time(id: &str, variant: Variant, aim: Aim) -> Self {
+        Self::new(id.to_owned(), variant, aim, &[Gate::Time])
+    }
+
+    /// On a quiet machine.
     fn new(id: String, variant: Variant, aim: Aim, gates: &[Gate]) -> Self {
         let gates = gates.to_vec();
-        Self { id, variant, aim, gates, filter: None, launches: None, loaded: false, seed: 0 }
+        Self { id, variant, aim, gates, loaded: false, seed: 0 }
     }
 }
 
@@ -82,33 +93,38 @@ pub struct Plan {
     /// Time gates with 5 % injected into a stage
     #[arg(long = "slowdowns", value_name = "N", default_value_t = 40)]
     pub slow5: u32,
+    /// Time gates with 5 % injected into every stage
+    #[arg(long, value_name = "N", default_value_t = 6)]
+    pub coverage: u32,
+    /// Exact and instruction gates with 2 % more instructions injected into a stage
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub counted: u32,
 }
 
-/// Launches that tell how large the injections are: four times those of a trial.
-const TRUTH_LAUNCHES: u32 = 80;
+/// Time gates with 3 % injected into a stage, and with 10 %.
+const OF_OTHER_SIZES: u32 = 15;
+/// Of the order in which stages are injected.
+const SEED: u64 = 28;
 
-/// Every trial, what is asked of the gates first: 5 % more time, interleaved with equal builds; then instructions, and equal
-/// builds on a loaded machine; then other kinds of changes and other sizes. Those of one build stand together.
+/// Every trial: 5 % more time in a stage, interleaved with equal builds; all stages at once; then instructions, and equal
+/// builds on a loaded machine; then other kinds of changes and other sizes.
 pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
-    let (sized, kinds): (Vec<&Injection>, Vec<&Injection>) =
+    let (mut sized, kinds): (Vec<&Injection>, Vec<&Injection>) =
         injections.iter().partition(|injection| !injection.sizes.is_empty());
-    let count = sized.len() as u32;
+    sized.shuffle(&mut Pcg64::seed_from_u64(SEED));
+    let drawn = |count: u32| (0..count).zip(sized.iter().copied().cycle());
     let (loaded, calm): (Vec<Trial>, Vec<Trial>) =
         (0..plan.no_ops).map(no_op).partition(|trial| trial.loaded);
-    let due_by = |rank: u32| rank as usize * calm.len() / sized.len();
-    let mut all = vec![truth()];
-    for (rank, injection) in (0..).zip(&sized) {
-        let fives = plan.slow5 / count + u32::from(rank < plan.slow5 % count);
-        all.extend((0..fives).map(|number| timed(injection, Size::Slow5, number)));
-        all.extend_from_slice(&calm[due_by(rank)..due_by(rank + 1)]);
-    }
+    let fives = drawn(plan.slow5).map(|(number, injection)| timed(injection, Size::Slow5, number));
+    let mut all: Vec<Trial> = fives.interleave(calm).collect();
+    all.extend((0..plan.coverage).map(coverage));
     all.extend(counted_no_ops());
-    all.extend(sized.iter().map(|injection| counted(injection)));
+    all.extend(drawn(plan.counted).map(|(number, injection)| counted(injection, number)));
     all.extend(loaded);
     // All gates on each change that has no sizes.
     all.extend(kinds.iter().map(|injection| injected(injection, None, "", &Gate::ALL)));
     for size in [Size::Slow3, Size::Slow10] {
-        all.extend(sized.iter().map(|injection| timed(injection, size, 0)));
+        all.extend(drawn(OF_OTHER_SIZES).map(|(number, injection)| timed(injection, size, number)));
     }
     all
 }
@@ -116,7 +132,7 @@ pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
 /// The gates without statistics, on both no-op builds.
 fn counted_no_ops() -> Vec<Trial> {
     let counted = |variant: Variant| {
-        let id = format!("no-op-counted-{variant}");
+        let id = format!("no-op-exact-{variant}");
         Trial::new(id, variant, Aim::NoAlarm, &[Gate::Exact, Gate::Instructions])
     };
     [Variant::Again, Variant::Unrelated].map(counted).into()
@@ -147,23 +163,20 @@ fn timed(injection: &Injection, size: Size, number: u32) -> Trial {
     }
 }
 
-/// How much time 5 % are, among all cells: with fewer of them a stage would find its caches warmer.
-fn truth() -> Trial {
+/// A time gate among all cells: with fewer of them a stage would find its caches warmer.
+fn coverage(number: u32) -> Trial {
     let variant = Variant::Every(Size::Slow5);
-    let id = format!("{variant}-truth");
     Trial {
-        launches: Some(TRUTH_LAUNCHES),
-        seed: 1,
-        ..Trial::new(id, variant, Aim::Truth, &[Gate::Time])
+        seed: 1 + u64::from(number),
+        ..Trial::new(format!("{variant}-{number:03}"), variant, Aim::Coverage, &[Gate::Time])
     }
 }
 
-/// An instruction gate.
-fn counted(injection: &Injection) -> Trial {
-    Trial {
-        filter: Some(format!("{} ", injection.configuration)),
-        ..injected(injection, Some(Size::Instructions), "", &[Gate::Instructions])
-    }
+/// The gates without statistics, of all cells.
+fn counted(injection: &Injection, number: u32) -> Trial {
+    let gates = [Gate::Exact, Gate::Instructions];
+    let trial = injected(injection, Some(Size::Instructions), "", &gates);
+    Trial { id: format!("counted-{number:03}-{}", injection.id), ..trial }
 }
 
 #[cfg(test)]
@@ -172,41 +185,26 @@ mod tests {
 
     use super::*;
 
-    const PLAN: Plan = Plan { no_ops: 60, slow5: 40 };
+    const PLAN: Plan = Plan { no_ops: 60, slow5: 40, coverage: 6, counted: 20 };
 
     #[test]
-    fn trials_are_as_many_as_asked_and_spread_over_the_stages() {
+    fn trials_are_as_many_as_asked_each_of_another_stage() {
         let injections = Injection::all().unwrap();
         let trials = trials(PLAN, &injections);
         let ids: BTreeSet<&str> = trials.iter().map(|trial| trial.id.as_str()).collect();
         assert_eq!(ids.len(), trials.len());
-        let no_ops =
-            trials.iter().filter(|trial| trial.aim == Aim::NoAlarm && trial.gates == [Gate::Time]);
+        let time = |trial: &&Trial| trial.gates == [Gate::Time];
+        let no_ops = trials.iter().filter(time).filter(|trial| trial.aim == Aim::NoAlarm);
         assert_eq!(no_ops.clone().count(), 60);
         assert_eq!(no_ops.filter(|trial| trial.loaded).count(), 20);
-        let fives = trials.iter().filter(|trial| {
-            let five = matches!(trial.variant, Variant::Injected(_, Some(Size::Slow5)));
-            five && trial.aim == Aim::Detection
-        });
-        assert_eq!(fives.count(), 40);
-        for injection in injections.iter().filter(|other| !other.sizes.is_empty()) {
-            let own = trials.iter().filter(|trial| trial.variant.injects(injection));
-            assert!(own.count() >= 5, "{}", injection.id);
-        }
-    }
-
-    #[test]
-    fn trials_of_one_injected_build_stand_together() {
-        let injections = Injection::all().unwrap();
-        let mut seen: Vec<Variant> = Vec::new();
-        for trial in trials(PLAN, &injections) {
-            if !matches!(trial.variant, Variant::Injected(..)) {
-                continue;
-            }
-            if seen.last() != Some(&trial.variant) {
-                assert!(!seen.contains(&trial.variant), "{}", trial.id);
-                seen.push(trial.variant);
-            }
+        assert_eq!(trials.iter().filter(|trial| trial.aim == Aim::Coverage).count(), 6);
+        for (size, count) in [(Size::Slow5, 40), (Size::Instructions, 20), (Size::Slow10, 15)] {
+            let of_size = trials.iter().filter_map(|trial| match &trial.variant {
+                Variant::Injected(id, Some(own)) if *own == size => Some(id),
+                _ => None,
+            });
+            assert_eq!(of_size.clone().count(), count);
+            assert!(of_size.collect::<BTreeSet<_>>().len() == count, "{size}: a stage twice");
         }
     }
 }

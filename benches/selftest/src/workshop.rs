@@ -1,120 +1,119 @@
-//! A checkout in which sources are changed and built, one change at a time.
+//! Two checkouts of HEAD, built once each. Their programs read shaders from the checkouts, so most variants need no build.
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use fathom::compare::build::{self, Worktree};
 use fathom::harness::catalog::CargoTarget;
+use fathom::record::FolderLock;
+use fathom::record::comparison::Side;
 use fathom::tell;
 
 use crate::INTERRUPT;
-use crate::injections::{Changes, Injection, every, unfit, unrelated};
+use crate::injections::{Changes, Injection, changes, unfit};
 use crate::trials::Variant;
 
+/// `rust_embed` reads folders from disk where these two crates are compiled with debug assertions.
+const FROM_DISK: [&str; 4] = [
+    "--config",
+    "profile.release.package.fathom-embedded.debug-assertions=true",
+    "--config",
+    "profile.release.package.rust-embed.debug-assertions=true",
+];
+/// Both checkouts share a target folder. A touch makes cargo build this crate again, which holds the checkout's path.
+const HOLDS_PATH: &str = "src/embedded/mod.rs";
+
 pub struct Workshop {
-    worktree: Worktree,
+    /// In the order of [`Side::BOTH`].
+    worktrees: [Worktree; 2],
     target: PathBuf,
     /// Folder of what was built.
     programs: PathBuf,
-    /// The injected build that is at hand.
-    at_hand: Option<Variant>,
+    /// Nobody else changes the checkouts.
+    _lock: FolderLock,
 }
 
 impl Workshop {
-    /// A checkout of HEAD of the repository around a folder.
+    /// Of HEAD of the repository around a folder.
     pub fn open(folder: &Path) -> Result<Self> {
         let repository = build::repository(folder)?;
         let commit = build::commit(&repository, "HEAD")?;
         let cache = repository.join(build::CACHE);
-        let short = commit.get(..12).unwrap_or(&commit);
+        let own = |what: &str| cache.join(format!("self-test-{what}"));
+        let target = own("target");
+        let lock = FolderLock::take(&target, "fathom-selftest")?;
+        let add = |side: Side| Worktree::add(&repository, own(&side.to_string()), &commit);
         Ok(Self {
-            worktree: Worktree::in_cache(&repository, &cache, &commit)?,
-            target: cache.join("self-test-target"),
-            programs: cache.join(format!("self-test-{short}")),
-            at_hand: None,
+            worktrees: [add(Side::Base)?, add(Side::Head)?],
+            target,
+            programs: own(commit.get(..12).unwrap_or(&commit)),
+            _lock: lock,
         })
     }
 
-    /// The base and the variant, compiled in the same way: as `cargo build --release` does, the whole crate anew, or, for an
-    /// injection, incrementally. Of injected builds only the last is kept.
-    pub fn programs(
-        &mut self,
+    /// Calls `compare` with the programs of the base and of a variant, whose changes lie in the head's checkout meanwhile.
+    pub fn with<T>(
+        &self,
         variant: &Variant,
         injections: &[Injection],
-    ) -> Result<[PathBuf; 2]> {
-        let (base, incremental) = match variant {
-            Variant::Again | Variant::Unrelated => ("base", false),
-            Variant::Injected(..) | Variant::Every(_) => ("base-of-injections", true),
-        };
-        let base = self.build(base, incremental, &Changes::new())?;
-        if let Some(old) = self.at_hand.take_if(|old| old != variant) {
-            // What is left behind only takes room.
-            let _ = std::fs::remove_file(self.programs.join(old.to_string()));
-        }
-        let changes = self.changes(variant, injections).map_err(unfit)?;
-        let head = self.build(&variant.to_string(), incremental, &changes)?;
-        self.at_hand = incremental.then(|| variant.clone());
-        Ok([base, head])
-    }
-
-    fn changes(&self, variant: &Variant, injections: &[Injection]) -> Result<Changes, String> {
+        compare: impl FnOnce([PathBuf; 2]) -> Result<T>,
+    ) -> Result<T> {
+        let base = self.build(Side::Base, "base")?;
         let read = |file: &str| self.read(file);
-        match variant {
-            Variant::Again => Ok(Changes::new()),
-            Variant::Unrelated => unrelated(&read),
-            Variant::Injected(id, size) => injections
-                .iter()
-                .find(|injection| injection.id == *id)
-                .ok_or_else(|| format!("no injection is called {id}"))
-                .and_then(|injection| injection.changes(*size, &read)),
-            Variant::Every(size) => every(injections, *size, &read),
-        }
+        let changes = changes(variant, injections, &read).map_err(unfit)?;
+        let files = changes.keys().map(|file| Ok((file.clone(), self.read(file)?)));
+        let committed = files.collect::<Result<Changes, String>>().map_err(unfit)?;
+        let only_shaders = changes.keys().all(|file| Path::new(file).starts_with("shaders"));
+        let name = if only_shaders { "head".to_owned() } else { variant.to_string() };
+        let put = self.put(&changes).and_then(|()| self.build(Side::Head, &name));
+        let compared = put.and_then(|head| compare([base, head]));
+        self.put(&committed)?;
+        compared
     }
 
-    /// The text of a file as it was committed.
+    /// In the head's checkout.
+    fn path(&self, file: &str) -> PathBuf {
+        self.worktrees[Side::Head as usize].path.join(file)
+    }
+
     fn read(&self, file: &str) -> Result<String, String> {
-        let path = self.worktree.path.join(file);
+        let path = self.path(file);
         std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
     }
 
-    /// Builds with these files in place of the committed ones, if that was not done before.
-    fn build(&self, name: &str, incremental: bool, changes: &Changes) -> Result<PathBuf> {
+    fn put(&self, changes: &Changes) -> Result<()> {
+        for (file, text) in changes {
+            let path = self.path(file);
+            let written = std::fs::write(&path, text);
+            written.with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    /// Builds a side's checkout as it is, if that was not done before.
+    fn build(&self, side: Side, name: &str) -> Result<PathBuf> {
         let program = self.programs.join(name);
         if program.is_file() {
             return Ok(program);
         }
         tell::note(format!("building {}", program.display()));
-        // The last two so that cargo builds again what it would call fresh.
-        let files = changes.keys().map(String::as_str).chain(["src/main.rs", "src/lib.rs"]);
-        let committed = files.map(|file| Ok((file.to_owned(), self.read(file)?)));
-        let committed = committed.collect::<Result<Changes, String>>();
-        let committed =
-            committed.map_err(|reason| anyhow!("`reading a source` failed: {reason}"))?;
-        self.put(&committed)?;
-        self.put(changes)?;
+        let source = &self.worktrees[side as usize].path;
+        let touched = source.join(HOLDS_PATH);
+        let text = std::fs::read(&touched).and_then(|text| std::fs::write(&touched, text));
+        text.with_context(|| format!("cannot write {}", touched.display()))?;
         let built = build::compile(
-            (&self.worktree.path, &self.target),
+            (source, &self.target),
             CargoTarget::FATHOM,
-            "with a change",
-            &[("CARGO_INCREMENTAL", if incremental { "1" } else { "0" })],
+            name,
+            &FROM_DISK,
             &INTERRUPT,
             &mut |line| {
                 if !line.trim_start().starts_with("Compiling") {
                     tell::note(line);
                 }
             },
-        );
-        self.put(&committed)?;
-        build::keep(&built?, &program)?;
+        )?;
+        build::keep(&built, &program)?;
         Ok(program)
-    }
-
-    fn put(&self, changes: &Changes) -> Result<()> {
-        for (file, text) in changes {
-            let path = self.worktree.path.join(file);
-            let written = std::fs::write(&path, text);
-            written.with_context(|| format!("cannot write {}", path.display()))?;
-        }
-        Ok(())
     }
 }
