@@ -4,7 +4,7 @@
 //! as Burnashev and Zigangirov (1974) and Waeber, Frazier and Henderson (2013) analyse it. A revision's figure is ln(figure / that of the good
 //! revision), of several launches. Revisions before the step have the mean 0, those from it on the step. Another revision may bring a smaller
 //! step of its own. Each build moves its mean by a little of its own, which more launches do not take away, as a drift of the machine does; how much
-//! is not known. Launches scatter with heavy tails. What is unknown is integrated over.
+//! is not known. Launches scatter with heavy tails, and more in some batches than in others. What is unknown is integrated over.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -53,7 +53,8 @@ const LEAST_PROMISE: f64 = 1e-3;
 pub struct Search {
     revisions: usize,
     scatter: Scatter,
-    figures: BTreeMap<usize, Vec<f64>>,
+    /// By batch.
+    figures: BTreeMap<usize, Vec<Vec<f64>>>,
     /// They cannot be built or measured.
     skipped: BTreeSet<usize>,
 }
@@ -76,10 +77,10 @@ impl Search {
         Self { revisions, scatter, figures: BTreeMap::new(), skipped: BTreeSet::new() }
     }
 
-    /// Figures of a revision's launches: ln(figure / that of the good revision).
+    /// Figures of a revision's launches, measured one after the other: ln(figure / that of the good revision).
     pub fn add(&mut self, revision: usize, launches: &[f64]) {
         if !launches.is_empty() {
-            self.figures.entry(revision).or_default().extend(launches);
+            self.figures.entry(revision).or_default().push(launches.to_vec());
         }
     }
 
@@ -87,38 +88,46 @@ impl Search {
         self.skipped.insert(revision);
     }
 
-    /// Squared scale of a launch and the mean of each revision, by Student's t: expectation and maximization in turn (Lange, Little and
-    /// Taylor, *J. Am. Stat. Assoc.* 84, 1989).
-    fn launches_by_t(&self) -> (f64, BTreeMap<usize, f64>) {
-        let median = |launches: &Vec<f64>| fathom_base::statistics::median(launches);
-        let mut means: BTreeMap<usize, f64> =
-            self.figures.iter().map(|(revision, launches)| (*revision, median(launches))).collect();
+    /// Squared scale of a launch, and the mean of each revision with one over its variance, builds left out. Launches are by Student's t:
+    /// expectation and maximization in turn (Lange, Little and Taylor, *J. Am. Stat. Assoc.* 84, 1989). A batch that scatters more than
+    /// all do counts by its own scale: the machine was busier then.
+    fn launches_by_t(&self) -> (f64, BTreeMap<usize, Known>) {
+        let batches = self.figures.values().flatten();
+        let middle = |launches: &Vec<f64>| fathom_base::statistics::median(launches);
+        let mut fits: Vec<(f64, f64)> = batches.clone().map(|own| (middle(own), 0.0)).collect();
         let assumed = self.scatter.launch.powi(2);
         let mut variance = assumed;
         for _ in 0..ROUNDS {
             let (mut squares, mut free) = (ASSUMED_LAUNCHES * assumed, ASSUMED_LAUNCHES);
-            for (revision, launches) in &self.figures {
-                let old = means[revision];
-                let share = |y: &f64| (FREEDOM + 1.0) / (FREEDOM + (y - old).powi(2) / variance);
-                let (shares, sum) = launches
-                    .iter()
-                    .fold((0.0, 0.0), |(all, sum), y| (all + share(y), sum + share(y) * y));
-                if launches.len() > 1 {
-                    squares += launches.iter().map(|y| share(y) * (y - old).powi(2)).sum::<f64>();
-                    free += (launches.len() - 1) as f64;
-                }
-                means.insert(*revision, sum / shares);
+            for (launches, fit) in batches.clone().zip(&mut fits) {
+                *fit = by_t(launches, fit.0, variance);
+                squares += fit.1;
+                free += (launches.len() - 1) as f64;
             }
             variance = squares / free;
         }
-        (variance, means)
+        let mut fits = fits.into_iter();
+        let mut known = |batches: &Vec<Vec<f64>>| {
+            let mut known = Known::default();
+            for (launches, (mean, _)) in batches.iter().zip(&mut fits) {
+                let squares: f64 = launches.iter().map(|launch| (launch - mean).powi(2)).sum();
+                let own = (variance + squares) / launches.len() as f64;
+                let weight = precision(launches.len(), own.max(variance));
+                known.mean += weight * mean;
+                known.weight += weight;
+            }
+            Known { mean: known.mean / known.weight, ..known }
+        };
+        let known = self.figures.iter().map(|(revision, batches)| (*revision, known(batches)));
+        let known = known.collect();
+        (variance, known)
     }
 
     /// What the launches say, with this scatter of builds.
-    fn seen(&self, build: f64, (variance, means): &(f64, BTreeMap<usize, f64>)) -> Seen {
+    fn seen(&self, build: f64, known: &BTreeMap<usize, Known>) -> Seen {
         let mut seen = Seen::new(self.revisions, self.scatter.other);
-        for (revision, mean) in means {
-            let weight = weight(build, *variance, self.figures[revision].len());
+        for (revision, known) in known {
+            let (weight, mean) = (with_build(build, known.weight), known.mean);
             seen.evidence += 0.5 * (weight.ln() - weight * mean * mean);
             seen.own[*revision] = (weight, weight * mean);
         }
@@ -136,11 +145,11 @@ impl Search {
 
     /// For revisions 1 … n: the probability that it is the first with the step, and the step if it is.
     fn steps(&self) -> Vec<Step> {
-        let launches = self.launches_by_t();
+        let (_, known) = self.launches_by_t();
         let mut steps = Steps::new(self.revisions);
         let no_other = if self.revisions > 1 { 1.0 - OTHER } else { 1.0 };
         for (multiple, share) in BUILDS {
-            let seen = self.seen(multiple * self.scatter.build, &launches);
+            let seen = self.seen(multiple * self.scatter.build, &known);
             let with_other = share * OTHER / (self.revisions - 1).max(1) as f64;
             for first in 1..=self.revisions {
                 let (log, step, variance) = seen.one(first);
@@ -161,7 +170,7 @@ impl Search {
     pub fn next(&self, launches: usize) -> Option<usize> {
         let steps = self.steps();
         let found = found(&steps);
-        let (variance, _) = self.launches_by_t();
+        let (variance, known) = self.launches_by_t();
         if found.probability >= ENOUGH {
             return None;
         }
@@ -169,10 +178,10 @@ impl Search {
         let mut best = (LEAST_PROMISE, None);
         for revision in 1..self.revisions {
             before += steps[revision - 1].mass;
-            let known = self.figures.get(&revision).map_or(0, Vec::len);
+            let known = known.get(&revision).map_or(0.0, |known| known.weight);
             // How much farther apart, in squared deviations, the two means will be held; Bhattacharyya's bound of a wrong choice.
-            let weight = |launches| weight(self.scatter.build, variance, launches);
-            let gain = weight(known + launches) - weight(known);
+            let weight = |launches| with_build(self.scatter.build, launches);
+            let gain = weight(known + precision(launches, variance)) - weight(known);
             let told = 1.0 - (-gain * found.step.powi(2) / 8.0).exp();
             let promise = before * (1.0 - before) * told;
             if !self.skipped.contains(&revision) && promise > best.0 {
@@ -188,7 +197,7 @@ impl Search {
 
     /// Launches that were measured.
     pub fn launches(&self) -> usize {
-        self.figures.values().map(Vec::len).sum()
+        self.figures.values().flatten().map(Vec::len).sum()
     }
 }
 
@@ -211,13 +220,35 @@ fn found(steps: &[Step]) -> Found {
     Found { first, probability, candidates, step, interval }
 }
 
-/// How much is known of a revision's mean after so many launches: one over its variance. That of a mean by Student's t is by a
-/// factor larger than that of a normal one.
-fn weight(build: f64, variance: f64, launches: usize) -> f64 {
-    match launches {
-        0 => 0.0,
-        n => 1.0 / (build * build + variance * (FREEDOM + 3.0) / (FREEDOM + 1.0) / n as f64),
+/// What a revision's launches say of its mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Known {
+    mean: f64,
+    /// One over the mean's variance.
+    weight: f64,
+}
+
+/// A better mean of launches by Student's t, and the sum of their squared deviations from the one before, both weighted.
+fn by_t(launches: &[f64], mean: f64, variance: f64) -> (f64, f64) {
+    let (mut shares, mut sum, mut squares) = (0.0, 0.0, 0.0);
+    for launch in launches {
+        let square = (launch - mean).powi(2);
+        let share = (FREEDOM + 1.0) / (FREEDOM + square / variance);
+        shares += share;
+        sum += share * launch;
+        squares += share * square;
     }
+    (sum / shares, if launches.len() > 1 { squares } else { 0.0 })
+}
+
+/// One over the variance of a mean of so many launches by Student's t: that of a normal one is by a factor smaller.
+fn precision(launches: usize, variance: f64) -> f64 {
+    launches as f64 * (FREEDOM + 1.0) / (variance * (FREEDOM + 3.0))
+}
+
+/// The same of a revision's mean, which its build moves.
+fn with_build(build: f64, weight: f64) -> f64 {
+    if weight > 0.0 { 1.0 / (build * build + 1.0 / weight) } else { 0.0 }
 }
 
 /// A step of one revision, over all that is unknown.
@@ -333,6 +364,9 @@ mod tests {
         launch: f64,
         /// What one launch in twenty is off by, to either side.
         off: f64,
+        /// Every sixth batch scatters so many times as much.
+        storm: f64,
+        batches: usize,
         /// The machine's drift over the search: its extent, and where in it the search begins.
         drift: (f64, f64),
         launched: usize,
@@ -345,7 +379,9 @@ mod tests {
             let first = random.random_range(1..=REVISIONS);
             let own = (0..=REVISIONS).map(|_| scatter.build * normal(&mut random)).collect();
             let drift = (0.0, random.random());
-            Self { first, step, own, launch: scatter.launch, off: 0.0, drift, launched: 0, random }
+            let (launch, batches) = (scatter.launch, random.random_range(0..6));
+            let (off, storm, launched) = (0.0, 1.0, 0);
+            Self { first, step, own, launch, off, storm, batches, drift, launched, random }
         }
 
         /// Another revision brings this step.
@@ -359,6 +395,8 @@ mod tests {
         fn launches(&mut self, revision: usize, count: usize) -> Vec<f64> {
             let step = if revision >= self.first { self.step } else { 0.0 };
             let middle = step + self.own[revision];
+            self.batches += 1;
+            let stormy = if self.batches.is_multiple_of(6) { self.storm } else { 1.0 };
             let launch = |_| {
                 let turns = self.launched as f64 / PLAIN as f64 + self.drift.1;
                 let drift = self.drift.0 * (std::f64::consts::TAU * turns).sin();
@@ -368,7 +406,7 @@ mod tests {
                 let heavy = if disturbed { 3.0 } else { 1.0 };
                 let side = if self.random.random() { 1.0 } else { -1.0 };
                 let off = if disturbed { side * self.off } else { 0.0 };
-                middle + drift + off + heavy * self.launch * normal(&mut self.random)
+                middle + drift + off + stormy * heavy * self.launch * normal(&mut self.random)
             };
             (0..count).map(launch).collect()
         }
@@ -456,6 +494,8 @@ mod tests {
                 let usual = usual(seed, step);
                 History { off, drift: (drift, usual.drift.1), ..usual }
             };
+            let storm = |seed| History { storm: 6.0, ..usual(seed, step) };
+            told_rightly(step, ended(&format!("{step}, stormy batches"), storm));
             told_rightly(step, ended(&format!("{step}, tails of 10 %"), |s| of(s, 0.1, 0.0)));
             told_rightly(step, ended(&format!("{step}, drift of 1 %"), |s| of(s, 0.0, 0.01)));
         }
