@@ -1,8 +1,8 @@
 #!/bin/sh
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
-# With `test`: also SwiftShader, the second software driver that the tests use, Chromium with axe-core for the tests of the HTML
-# page, Slurm with munge for those of a fleet, PostgreSQL for those of the history, jq, PyYAML and shellcheck for those of jobs, and
+# With `test`: also SwiftShader, the second software driver that the tests use, Vulkan's validation layer, Chromium with axe-core for
+# the tests of the HTML page, Slurm with munge for those of a fleet, PostgreSQL for those of the history, jq, PyYAML and shellcheck for those of jobs, and
 # what builds the worker in C++. Elsewhere it only says what it would do.
 set -eu
 
@@ -32,6 +32,7 @@ want valgrind
 [ -z "${CI:-}" ] || { want curl; want jq; }
 [ "${1:-}" != test ] || {
     want mesa-vulkan-drivers; want chromium-common
+    want vulkan-validationlayers
     want chromium; want chromium-driver
     want g++; want make; want libvulkan-dev; want glslang-tools; want nlohmann-json3-dev
     want slurm-wlm; want munge; want postgresql; want openssl

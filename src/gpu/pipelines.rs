@@ -29,10 +29,17 @@ pub struct RasterKey {
 }
 
 /// A shader's path and the values of the host that it is compiled with.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CodeKey {
     pub path: String,
     pub defs: Vec<(String, i32)>,
+}
+
+impl CodeKey {
+    pub fn new(path: &str, defs: &[(&str, i32)]) -> Self {
+        let defs = defs.iter().map(|(name, value)| ((*name).to_owned(), *value));
+        Self { path: path.to_owned(), defs: defs.collect() }
+    }
 }
 
 /// The layout of a bind group.

@@ -6,8 +6,8 @@
 
 use std::borrow::Cow;
 use std::cell::Cell;
-use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use naga_oil::compose::{
     ComposableModuleDescriptor, Composer, ComposerError, NagaModuleDescriptor, ShaderDefValue,
@@ -16,6 +16,7 @@ use naga_oil::compose::{
 use wgpu::naga;
 
 use super::layout::{Binding, bindings};
+use super::pipelines::CodeKey;
 use super::{Gpu, GpuError};
 use fathom_embedded::Folders;
 
@@ -27,8 +28,8 @@ pub struct Shader {
     pub bindings: Arc<[Binding]>,
 }
 
-/// Shaders by path and values of the host: pipelines share most of theirs.
-pub(super) type Shaders = Mutex<HashMap<(String, Vec<(String, i32)>), Shader>>;
+/// Shaders by path and values of the host: pipelines share most of theirs. A planner knows which they would be and links none.
+pub(super) type Shaders = Mutex<BTreeMap<CodeKey, Option<Shader>>>;
 
 /// How shaders' files end.
 const ENDING: &str = ".wgsl";
@@ -142,16 +143,29 @@ pub fn compilation_options() -> wgpu::PipelineCompilationOptions<'static> {
 impl Gpu {
     /// The shader `shaders/PATH.wgsl`, such as `caustics/trace`, linked with what it imports.
     pub fn shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
-        let key = (path.to_owned(), defs.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect());
-        let made = || self.shaders.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = made().get(&key).cloned();
+        let key = CodeKey::new(path, defs);
+        let known = self.known_shaders().get(&key).cloned().flatten();
         if let Some(shader) = known {
             // A device that is lost has none.
             return self.scoped(|| Ok(shader));
         }
         let shader = self.make_shader(path, defs)?;
-        made().insert(key, shader.clone());
+        self.known_shaders().insert(key, Some(shader.clone()));
         Ok(shader)
+    }
+
+    /// On a planner: a pipeline would link this shader.
+    pub fn plan_shader(&self, key: CodeKey) {
+        self.known_shaders().entry(key).or_default();
+    }
+
+    /// Every shader that pipelines have linked or planned here.
+    pub fn shader_variants(&self) -> BTreeSet<CodeKey> {
+        self.known_shaders().keys().cloned().collect()
+    }
+
+    fn known_shaders(&self) -> MutexGuard<'_, BTreeMap<CodeKey, Option<Shader>>> {
+        self.shaders.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn make_shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {

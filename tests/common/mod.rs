@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "no test uses all of it")]
 
 pub mod hostile;
+pub mod variants;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -8,6 +8,7 @@ mod gpu;
 mod hsao;
 mod scenes;
 mod stage_lists;
+mod validation;
 mod verify;
 mod volume_ao;
 mod voxelize;
@@ -28,12 +29,19 @@ fn gpu() -> Gpu {
 /// What an ignored test of this program prints in a process of its own, with the drivers of one manifest. The loader chooses a
 /// driver once per process.
 fn child(test: &str, manifest: &Path) -> String {
-    let mut child = Command::new(std::env::current_exe().unwrap());
-    child.args(["--exact", test, "--ignored", "--nocapture"]).env("WGPU_BACKEND", "vulkan");
+    let mut child = this_program(test);
+    child.env("WGPU_BACKEND", "vulkan");
     child.env("VK_DRIVER_FILES", manifest).env("VK_ICD_FILENAMES", manifest);
     let output = child.env_remove("WGPU_ADAPTER_NAME").output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// An ignored test of this program, to be run in a process of its own.
+fn this_program(test: &str) -> Command {
+    let mut program = Command::new(std::env::current_exe().unwrap());
+    program.args(["--exact", test, "--ignored", "--nocapture"]);
+    program
 }
 
 /// The scene, and the pipeline's parameters with some of them set, which the adapter can take.

@@ -73,4 +73,7 @@ fn what_is_built_runs_what_was_planned_and_declares_its_work() {
             }
         }
     }
+    let planned = Gpu::planner().unwrap().shader_variants();
+    let linked = gpu.shader_variants();
+    assert!(linked.is_subset(&planned), "{:?} are linked and not planned", &linked - &planned);
 }

@@ -3,19 +3,28 @@
 use std::collections::BTreeMap;
 
 use fathom::Catalog;
-use fathom::harness::verify::{Table, verify};
+use fathom::harness::verify::{Ended, Table, verify};
 use fathom::pipelines::Drawing;
 use fathom::pipelines::scalar_ao::ScalarAo;
 use fathom::pipelines::underwater::{Params, Underwater};
 use fathom::scene::{Scene, SceneFile};
 use glam::DVec3;
 
+use super::validation::{DONE, keep_the_rules};
 use super::{built, gpu, prepared};
 
+/// And all of them keep the rules of Vulkan.
 #[test]
 fn every_check_is_sound() {
-    let checks = verify(&gpu(), &Catalog::builtin().cases(), None, |case| println!("{case}"))
-        .expect("all cases run");
+    keep_the_rules(&["verify::child_checks"]);
+}
+
+#[test]
+#[ignore = "run under the validation layer by `every_check_is_sound`"]
+fn child_checks() {
+    println!();
+    let done = |case: Ended<'_>| println!("{DONE}{case}");
+    let checks = verify(&gpu(), &Catalog::builtin().cases(), None, done).expect("all cases run");
     println!("{}", Table(&checks));
     let unsound: Vec<_> = checks.iter().filter(|check| !check.is_sound()).cloned().collect();
     assert!(unsound.is_empty(), "\n{}", Table(&unsound));

@@ -16,3 +16,4 @@ mod overlay;
 mod page;
 mod printing;
 mod queries;
+mod shaders;

@@ -17,8 +17,7 @@ pub struct Code<'a> {
 
 impl Code<'_> {
     fn key(&self) -> CodeKey {
-        let defs = self.defs.iter().map(|(name, value)| ((*name).to_owned(), *value));
-        CodeKey { path: self.path.to_owned(), defs: defs.collect() }
+        CodeKey::new(self.path, self.defs)
     }
 }
 
@@ -90,6 +89,7 @@ impl Dispatch {
         let (gpu, code) = (resources.gpu, code.into());
         resources.dispatch(code.path, workgroups);
         if gpu.is_planner() {
+            gpu.plan_shader(code.key());
             return Ok(Self { pipeline: None, workgroups });
         }
         let linked = Linked::new(resources, code, groups)?;
@@ -231,6 +231,7 @@ impl Raster {
         let formats: Vec<_> = spec.targets.iter().map(|target| target.format).collect();
         resources.color_targets(spec.label, &formats);
         if resources.gpu.is_planner() {
+            resources.gpu.plan_shader(spec.code.key());
             return Ok(Self(None));
         }
         let linked = Linked::new(resources, spec.code, spec.groups)?;

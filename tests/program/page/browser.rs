@@ -9,8 +9,8 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// Chromium without anything that asks the network, and with its sandbox off, as a container has none.
-const ARGUMENTS: [&str; 9] = [
+/// Chromium without anything that asks the network, and with its sandbox off, as a container has none. WebGPU is SwiftShader's.
+const ARGUMENTS: [&str; 11] = [
     "--headless=new",
     "--no-sandbox",
     "--disable-gpu",
@@ -20,6 +20,8 @@ const ARGUMENTS: [&str; 9] = [
     "--disable-component-update",
     "--disable-sync",
     "--disable-dev-shm-usage",
+    "--enable-unsafe-webgpu",
+    "--use-webgpu-adapter=swiftshader",
 ];
 
 /// Ends a script that waits for what never comes, and decides nothing: the longest here takes seconds.

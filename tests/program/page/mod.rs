@@ -1,7 +1,7 @@
 //! The HTML page in a real browser: no errors, what a reader clicks and types, all widths and modes, accessibility, hostile
 //! names. Without Chromium these tests say that they were skipped.
 
-mod browser;
+pub mod browser;
 mod charts;
 
 use std::path::{Path, PathBuf};
