@@ -22,7 +22,7 @@ use crate::harness::{
 };
 use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Clock, OVER_BUDGET, PassKind, Reading, Record, Standing};
+use crate::record::{Clock, Mask, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
 use crate::scene::assets::{self, AssetStatus};
 use crate::{exporters, private, quiet, record, tell, text};
@@ -213,7 +213,7 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
     let cores = quiet::allowed_cores();
     let pinned =
         if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
-    tell::answer(format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
+    tell::answer(format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info));
     tell::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
     if let Some(without) = without {
         let table = gpu::audit_table(&without);
@@ -493,6 +493,7 @@ pub fn gpu_options(catalog: &Catalog, args: &AdapterArgs) -> gpu::Options {
     gpu::Options {
         shaders: Some(catalog.shaders.clone()),
         adapter: args.adapter.clone(),
+        mask: Mask { like: args.like.clone(), without: args.without.clone() },
         unchecked: args.unchecked,
         allow_large: args.allow_large,
     }

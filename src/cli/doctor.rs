@@ -162,8 +162,8 @@ fn of_records(records: &[Record]) -> Vec<Finding> {
 }
 
 fn adapter(run: &Run) -> Finding {
-    let record::Adapter { name, backend, driver_info, software, .. } = &run.adapter;
-    let found = format!("{name}, {backend}, {driver_info}");
+    let record::Adapter { backend, driver_info, software, .. } = &run.adapter;
+    let found = format!("{}, {backend}, {driver_info}", run.adapter.title());
     if *software {
         let worth =
             "a software driver: use ratios, slopes and shares, as its times say little about a GPU";

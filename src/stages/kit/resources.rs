@@ -8,7 +8,7 @@ use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 use wgpu::util::DeviceExt;
 
-use super::{ShaderStruct, host_bytes};
+use super::{Group, ShaderStruct, host_bytes};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
 use fathom_record::Work;
 
@@ -159,6 +159,13 @@ impl<'g> Resources<'g> {
 
     pub(super) fn dispatch(&self, label: &str, workgroups: [u32; 3]) {
         self.note(label, |demand, what| demand.dispatch(what, workgroups.map(u64::from)));
+    }
+
+    /// The message names the shader: no parameter changes what it binds.
+    pub(super) fn binds(&self, shader: &str, groups: &[&Group]) {
+        let count = groups.iter().map(|group| group.storage_buffers()).sum();
+        let mut account = self.account.borrow_mut();
+        account.demand = std::mem::take(&mut account.demand).storage_buffers(shader, count);
     }
 
     pub(super) fn color_targets(&self, label: &str, formats: &[wgpu::TextureFormat]) {
