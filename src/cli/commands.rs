@@ -20,6 +20,7 @@ use crate::harness::{
     ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
+use crate::verify::{SkippedCase, Verified};
 use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, Mask, OVER_BUDGET, PassKind, Reading, Record, Standing};
@@ -260,12 +261,22 @@ pub fn verify(
     adapter: &AdapterArgs,
 ) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
-    let checks = verifying::verify(&gpu, &catalog.cases(), filter, |ended| tell::note(ended))?;
+    let cases = catalog.cases();
+    let Verified { checks, skipped } =
+        verifying::verify(&gpu, &cases, filter, |ended| tell::note(ended))?;
+    if let (true, Some(SkippedCase { reason, .. })) = (checks.is_empty(), skipped.first()) {
+        anyhow::bail!("every check was skipped; {reason}");
+    }
     let all_sound = checks.iter().all(verifying::Check::is_sound);
     if json {
-        in_json(&json!({ "adapter": gpu.adapter, "all_sound": all_sound, "checks": checks }))?;
+        in_json(&json!({
+            "adapter": gpu.adapter, "all_sound": all_sound, "checks": checks, "skipped": skipped
+        }))?;
     } else {
         tell::answer(verifying::Table(&checks));
+        for SkippedCase { stage, what, reason } in skipped {
+            tell::answer(format!("skipped {stage} {what}: {reason}"));
+        }
     }
     ended(all_sound)
 }

@@ -38,8 +38,7 @@ fn loss(feature: Feature) -> &'static str {
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// Part of an adapter's name (any case) or its index in [`Gpu::list`]. Without it the variables
-    /// `WGPU_ADAPTER_NAME` and `WGPU_BACKEND` count, and then a hardware GPU is preferred to software
-    /// Vulkan, and that to GL.
+    /// `WGPU_ADAPTER_NAME` and `WGPU_BACKEND` count, and then a hardware GPU is preferred to a software driver.
     pub adapter: Option<String>,
     /// Compile shaders without wgpu's bounds and loop checks.
     pub unchecked: bool,
@@ -144,7 +143,10 @@ fn choose(asked: Option<&str>) -> Result<Found, GpuError> {
     let from_environment = std::env::var("WGPU_ADAPTER_NAME").ok().filter(|name| !name.is_empty());
     let asked = asked.map(str::to_owned).or(from_environment);
     let mut all = without_gl();
-    if position(&all, asked.as_deref()).is_none() {
+    // Numbers count those of GL too.
+    let number = asked.as_ref().and_then(|asked| asked.parse::<usize>().ok());
+    let is_beyond = number.is_some_and(|number| number >= all.len());
+    if is_beyond || position(&all, asked.as_deref()).is_none() {
         all = with_gl(all);
     }
     if let Some(index) = position(&all, asked.as_deref()) {
@@ -259,7 +261,8 @@ impl Gpu {
         let (limits, features) = mask::masked(&mask, chosen.limits(), chosen.features())?;
         let adapter = record::Adapter { mask, ..describe(&chosen) };
         if let Some(missing) = lacks(&chosen, &limits) {
-            return Err(GpuError::Missing { adapter: adapter.title(), missing });
+            let adapter = format!("{} ({})", adapter.title(), adapter.backend);
+            return Err(GpuError::Missing { adapter, missing });
         }
         let (features, mut notes) = negotiate(features);
         if !flags.is_empty() {
@@ -281,23 +284,6 @@ impl Gpu {
             planner: false,
             folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),
         })
-    }
-
-    /// Fails, naming the adapter, when one of `features` is not there.
-    pub fn require(&self, features: wgpu::Features) -> Result<(), GpuError> {
-        let missing = features - self.features;
-        if missing.is_empty() {
-            return Ok(());
-        }
-        Err(GpuError::Missing {
-            adapter: self.adapter.name.clone(),
-            missing: missing.iter_names().map(|(name, _)| name).collect::<Vec<_>>().join(", "),
-        })
-    }
-
-    /// What textures of this format can be used for on this adapter.
-    pub fn format_features(&self, format: wgpu::TextureFormat) -> wgpu::TextureFormatFeatures {
-        format.guaranteed_format_features(self.features)
     }
 
     /// See [`WatchedDevice::scoped`].

@@ -103,6 +103,11 @@ impl<'g> Resources<'g> {
         self.account.borrow().demand.held_bytes()
     }
 
+    /// What is beyond these limits so far, if anything is.
+    pub fn beyond(&self, limits: &wgpu::Limits) -> Option<String> {
+        self.account.borrow().demand.check(limits).err()
+    }
+
     /// The stages, and what all of it needs.
     pub fn into_parts(self) -> Parts {
         let mut account = self.account.borrow_mut();
