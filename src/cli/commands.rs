@@ -20,12 +20,12 @@ use crate::harness::{
     ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
-use crate::verify::{SkippedCase, Verified};
 use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, Mask, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
 use crate::scene::assets::{self, AssetStatus};
+use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
 use itertools::Itertools as _;

@@ -145,7 +145,8 @@ fn rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec
         Listing::Parameters => parameters(catalog, args)?,
         Listing::Adapters => Gpu::list().into_iter().enumerate().map(adapter).collect(),
         Listing::Masks => {
-            let row = |(name, profile): (&String, &Profile)| Row::of("name", &**name, &*profile.about);
+            let row =
+                |(name, profile): (&String, &Profile)| Row::of("name", &**name, &*profile.about);
             gpu::profiles().iter().map(row).collect()
         }
         Listing::Exporters => exporters::listing().into_iter().map(exporter).collect(),

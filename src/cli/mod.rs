@@ -18,10 +18,10 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use crate::experiments::{parse_axis, parse_set};
+use crate::gpu;
 use crate::harness::catalog::Catalog;
 use crate::record::calendar;
 use crate::record::schema::LineKind;
-use crate::gpu;
 use crate::record::{Feature, Part, Profile};
 use crate::tell::{self, Verbosity};
 use clap::error::ErrorKind;

@@ -1,7 +1,7 @@
 //! Whether two sides ran on the same adapter: what their times may say of each other.
 
-use fathom_record::{Adapter, Mask};
 use fathom_record::comparison::ComparisonHeader;
+use fathom_record::{Adapter, Mask};
 
 /// What the adapters of two sides are to each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -188,8 +188,7 @@ fn exact_headline(verdicts: &Verdicts<'_>) -> String {
 fn doubts([base, head]: [&ReportView<'_>; 2]) -> Vec<String> {
     let mut doubts = Vec::new();
     if let (Some(b), Some(h)) = (base.run(), head.run()) {
-        let adapter =
-            |adapter: &Adapter| format!("{}, {}", adapter.title(), adapter.driver_info);
+        let adapter = |adapter: &Adapter| format!("{}, {}", adapter.title(), adapter.driver_info);
         let adapters = format!("{} → {}", adapter(&b.adapter), adapter(&h.adapter));
         match AdapterRelation::of(&b.adapter, &h.adapter) {
             AdapterRelation::Same => {}

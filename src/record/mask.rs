@@ -9,7 +9,17 @@ use strum::{Display, EnumIter, EnumString};
 
 /// A feature that fathom uses where an adapter has it. Names are those of WebGPU, and of wgpu where WebGPU has none.
 #[derive(
-    Clone, Copy, Debug, Display, EnumIter, EnumString, PartialEq, Eq, Serialize, Deserialize, JsonSchema,
+    Clone,
+    Copy,
+    Debug,
+    Display,
+    EnumIter,
+    EnumString,
+    PartialEq,
+    Eq,
+    Serialize,
+    Deserialize,
+    JsonSchema,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]

@@ -266,11 +266,7 @@ pub fn verify_stages(gpu: &Gpu, all: &[Case], stages: &[String]) -> Result<Vec<C
 }
 
 /// Runs each case so that what the GPU reports late becomes this case's error.
-fn run_all(
-    gpu: &Gpu,
-    cases: &[&Case],
-    mut each: impl FnMut(Ended<'_>),
-) -> Result<Verified> {
+fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(Ended<'_>)) -> Result<Verified> {
     let mut verified = Verified::default();
     for (number, case) in (1..).zip(cases) {
         let begin = Instant::now();

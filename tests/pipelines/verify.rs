@@ -34,7 +34,8 @@ fn every_check_is_sound() {
 /// 16-bit sums of splats, lines and points, and a shader that binds more than lesser adapters let it.
 #[test]
 fn checks_are_sound_like_other_adapters() {
-    let parts = ["sum of many", "transmission of lines", "pool off the centre: texel", "voxel/alpha"];
+    let parts =
+        ["sum of many", "transmission of lines", "pool off the centre: texel", "voxel/alpha"];
     for kind in profiles().keys() {
         let mask = Mask { like: Some(kind.clone()), ..Mask::default() };
         let gpu = match Gpu::open(&Options { mask, ..Options::default() }) {

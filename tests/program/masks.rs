@@ -51,7 +51,9 @@ fn an_adapter_of_opengl_is_listed_and_refused() {
 #[test]
 fn a_masked_run_is_not_taken_for_the_adapters_own() {
     let place = Place::new();
-    let run = format!("run uw-default --cell base --no-ceilings --precision 1 --budget 10m {SMALL} --out out");
+    let run = format!(
+        "run uw-default --cell base --no-ceilings --precision 1 --budget 10m {SMALL} --out out"
+    );
     let masked = "--like apple-mobile --without float32-blendable --without timestamp-query";
     place.fathom(format!("{run} {masked}")).ends(0);
     let all = records(&place.path("out"));

@@ -57,7 +57,10 @@ fn device(run: &Run, table: &mut Table) {
         "device".to_owned(),
         format!(
             "{} ({kind}, {}, {} {})",
-            adapter.title(), adapter.backend, adapter.driver, adapter.driver_info
+            adapter.title(),
+            adapter.backend,
+            adapter.driver,
+            adapter.driver_info
         ),
     ]);
     table.row([
