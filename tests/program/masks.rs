@@ -37,6 +37,8 @@ fn an_adapter_of_opengl_is_listed_and_refused() {
         return;
     };
     holds(&gl["about"].to_string(), &["cannot be used: it lacks copies of depth textures"]);
+    let told = fathom("doctor --like webgl2").ends(2).out;
+    holds(&told, &["gl, cannot be used: it lacks copies of depth textures"]);
     let place = Place::new();
     for command in OPENING {
         let asked = place.fathom(format!("{command} --adapter {}", gl["index"])).refused("(gl)");
