@@ -22,9 +22,10 @@ use crate::harness::{
 };
 use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Clock, OVER_BUDGET, PassKind, Reading, Record, Standing};
+use crate::record::{Clock, Mask, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
 use crate::scene::assets::{self, AssetStatus};
+use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
 use itertools::Itertools as _;
@@ -213,7 +214,7 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
     let cores = quiet::allowed_cores();
     let pinned =
         if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
-    tell::answer(format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
+    tell::answer(format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info));
     tell::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
     if let Some(without) = without {
         let table = gpu::audit_table(&without);
@@ -260,12 +261,22 @@ pub fn verify(
     adapter: &AdapterArgs,
 ) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
-    let checks = verifying::verify(&gpu, &catalog.cases(), filter, |ended| tell::note(ended))?;
+    let cases = catalog.cases();
+    let Verified { checks, skipped } =
+        verifying::verify(&gpu, &cases, filter, |ended| tell::note(ended))?;
+    if let (true, Some(SkippedCase { reason, .. })) = (checks.is_empty(), skipped.first()) {
+        anyhow::bail!("every check was skipped; {reason}");
+    }
     let all_sound = checks.iter().all(verifying::Check::is_sound);
     if json {
-        in_json(&json!({ "adapter": gpu.adapter, "all_sound": all_sound, "checks": checks }))?;
+        in_json(&json!({
+            "adapter": gpu.adapter, "all_sound": all_sound, "checks": checks, "skipped": skipped
+        }))?;
     } else {
         tell::answer(verifying::Table(&checks));
+        for SkippedCase { stage, what, reason } in skipped {
+            tell::answer(format!("skipped {stage} {what}: {reason}"));
+        }
     }
     ended(all_sound)
 }
@@ -493,6 +504,7 @@ pub fn gpu_options(catalog: &Catalog, args: &AdapterArgs) -> gpu::Options {
     gpu::Options {
         shaders: Some(catalog.shaders.clone()),
         adapter: args.adapter.clone(),
+        mask: Mask { like: args.like.clone(), without: args.without.clone() },
         unchecked: args.unchecked,
         allow_large: args.allow_large,
     }

@@ -15,7 +15,7 @@ use super::commands::{
 };
 use super::{AdapterArgs, COULD_NOT_RUN};
 use crate::experiments::Experiment;
-use crate::gpu::Gpu;
+use crate::gpu::{Gpu, Listed};
 use crate::harness::catalog::Catalog;
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options};
@@ -81,12 +81,14 @@ pub fn doctor(catalog: &Catalog, as_json: bool, args: &AdapterArgs) -> Outcome {
         Ok(records) => of_records(&records),
         Err(error) => vec![no_run(&error)],
     };
+    let adapters = Gpu::list();
+    findings.extend(adapters.iter().filter_map(unusable));
     findings.extend(assets::look_up().into_iter().map(of_asset));
     findings.push(shader_cache());
     findings.extend(tools());
     let worst = findings.iter().map(|finding| finding.level).max().unwrap_or(Level::Ok);
     if as_json {
-        in_json(&json!({ "worst": worst, "adapters": Gpu::list(), "findings": findings }))?;
+        in_json(&json!({ "worst": worst, "adapters": adapters, "findings": findings }))?;
     } else {
         let rows: Vec<_> = findings.iter().map(Finding::row).collect();
         text::columns(&rows).into_iter().for_each(|row| tell::answer(text::line(&row)));
@@ -162,14 +164,21 @@ fn of_records(records: &[Record]) -> Vec<Finding> {
 }
 
 fn adapter(run: &Run) -> Finding {
-    let record::Adapter { name, backend, driver_info, software, .. } = &run.adapter;
-    let found = format!("{name}, {backend}, {driver_info}");
+    let record::Adapter { backend, driver_info, software, .. } = &run.adapter;
+    let found = format!("{}, {backend}, {driver_info}", run.adapter.title());
     if *software {
         let worth =
             "a software driver: use ratios, slopes and shares, as its times say little about a GPU";
         return Finding::new("adapter", Level::Note, format!("{found}; {worth}"));
     }
     Finding::new("adapter", Level::Ok, found)
+}
+
+/// An adapter on which nothing runs.
+fn unusable(Listed { adapter, lacks }: &Listed) -> Option<Finding> {
+    let found = format!("{}, {}, cannot be used", adapter.name, adapter.backend);
+    let missing = lacks.as_ref()?;
+    Some(Finding::new("adapter", Level::Note, format!("{found}: it lacks {missing}")))
 }
 
 fn machine(run: &Run) -> Option<Finding> {

@@ -8,12 +8,11 @@ use serde_json::{Map, Value};
 use super::commands::{Outcome, in_json};
 use super::{ListArgs, Listing};
 use crate::experiments::Experiment;
-use crate::gpu::Gpu;
+use crate::gpu::{self, Gpu, Listed, Profile};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::Figure;
 use crate::harness::subject::Subjects;
 use crate::parameter::{self, Allowed, Field};
-use crate::record::Adapter;
 use crate::scene::SceneFile;
 use crate::{exporters, tell, text};
 
@@ -145,6 +144,11 @@ fn rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec
         }
         Listing::Parameters => parameters(catalog, args)?,
         Listing::Adapters => Gpu::list().into_iter().enumerate().map(adapter).collect(),
+        Listing::Masks => {
+            let row =
+                |(name, profile): (&String, &Profile)| Row::of("name", &**name, &*profile.about);
+            gpu::profiles().iter().map(row).collect()
+        }
         Listing::Exporters => exporters::listing().into_iter().map(exporter).collect(),
         Listing::Pipelines => {
             let kinds = catalog.kinds.iter();
@@ -192,7 +196,7 @@ fn allowed(allowed: &Allowed) -> String {
     }
 }
 
-fn adapter((index, adapter): (usize, Adapter)) -> Row {
+fn adapter((index, Listed { adapter, lacks }): (usize, Listed)) -> Row {
     let kind = if adapter.software { "software" } else { "hardware" };
     let columns = [
         ("index", index.into()),
@@ -200,7 +204,11 @@ fn adapter((index, adapter): (usize, Adapter)) -> Row {
         ("backend", adapter.backend.into()),
         ("kind", kind.into()),
     ];
-    Row::new(columns, adapter.driver_info)
+    let about = match lacks {
+        Some(missing) => format!("{}; cannot be used: it lacks {missing}", adapter.driver_info),
+        None => adapter.driver_info,
+    };
+    Row::new(columns, about)
 }
 
 fn exporter([name, of, file, written, about]: [String; 5]) -> Row {

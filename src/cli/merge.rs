@@ -48,7 +48,7 @@ pub fn join(folders: &[PathBuf], out: &Path) -> anyhow::Result<Vec<Merged>> {
 /// The folder of each adapter within the whole; none where there is one adapter.
 fn names(groups: &[OfAdapter]) -> Vec<Option<String>> {
     let name = |(index, group): (usize, &OfAdapter)| {
-        let stem = text::file_stem(&group.adapter.name);
+        let stem = text::file_stem(&group.adapter.title());
         (groups.len() > 1).then(|| format!("{}-{stem}", index + 1))
     };
     groups.iter().enumerate().map(name).collect()
@@ -60,7 +60,7 @@ fn tell_of(merged: &Merged, folder: &Path) {
     tell::done(format!(
         "{}: {measured} cells measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}, \
          {missing} missing",
-        text::line(&merged.adapter.name)
+        text::line(&merged.adapter.title())
     ));
     named(merged.absent.iter().map(|part| format!("shard {part} is not there")));
     named(merged.missing.iter().map(|(experiment, cell)| format!("missing: {experiment} {cell}")));

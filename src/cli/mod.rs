@@ -18,14 +18,16 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use crate::experiments::{parse_axis, parse_set};
+use crate::gpu;
 use crate::harness::catalog::Catalog;
 use crate::record::calendar;
 use crate::record::schema::LineKind;
-use crate::record::{Part, Profile};
+use crate::record::{Feature, Part, Profile};
 use crate::tell::{self, Verbosity};
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde_json::Value;
+use strum::IntoEnumIterator;
 
 /// What a command runs that is not told.
 pub const PIPELINE: &str = "underwater";
@@ -250,6 +252,12 @@ pub struct AdapterArgs {
     /// Part of the adapter's name, or its number in `fathom list adapters`
     #[arg(long, value_name = "NAME|INDEX")]
     pub adapter: Option<String>,
+    /// Take away what this kind of adapter lacks: better limits and other features than its own. See `fathom list masks`
+    #[arg(long, value_name = "KIND", value_parser = parse_kind)]
+    pub like: Option<String>,
+    /// Do without a feature of the adapter; may be given several times
+    #[arg(long, value_name = "FEATURE", value_parser = parse_feature)]
+    pub without: Vec<Feature>,
     /// Compile shaders without bounds and loop checks
     #[arg(long)]
     pub unchecked: bool,
@@ -312,6 +320,8 @@ pub enum Listing {
     Stages,
     Parameters,
     Adapters,
+    /// Kinds of adapters for `--like`
+    Masks,
     Pipelines,
     Exporters,
     Claims,
@@ -434,6 +444,15 @@ pub struct ExportArgs {
     /// Keep your own experiments and scenes in a public copy, with their texts
     #[arg(long)]
     pub own: bool,
+}
+
+fn parse_kind(text: &str) -> Result<String, String> {
+    gpu::profile(text).map(|_| text.to_owned()).map_err(|error| error.to_string())
+}
+
+fn parse_feature(text: &str) -> Result<Feature, String> {
+    let all = || Feature::iter().map(|feature| feature.to_string());
+    text.parse().map_err(|_| format!("there are {}", all().collect::<Vec<_>>().join(", ")))
 }
 
 fn parse_samples(text: &str) -> Result<u32, String> {

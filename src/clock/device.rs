@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
 use super::DeviceError;
-use fathom_record::Adapter;
+use fathom_record::{Adapter, Mask};
 
 /// An open device with its queue. Its faults come back as errors from the call that caused them.
 pub struct WatchedDevice {
@@ -49,6 +49,7 @@ pub fn describe(adapter: &wgpu::Adapter) -> Adapter {
         device_id: info.device,
         timestamp_period_ns: 0.0,
         host_threads: std::thread::available_parallelism().map_or(1, usize::from),
+        mask: Mask::default(),
     }
 }
 

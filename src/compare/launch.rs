@@ -155,6 +155,12 @@ impl WorkerStart {
             if let Some(adapter) = &self.gpu.adapter {
                 command.args(["--adapter", adapter]);
             }
+            if let Some(kind) = &self.gpu.mask.like {
+                command.args(["--like", kind]);
+            }
+            for feature in &self.gpu.mask.without {
+                command.args(["--without", &feature.to_string()]);
+            }
             if self.gpu.unchecked {
                 command.arg("--unchecked");
             }

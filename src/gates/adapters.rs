@@ -1,7 +1,7 @@
 //! Whether two sides ran on the same adapter: what their times may say of each other.
 
-use fathom_record::Adapter;
 use fathom_record::comparison::ComparisonHeader;
+use fathom_record::{Adapter, Mask};
 
 /// What the adapters of two sides are to each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,10 +36,11 @@ impl AdapterRelation {
     }
 }
 
-/// What makes a device and its driver: the interface, the ids, the driver's name and the device's without what tells versions.
-fn device(adapter: &Adapter) -> (bool, &str, u32, u32, &str, String) {
-    let Adapter { software, backend, vendor_id, device_id, driver, name, .. } = adapter;
-    (*software, backend, *vendor_id, *device_id, driver, model(name))
+/// What makes a device and its driver: the interface, the ids, the driver's name, the device's without what tells versions, and what
+/// was taken away.
+fn device(adapter: &Adapter) -> (bool, &str, u32, u32, &str, String, &Mask) {
+    let Adapter { software, backend, vendor_id, device_id, driver, name, mask, .. } = adapter;
+    (*software, backend, *vendor_id, *device_id, driver, model(name), mask)
 }
 
 /// A device's name without the parts of its last parentheses that tell versions: `llvmpipe (LLVM 15.0.6, 256 bits)` is `llvmpipe`,

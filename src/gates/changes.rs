@@ -188,8 +188,7 @@ fn exact_headline(verdicts: &Verdicts<'_>) -> String {
 fn doubts([base, head]: [&ReportView<'_>; 2]) -> Vec<String> {
     let mut doubts = Vec::new();
     if let (Some(b), Some(h)) = (base.run(), head.run()) {
-        let adapter =
-            |Adapter { name, driver_info, .. }: &Adapter| format!("{name}, {driver_info}");
+        let adapter = |adapter: &Adapter| format!("{}, {}", adapter.title(), adapter.driver_info);
         let adapters = format!("{} → {}", adapter(&b.adapter), adapter(&h.adapter));
         match AdapterRelation::of(&b.adapter, &h.adapter) {
             AdapterRelation::Same => {}
@@ -361,9 +360,9 @@ type Known = (&'static str, Option<String>);
 
 /// What two runs must have in common to differ by the program's change alone; none where it is not recorded.
 fn identity(run: &Run) -> Vec<Known> {
-    let Adapter { name, backend, driver, driver_info, host_threads, .. } = &run.adapter;
+    let Adapter { backend, driver, driver_info, host_threads, .. } = &run.adapter;
     vec![
-        ("adapter", Some(format!("{name}, {backend}"))),
+        ("adapter", Some(format!("{}, {backend}", run.adapter.title()))),
         ("driver", Some(format!("{driver} {driver_info}"))),
         ("threads of the host", Some(format!("{host_threads} threads"))),
         ("host", run.conditions.host.clone()),

@@ -125,8 +125,8 @@ fn timed(base: &Run, head: &Run) -> Result<(), String> {
 
 /// Why cells of two runs in one file may not be mixed.
 fn comparable(base: &Run, head: &Run) -> Result<(), String> {
-    let named = |Adapter { name, driver, driver_info, .. }: &Adapter| {
-        format!("{name} ({driver} {driver_info})")
+    let named = |adapter: &Adapter| {
+        format!("{} ({} {})", adapter.title(), adapter.driver, adapter.driver_info)
     };
     let (a, b) = (named(&base.adapter), named(&head.adapter));
     if a != b || base.adapter.backend != head.adapter.backend {

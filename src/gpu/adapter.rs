@@ -5,51 +5,62 @@ use std::sync::{Arc, OnceLock};
 
 use super::pipelines::Pipelines;
 use super::shader::Shaders;
-use super::{Capacity, GpuError, TimedStage};
+use super::{Capacity, GpuError, TimedStage, limits, mask};
 use fathom_clock::{ClockPlan, FrameTimer, SubmitCost, WatchedDevice, describe};
 use fathom_embedded::{Folders, SHADERS};
 use fathom_record as record;
+use fathom_record::{Feature, Mask};
+use serde::Serialize;
+use strum::IntoEnumIterator;
 
-/// Features that are taken when the adapter has them, each with what is lost without it.
-const OPTIONAL: &[(wgpu::Features, &str)] = &[
-    (
-        wgpu::Features::TIMESTAMP_QUERY,
-        "no timestamp queries: every pass is timed by a fenced host clock",
-    ),
-    (
-        wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS,
-        "no timestamps between passes: copies are timed by a fenced host clock",
-    ),
-    (
-        wgpu::Features::PIPELINE_STATISTICS_QUERY,
-        "no pipeline statistics: shader invocations are not counted",
-    ),
-    (
-        wgpu::Features::FLOAT32_BLENDABLE,
-        "no blending of 32-bit float targets: light is summed in 16-bit floats",
-    ),
-    (
-        wgpu::Features::FLOAT32_FILTERABLE,
-        "no filtering of 32-bit float textures: they are read unfiltered",
-    ),
-];
+/// What is lost without a feature.
+fn loss(feature: Feature) -> &'static str {
+    match feature {
+        Feature::TimestampQuery => {
+            "no timestamp queries: every pass is timed by a fenced host clock"
+        }
+        Feature::TimestampQueryInsideEncoders => {
+            "no timestamps between passes: copies are timed by a fenced host clock"
+        }
+        Feature::PipelineStatisticsQuery => {
+            "no pipeline statistics: shader invocations are not counted"
+        }
+        Feature::Float32Blendable => {
+            "no blending of 32-bit float targets: light is summed in 16-bit floats"
+        }
+        Feature::Float32Filterable => {
+            "no filtering of 32-bit float textures: they are read unfiltered"
+        }
+    }
+}
 
 /// How to choose and open an adapter.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// Part of an adapter's name (any case) or its index in [`Gpu::list`]. Without it the variables
-    /// `WGPU_ADAPTER_NAME` and `WGPU_BACKEND` count, and then a hardware GPU is preferred to software
-    /// Vulkan, and that to GL.
+    /// `WGPU_ADAPTER_NAME` and `WGPU_BACKEND` count, and then a hardware GPU is preferred to a software driver.
     pub adapter: Option<String>,
     /// Compile shaders without wgpu's bounds and loop checks.
     pub unchecked: bool,
     /// Let a software adapter take all memory and any time.
     pub allow_large: bool,
+    /// What is taken away from the adapter.
+    pub mask: Mask,
     /// Where shaders are looked for; fathom's own if none is given.
     pub shaders: Option<Folders>,
 }
 
-/// An open device with all the limits and all the optional features that its adapter offers.
+/// An adapter of this machine.
+#[derive(Clone, Debug, Serialize)]
+pub struct Listed {
+    #[serde(flatten)]
+    pub adapter: record::Adapter,
+    /// What it lacks, so that it cannot be opened.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lacks: Option<String>,
+}
+
+/// An open device with all the limits and all the optional features that its adapter offers and the mask leaves.
 pub struct Gpu {
     watched: WatchedDevice,
     /// The limits, and on a software adapter those of the machine.
@@ -62,7 +73,6 @@ pub struct Gpu {
     /// It allocates nothing: see [`Gpu::planner`].
     planner: bool,
     pub(super) folders: Folders,
-    raw_adapter: wgpu::Adapter,
 }
 
 /// The device, its queue, and what is known of it.
@@ -133,7 +143,10 @@ fn choose(asked: Option<&str>) -> Result<Found, GpuError> {
     let from_environment = std::env::var("WGPU_ADAPTER_NAME").ok().filter(|name| !name.is_empty());
     let asked = asked.map(str::to_owned).or(from_environment);
     let mut all = without_gl();
-    if position(&all, asked.as_deref()).is_none() {
+    // Numbers count those of GL too.
+    let number = asked.as_ref().and_then(|asked| asked.parse::<usize>().ok());
+    let is_beyond = number.is_some_and(|number| number >= all.len());
+    if is_beyond || position(&all, asked.as_deref()).is_none() {
         all = with_gl(all);
     }
     if let Some(index) = position(&all, asked.as_deref()) {
@@ -168,38 +181,36 @@ fn position(all: &[Found], asked: Option<&str>) -> Option<usize> {
     }
 }
 
-/// Fails when the adapter lacks what no stage can do without.
-fn require(adapter: &wgpu::Adapter) -> Result<(), GpuError> {
+/// What the adapter lacks that no pipeline can do without.
+fn lacks(adapter: &wgpu::Adapter, limits: &wgpu::Limits) -> Option<String> {
     let required = [
         (wgpu::DownlevelFlags::COMPUTE_SHADERS, "compute shaders"),
         (wgpu::DownlevelFlags::VERTEX_STORAGE, "storage buffers in vertex shaders"),
+        (wgpu::DownlevelFlags::FRAGMENT_STORAGE, "storage buffers in fragment shaders"),
+        (wgpu::DownlevelFlags::DEPTH_TEXTURE_AND_BUFFER_COPIES, "copies of depth textures"),
+        (wgpu::DownlevelFlags::READ_ONLY_DEPTH_STENCIL, "depth that is tested and read at a time"),
     ];
     let flags = adapter.get_downlevel_capabilities().flags;
     let missing = required.iter().find(|(flag, _)| !flags.contains(*flag));
-    missing.map_or(Ok(()), |(_, missing)| {
-        Err(GpuError::Missing { adapter: adapter.get_info().name, missing: (*missing).to_owned() })
-    })
+    missing.map(|(_, missing)| (*missing).to_owned()).or_else(|| limits::shortfall(limits))
 }
 
 /// The optional features of this adapter, and a note for each that it lacks.
 fn negotiate(available: wgpu::Features) -> (wgpu::Features, Vec<String>) {
-    let mut features = wgpu::Features::empty();
-    let mut notes = Vec::new();
-    for (feature, loss) in OPTIONAL {
-        if available.contains(*feature) {
-            features |= *feature;
-        } else {
-            notes.push((*loss).to_owned());
-        }
-    }
-    (features, notes)
+    let (there, lost): (Vec<_>, Vec<_>) =
+        Feature::iter().partition(|feature| available.contains(mask::of(*feature)));
+    (mask::all_of(&there), lost.into_iter().map(|feature| loss(feature).to_owned()).collect())
 }
 
 impl Gpu {
     /// All adapters of this machine, in the order of `--adapter INDEX`; the first is the default.
     /// Timestamp periods are known only of open devices and are 0 here.
-    pub fn list() -> Vec<record::Adapter> {
-        with_gl(without_gl()).iter().map(|(adapter, _)| describe(adapter)).collect()
+    pub fn list() -> Vec<Listed> {
+        let listed = |(adapter, _): &Found| Listed {
+            adapter: describe(adapter),
+            lacks: lacks(adapter, &adapter.limits()),
+        };
+        with_gl(without_gl()).iter().map(listed).collect()
     }
 
     /// What the chosen adapter is; it is not opened.
@@ -246,17 +257,24 @@ impl Gpu {
         flags: wgpu::InstanceFlags,
         options: &Options,
     ) -> Result<Gpu, GpuError> {
-        require(&chosen)?;
-        let (features, mut notes) = negotiate(chosen.features());
+        let mask = options.mask.clone();
+        let (limits, features) = mask::masked(&mask, chosen.limits(), chosen.features())?;
+        let adapter = record::Adapter { mask, ..describe(&chosen) };
+        if let Some(missing) = lacks(&chosen, &limits) {
+            let adapter = format!("{} ({})", adapter.title(), adapter.backend);
+            return Err(GpuError::Missing { adapter, missing });
+        }
+        let (features, mut notes) = negotiate(features);
         if !flags.is_empty() {
             notes.push(format!("instance flags from the environment slow every call: {flags:?}"));
         }
-        let (device, queue) = request(&chosen, &describe(&chosen), features)?;
+        let (device, queue) = request(&chosen, &adapter, features, limits)?;
         let pipelines = Arc::new(Pipelines::default());
         let known = Arc::clone(&pipelines);
         // A pipeline made in a scope that caught an error may be invalid.
         let mut watched = WatchedDevice::new(&chosen, device, queue).watch(move || known.clear());
         watched.unchecked = options.unchecked;
+        watched.adapter.mask = adapter.mask;
         Ok(Gpu {
             capacity: Capacity::new(watched.limits.clone(), &watched.adapter, options.allow_large),
             watched,
@@ -265,25 +283,7 @@ impl Gpu {
             pipelines,
             planner: false,
             folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),
-            raw_adapter: chosen,
         })
-    }
-
-    /// Fails, naming the adapter, when one of `features` is not there.
-    pub fn require(&self, features: wgpu::Features) -> Result<(), GpuError> {
-        let missing = features - self.features;
-        if missing.is_empty() {
-            return Ok(());
-        }
-        Err(GpuError::Missing {
-            adapter: self.adapter.name.clone(),
-            missing: missing.iter_names().map(|(name, _)| name).collect::<Vec<_>>().join(", "),
-        })
-    }
-
-    /// What textures of this format can be used for on this adapter.
-    pub fn format_features(&self, format: wgpu::TextureFormat) -> wgpu::TextureFormatFeatures {
-        self.raw_adapter.get_texture_format_features(format)
     }
 
     /// See [`WatchedDevice::scoped`].
@@ -304,11 +304,12 @@ fn request(
     chosen: &wgpu::Adapter,
     adapter: &record::Adapter,
     features: wgpu::Features,
+    limits: wgpu::Limits,
 ) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("fathom"),
         required_features: features,
-        required_limits: chosen.limits(),
+        required_limits: limits,
         experimental_features: wgpu::ExperimentalFeatures::disabled(),
         // A software driver's GPU memory is the machine's own.
         memory_hints: if adapter.software {
@@ -342,7 +343,7 @@ mod tests {
     fn each_missing_optional_feature_leaves_a_note() {
         let (features, notes) = negotiate(wgpu::Features::TIMESTAMP_QUERY);
         assert_eq!(features, wgpu::Features::TIMESTAMP_QUERY);
-        assert_eq!(notes.len(), OPTIONAL.len() - 1);
+        assert_eq!(notes.len(), Feature::iter().count() - 1);
         assert!(negotiate(wgpu::Features::all()).1.is_empty());
     }
 }

@@ -33,6 +33,7 @@ enum Limit {
     DispatchGroups,
     ColorAttachments,
     BytesPerSample,
+    StorageBuffers,
     Index,
     LoopTurns,
 }
@@ -61,12 +62,65 @@ impl Limit {
                 "max_color_attachment_bytes_per_sample",
                 limits.max_color_attachment_bytes_per_sample.into(),
             ),
+            Self::StorageBuffers => (
+                "max_storage_buffers_per_shader_stage",
+                limits.max_storage_buffers_per_shader_stage.into(),
+            ),
             // No adapter's: shaders count in 32 bits.
             Self::Index => ("indices of 32 bits", u32::MAX.into()),
             // The least of all adapters.
             Self::LoopTurns => ("turns of loops in an invocation", MOST_LOOP_TURNS),
         }
     }
+}
+
+/// What a shader binds, and takes in a workgroup.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Shading {
+    storage_buffers: u32,
+    uniform_buffers: u32,
+    sampled_textures: u32,
+    samplers: u32,
+    storage_textures: u32,
+    groups: u32,
+    invocations: u32,
+    workgroup_bytes: u32,
+}
+
+/// The most that any of fathom's shaders takes, but for the storage buffers of `voxel/alpha`, which pipelines with it
+/// [ask for](Demand::storage_buffers). A test reads it from the shaders.
+const MOST: Shading = Shading {
+    storage_buffers: 4,
+    uniform_buffers: 4,
+    sampled_textures: 8,
+    samplers: 2,
+    storage_textures: 2,
+    groups: 3,
+    invocations: 256,
+    workgroup_bytes: 4224,
+};
+
+/// The first limit that is below what shaders need whatever the sizes, with both figures.
+pub(super) fn shortfall(limits: &wgpu::Limits) -> Option<String> {
+    macro_rules! short {
+        ($($name:ident: $needed:ident),*) => {
+            $(if limits.$name < MOST.$needed {
+                let (needed, allowed, name) = (MOST.$needed, limits.$name, stringify!($name));
+                return Some(format!("{needed} of {name} (it has {allowed})"));
+            })*
+        };
+    }
+    short! {
+        max_compute_invocations_per_workgroup: invocations,
+        max_storage_buffers_per_shader_stage: storage_buffers,
+        max_uniform_buffers_per_shader_stage: uniform_buffers,
+        max_sampled_textures_per_shader_stage: sampled_textures,
+        max_samplers_per_shader_stage: samplers,
+        max_storage_textures_per_shader_stage: storage_textures,
+        max_bind_groups: groups,
+        max_compute_workgroup_storage_size: workgroup_bytes
+    }
+    None
 }
 
 impl Demand {
@@ -128,6 +182,11 @@ impl Demand {
             what,
             bytes_per_sample,
         )
+    }
+
+    /// A shader that binds so many storage buffers.
+    pub fn storage_buffers(self, what: &str, count: u64) -> Self {
+        self.need(Limit::StorageBuffers, what, count)
     }
 
     /// Textures and buffers of the pipeline take so many bytes.
@@ -215,6 +274,9 @@ impl Gpu {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layout::{BindingKind, bindings};
+    use crate::shader::{link, shader_paths};
+    use fathom_embedded::{Folders, SHADERS};
 
     #[test]
     fn a_demand_beyond_a_limit_names_it_with_both_figures() {
@@ -225,6 +287,50 @@ mod tests {
             message,
             "light map: asks 9000 of max_texture_dimension_2d, the adapter allows 8192"
         );
+    }
+
+    /// What a shader takes with its defaults.
+    fn shading(module: &wgpu::naga::Module) -> Shading {
+        use wgpu::BufferBindingType::{Storage, Uniform};
+        let bound = bindings(module);
+        let count = |of: fn(&BindingKind) -> bool| {
+            bound.iter().filter(|binding| of(&binding.kind)).count() as u32
+        };
+        let shared = module.global_variables.iter().map(|(_, variable)| variable);
+        let shared = shared.filter(|v| v.space == wgpu::naga::AddressSpace::WorkGroup);
+        let bytes = shared.map(|v| module.types[v.ty].inner.size(module.to_ctx()));
+        let entries = module.entry_points.iter();
+        Shading {
+            storage_buffers: count(|kind| matches!(kind, BindingKind::Buffer(Storage { .. }))),
+            uniform_buffers: count(|kind| matches!(kind, BindingKind::Buffer(Uniform))),
+            sampled_textures: count(|kind| matches!(kind, BindingKind::Texture(..))),
+            samplers: count(|kind| matches!(kind, BindingKind::Sampler(_))),
+            storage_textures: count(|kind| matches!(kind, BindingKind::Stored(_))),
+            groups: bound.iter().map(|binding| binding.group + 1).max().unwrap_or(0),
+            invocations: entries.map(|entry| entry.workgroup_size.iter().product()).max().unwrap(),
+            workgroup_bytes: bytes.sum(),
+        }
+    }
+
+    #[test]
+    fn what_every_shader_needs_of_an_adapter_is_stated() {
+        let folders = Folders::of(SHADERS);
+        let paths = shader_paths(&folders).into_iter().filter(|path| path != "voxel/alpha");
+        let all = paths.map(|path| shading(&link(&folders, &path, &[]).unwrap()));
+        let most = all.reduce(|a, b| Shading {
+            storage_buffers: a.storage_buffers.max(b.storage_buffers),
+            uniform_buffers: a.uniform_buffers.max(b.uniform_buffers),
+            sampled_textures: a.sampled_textures.max(b.sampled_textures),
+            samplers: a.samplers.max(b.samplers),
+            storage_textures: a.storage_textures.max(b.storage_textures),
+            groups: a.groups.max(b.groups),
+            invocations: a.invocations.max(b.invocations),
+            workgroup_bytes: a.workgroup_bytes.max(b.workgroup_bytes),
+        });
+        assert_eq!(most, Some(MOST));
+        assert_eq!(shortfall(&wgpu::Limits::downlevel_defaults()), None);
+        let none = shortfall(&wgpu::Limits::downlevel_webgl2_defaults()).unwrap();
+        assert_eq!(none, "256 of max_compute_invocations_per_workgroup (it has 0)");
     }
 
     #[test]

@@ -10,13 +10,14 @@ mod ceilings;
 mod error;
 mod layout;
 mod limits;
+mod mask;
 mod pipelines;
 mod readback;
 mod shader;
 mod stage;
 mod turns;
 
-pub use adapter::{Gpu, Options};
+pub use adapter::{Gpu, Listed, Options};
 pub use capacity::Capacity;
 pub use ceilings::{CopyCheck, ceilings, compare_copies, limits, measure};
 pub use error::GpuError;
@@ -28,6 +29,7 @@ pub use fathom_clock::{
 };
 pub use layout::{Binding, BindingKind, Member, StructLayout};
 pub use limits::Demand;
+pub use mask::{Profile, profile, profiles};
 pub use pipelines::{CodeKey, GroupKey, KernelKey, MadePipelines, RasterKey};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, compilation_options, default_defs, link, shader_paths};

@@ -132,7 +132,7 @@ pub fn answer(gpu: &Gpu, plan: ClockPlan) -> Result<Answer, GpuError> {
     });
     let copies = sets.map(|bytes| gpu::compare_copies(gpu, plan, bytes));
     let copies = copies.collect::<Result<_, _>>()?;
-    let adapter = format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info);
+    let adapter = format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info);
     Ok(Answer::of(adapter, ceilings, copies))
 }
 

@@ -103,7 +103,7 @@ pub fn run(
         plan::plan(experiments, &options.request, profile, &gpu.capacity, &options.catalog)?;
     let held = match resumed {
         Some(held) => held,
-        None => Held::create(options.out.as_deref(), &gpu.adapter.name, profile)?,
+        None => Held::create(options.out.as_deref(), &gpu.adapter.title(), profile)?,
     };
     let now = spent.since(now, SetUp::Scenes);
     let audit = gpu::audit_all(&gpu)?;

@@ -96,7 +96,7 @@ impl NewRun {
             digest: hex::encode(copied.sum.finalize()),
             packed: copied.packer.finish().map_err(unread)?,
             started_at: header.started_at.clone(),
-            adapter: header.adapter.name.clone(),
+            adapter: header.adapter.title(),
             driver: driver(&header),
             hosts: found.hosts.into_iter().collect(),
             cells: found.cells.len(),
@@ -218,7 +218,7 @@ fn limits(run: &Run) -> Vec<(FigureKey, Estimate)> {
     let sound = run.ceilings.iter().filter(|ceiling| ceiling.is_sound());
     let figure = sound.map(|ceiling| {
         let key = FigureKey {
-            adapter: run.adapter.name.as_str().into(),
+            adapter: run.adapter.title().into(),
             driver: driver(run).into(),
             profile: "".into(),
             cell: LIMITS.into(),
@@ -240,7 +240,7 @@ fn of_cell(run: &Run, cell: &Cell, measured: &Measured) -> Vec<(FigureKey, Estim
     };
     let configuration = hex::encode(Sha256::digest(cell.resume_key()));
     let of_all = FigureKey {
-        adapter: run.adapter.name.as_str().into(),
+        adapter: run.adapter.title().into(),
         driver: driver(run).into(),
         profile: profile.into(),
         cell: format!("{} {}", cell.experiment, cell.cell).trim_end().into(),

@@ -26,6 +26,7 @@ mod kinds;
 mod lines;
 mod lock;
 pub mod machine;
+mod mask;
 mod names;
 pub mod nan;
 pub mod output;
@@ -55,6 +56,7 @@ pub use lines::{
 };
 pub use lock::{FolderLock, LOCK, LockError};
 pub use machine::{MachineState, ThrottleReason, Throttling};
+pub use mask::{Feature, Mask};
 pub use names::{Name, Named};
 pub use params::Params;
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
@@ -174,6 +176,17 @@ pub struct Adapter {
     pub timestamp_period_ns: f32,
     /// Threads that the host runs at once.
     pub host_threads: usize,
+    /// What was taken away from it.
+    #[serde(default, skip_serializing_if = "Mask::is_none")]
+    pub mask: Mask,
+}
+
+impl Adapter {
+    /// Its name, with what was taken away from it: nobody is to take its figures for those of the adapter as it is.
+    pub fn title(&self) -> String {
+        let Self { name, mask, .. } = self;
+        if mask.is_none() { name.clone() } else { format!("{name}, masked: {mask}") }
+    }
 }
 
 #[derive(

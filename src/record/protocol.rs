@@ -172,7 +172,7 @@ pub struct Greeting {
 
 /// `llvmpipe (Mesa 22.3.6)`.
 pub fn with_driver(adapter: &Adapter) -> String {
-    format!("{} ({})", adapter.name, adapter.driver_info)
+    format!("{} ({})", adapter.title(), adapter.driver_info)
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

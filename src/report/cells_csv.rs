@@ -32,7 +32,7 @@ const OF_CELL: [(&str, OfCell); 10] = [
     ("pipeline", |entry| entry.cell.pipeline.clone()),
     ("scene", |entry| entry.cell.scene.clone()),
     ("stand_ins", |entry| entry.cell.stand_ins.join("; ")),
-    ("adapter", |entry| of_run(entry, |run| run.adapter.name.clone())),
+    ("adapter", |entry| of_run(entry, |run| run.adapter.title())),
     ("software", |entry| of_run(entry, |run| run.adapter.software.to_string())),
     ("profile", |entry| of_run(entry, |run| run.profile.to_string())),
     ("status", |entry| status(entry)[0].to_owned()),

@@ -74,7 +74,7 @@ fn metadata(name: &str, tid: u32, args: Value) -> Value {
 }
 
 fn process(frame: &ChosenFrame<'_>) -> String {
-    let adapter = frame.entry.run.map_or("", |run| run.adapter.name.as_str());
+    let adapter = frame.entry.run.map_or_else(String::new, |run| run.adapter.title());
     format!("{} · {adapter}", cell_name(frame.entry.cell))
 }
 
@@ -141,7 +141,7 @@ fn other_data(frame: &ChosenFrame<'_>) -> Value {
     });
     if let Some(run) = frame.entry.run {
         let clock = |(pass, clock): (&PassKind, &Clock)| (pass.to_string(), clock.name());
-        data["adapter"] = json!(run.adapter.name);
+        data["adapter"] = json!(run.adapter.title());
         data["driver"] = json!(format!("{} {}", run.adapter.driver, run.adapter.driver_info));
         data["software"] = json!(run.adapter.software);
         data["clocks"] = run.clocks.iter().map(clock).collect();

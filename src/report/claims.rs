@@ -46,7 +46,7 @@ fn export(view: &ReportView<'_>) -> String {
     if let Some(run) = view.run() {
         text += &format!(
             "\nThe run: {}, profile {}, {}, started {}.\n",
-            text::markdown(&run.adapter.name),
+            text::markdown(&run.adapter.title()),
             run.profile,
             text::markdown(&facts::program(run)),
             run.started_at

@@ -172,6 +172,22 @@ impl Case {
     }
 }
 
+/// A case that this adapter cannot run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SkippedCase {
+    pub stage: &'static str,
+    pub what: String,
+    /// What the adapter lacks.
+    pub reason: String,
+}
+
+/// What cases found.
+#[derive(Clone, Debug, Default)]
+pub struct Verified {
+    pub checks: Vec<Check>,
+    pub skipped: Vec<SkippedCase>,
+}
+
 /// Every case of fathom's own stages, in frame order.
 pub fn cases() -> Vec<Case> {
     let families = [
@@ -223,13 +239,13 @@ impl fmt::Display for Ended<'_> {
 }
 
 /// Runs those of `all` cases whose stage or name contains `filter` (all without one), and tells `each` when it has ended. A check
-/// that fails is no error.
+/// that fails is no error, and a case that needs more than the adapter has is skipped.
 pub fn verify(
     gpu: &Gpu,
     all: &[Case],
     filter: Option<&str>,
     each: impl FnMut(Ended<'_>),
-) -> Result<Vec<Check>> {
+) -> Result<Verified> {
     let chosen: Vec<&Case> =
         all.iter().filter(|case| filter.is_none_or(|f| case.matches(f))).collect();
     if chosen.is_empty() {
@@ -246,23 +262,30 @@ pub fn verify(
 pub fn verify_stages(gpu: &Gpu, all: &[Case], stages: &[String]) -> Result<Vec<Check>> {
     let chosen: Vec<&Case> =
         all.iter().filter(|case| stages.iter().any(|stage| stage == case.stage)).collect();
-    run_all(gpu, &chosen, |_| ())
+    Ok(run_all(gpu, &chosen, |_| ())?.checks)
 }
 
 /// Runs each case so that what the GPU reports late becomes this case's error.
-fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(Ended<'_>)) -> Checks {
-    let mut checks = Vec::new();
+fn run_all(gpu: &Gpu, cases: &[&Case], mut each: impl FnMut(Ended<'_>)) -> Result<Verified> {
+    let mut verified = Verified::default();
     for (number, case) in (1..).zip(cases) {
         let begin = Instant::now();
+        let rig = Rig::new(gpu, case.stage);
         let mut found = Ok(Vec::new());
-        gpu.scoped(|| {
-            found = (case.run)(&Rig::new(gpu, case.stage));
+        let ran = gpu.scoped(|| {
+            found = (case.run)(&rig);
             Ok(())
-        })?;
-        checks.extend(found?);
+        });
+        if let Some(reason) = rig.beyond(&gpu.limits) {
+            let (stage, what) = (case.stage, case.what.clone());
+            verified.skipped.push(SkippedCase { stage, what, reason });
+        } else {
+            ran?;
+            verified.checks.extend(found?);
+        }
         each(Ended { case, number, of: cases.len(), took: begin.elapsed() });
     }
-    Ok(checks)
+    Ok(verified)
 }
 
 /// A table of checks for people, one line each, figures below.

@@ -12,6 +12,9 @@ const SIZE: [u32; 2] = [160, 120];
 const GRID: [u32; 2] = [211, 187];
 /// So fine that little depends on the photons at the border of the water, of which whole rows lie inside or outside.
 const FINE_GRID: [u32; 2] = [1009, 887];
+/// The same where texels are 16-bit sums: they lose more with every photon, and some ten of a texel are enough.
+const SHORT_GRID: [u32; 2] = [53, 47];
+const SHORT_FINE_GRID: [u32; 2] = [251, 223];
 const TEXELS: u32 = 37;
 const FLOOR_DEPTH_M: f64 = 2.0;
 /// Rounding of a photon's place on a face in 32-bit floats: some ten times the step of numbers near 10 m.
@@ -161,10 +164,10 @@ impl Drawn {
     }
 
     /// What exact photons of those that are alive bring.
-    fn exact(&self, index: f64) -> Counted {
+    fn exact(&self, index: f64, grid: [u32; 2]) -> Counted {
         let water = &self.view.water;
         self.count((&self.basin, 0.0), water, |number, _| {
-            let (origin, incident) = rig::grid_ray(&self.frame, number, GRID);
+            let (origin, incident) = rig::grid_ray(&self.frame, number, grid);
             let entry = enter(water, origin, incident, f64::MAX)?;
             Some((entry.position, refract(incident, entry.normal, 1.0, index)?))
         })
@@ -193,13 +196,17 @@ fn face_of(texel: usize) -> Face {
     Face::ALL[texel / (TEXELS * TEXELS) as usize]
 }
 
+fn grid(rig: &Rig<'_>) -> [u32; 2] {
+    if rig.sums_are_short() { SHORT_GRID } else { GRID }
+}
+
 fn of_basin(basin: &Basin) -> Pool {
     Pool { floor_depth_m: basin.floor_depth_m, top_m: basin.top_m, texels: TEXELS }
 }
 
 /// Each texel against the photons that lie in it by an f64 count of the same transfers, and the sum of all.
 fn counted(rig: &Rig<'_>, (name, scene): (&str, Make)) -> Checks {
-    let drawn = Drawn::new(rig, scene()?, GRID)?;
+    let drawn = Drawn::new(rig, scene()?, grid(rig))?;
     let counted = drawn.counted(&drawn.basin, 1.0);
     // In photons of mean flux.
     let photon_w = counted.flux_w / drawn.stored.len() as f64;
@@ -216,27 +223,29 @@ fn counted(rig: &Rig<'_>, (name, scene): (&str, Make)) -> Checks {
     let energy = |counted: &Counted| relative_error(drawn.flux_w(), counted.flux_w);
     let murkier = drawn.counted(&drawn.basin, 1.05);
     let check = |what: &str| Check::of(rig, format!("{name}: {what}"));
-    // Sums of some hundred 32-bit floats.
+    // Sums of some hundred 32-bit floats, or of some ten 16-bit ones.
+    let (photons, share) = if rig.sums_are_short() { (0.2, 2e-3) } else { (0.01, 1e-4) };
     Ok(vec![
         check("largest difference of a texel of the floor from its f64 count")
-            .within((0.01, "ph"), off(&counted, is_floor))
+            .within((photons, "ph"), off(&counted, is_floor))
             .control("a floor 1 cm deeper", off(&drawn.counted(&deeper, 1.0), is_floor))
             .with("unsure_share", counted.unsure_w / counted.flux_w),
         check("largest difference of a texel of the walls from its f64 count")
-            .within((0.01, "ph"), off(&counted, is_wall))
+            .within((photons, "ph"), off(&counted, is_wall))
             .control("walls 1 cm further", off(&drawn.counted(&wider, 1.0), is_wall))
             .with("lit_wall_texels", on_walls as f64),
         check("sum of irradiance × area over the photons' flux: relative error")
-            .within((1e-4, "1"), energy(&counted))
+            .within((share, "1"), energy(&counted))
             .control("attenuation 5 % higher", energy(&murkier)),
     ])
 }
 
 /// The map against exact entries, exact refraction and exact planes: the share of the flux in other texels.
 fn exact(rig: &Rig<'_>, (name, scene): (&str, Make)) -> Result<Check> {
-    let drawn = Drawn::new(rig, scene()?, GRID)?;
+    let grid = grid(rig);
+    let drawn = Drawn::new(rig, scene()?, grid)?;
     let misplaced = |index: f64| {
-        let counted = drawn.exact(index);
+        let counted = drawn.exact(index, grid);
         0.5 * drawn.off_w(&counted).map(|(_, off_w)| off_w).sum::<f64>() / counted.flux_w
     };
     let index = drawn.view.water.refractive_index;
@@ -256,7 +265,10 @@ fn flux(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     scene.light.position_m = [1.0, 4.0, -0.5];
     // What sees nothing gets all of the light.
     scene.camera = Camera::new([0.4, -50.0, 0.0], [0.4, -60.0, 1.0], 60.0, [0.5, 30.0]);
-    let drawn = Drawn::new(rig, scene, FINE_GRID)?;
+    // Rows of photons at the border of the water, of some five hundred, or of a fourth of that, and 16-bit sums of some forty.
+    let (grid, tolerance) =
+        if rig.sums_are_short() { (SHORT_FINE_GRID, 0.04) } else { (FINE_GRID, 5e-3) };
+    let drawn = Drawn::new(rig, scene, grid)?;
     let light = &drawn.view.light;
     let exact_w = |height_m: f64| match kind {
         LightKind::Directional => {
@@ -270,9 +282,8 @@ fn flux(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     };
     let off = |height_m: f64| relative_error(drawn.flux_w(), exact_w(height_m));
     let what = "sum over the map against the flux through the water: relative error";
-    // Rows of photons at the border of the water, of some five hundred.
     Ok(Check::of(rig, format!("{kind:?} light: {what}"))
-        .within((5e-3, "1"), off(1.0))
+        .within((tolerance, "1"), off(1.0))
         .control("a sun 10 % brighter, a lamp 10 % higher", off(1.1)))
 }
 

@@ -24,6 +24,9 @@ use fathom_stages::scene::gbuffer;
 use fathom_stages::transfer::map::MapUniforms;
 use fathom_stages::uniforms::{Shared, View};
 
+/// Of a sum of 16-bit floats: what an addition loses at most, where it is cut off and not rounded. Their significands have 11 bits.
+pub const SHORT_STEP: f64 = 1.0 / 1024.0;
+
 /// The device, what is made on it, and the stage that a case judges.
 pub struct Rig<'g> {
     resources: Resources<'g>,
@@ -66,6 +69,11 @@ impl Stand {
 impl<'g> Rig<'g> {
     pub fn new(gpu: &'g Gpu, stage: &'static str) -> Self {
         Self { resources: Resources::new(gpu), stage }
+    }
+
+    /// What stages draw of photons adds up in 16-bit floats.
+    pub fn sums_are_short(&self) -> bool {
+        kit::sums_are_short(self.gpu)
     }
 
     /// Why a case cannot be carried out: this is missing.

@@ -3,10 +3,12 @@
 use std::collections::BTreeMap;
 
 use fathom::Catalog;
-use fathom::harness::verify::{Ended, Table, verify};
+use fathom::gpu::{Gpu, Options, profiles};
+use fathom::harness::verify::{Ended, Table, Verified, verify};
 use fathom::pipelines::Drawing;
 use fathom::pipelines::scalar_ao::ScalarAo;
 use fathom::pipelines::underwater::{Params, Underwater};
+use fathom::record::Mask;
 use fathom::scene::{Scene, SceneFile};
 use glam::DVec3;
 
@@ -23,11 +25,42 @@ fn every_check_is_sound() {
 #[ignore = "run under the validation layer by `every_check_is_sound`"]
 fn child_checks() {
     println!();
+    assert_eq!(sound(&gpu(), None).skipped, []);
+}
+
+/// All checks with this in their names, sound.
+#[track_caller]
+fn sound(gpu: &Gpu, filter: Option<&str>) -> Verified {
     let done = |case: Ended<'_>| println!("{DONE}{case}");
-    let checks = verify(&gpu(), &Catalog::builtin().cases(), None, done).expect("all cases run");
-    println!("{}", Table(&checks));
-    let unsound: Vec<_> = checks.iter().filter(|check| !check.is_sound()).cloned().collect();
-    assert!(unsound.is_empty(), "\n{}", Table(&unsound));
+    let verified = verify(gpu, &Catalog::builtin().cases(), filter, done);
+    let verified = verified.expect("all cases run");
+    println!("{}", Table(&verified.checks));
+    let unsound = verified.checks.iter().filter(|check| !check.is_sound());
+    let unsound: Vec<_> = unsound.cloned().collect();
+    assert!(unsound.is_empty(), "{}\n{}", gpu.adapter.title(), Table(&unsound));
+    verified
+}
+
+/// 16-bit sums of splats, lines and points, and a shader that binds more than lesser adapters let it.
+#[test]
+fn checks_are_sound_like_other_adapters() {
+    let parts =
+        ["sum of many", "transmission of lines", "pool off the centre: texel", "voxel/alpha"];
+    for kind in profiles().keys() {
+        let mask = Mask { like: Some(kind.clone()), ..Mask::default() };
+        let gpu = match Gpu::open(&Options { mask, ..Options::default() }) {
+            Ok(gpu) => gpu,
+            Err(refusal) if kind == "webgl2" => {
+                let reason = "of max_compute_invocations_per_workgroup (it has 0)";
+                assert!(refusal.to_string().contains(reason), "{refusal}");
+                continue;
+            }
+            Err(error) => panic!("{kind}: {error}"),
+        };
+        let skipped = parts.map(|part| sound(&gpu, Some(part)).skipped.len());
+        assert_eq!(skipped[3] > 0, kind == "downlevel", "{kind}: {skipped:?}");
+        assert_eq!(skipped[..3], [0; 3], "{kind}");
+    }
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod fleet;
 mod folders;
 mod history;
 mod hostile_names;
+mod masks;
 mod merge;
 mod overlay;
 mod page;

@@ -319,8 +319,8 @@ fn given(environment: &SideEnvironment) -> String {
 
 /// `llvmpipe (LLVM 15.0.6, 256 bits), Mesa 22.3.6`.
 fn adapter(adapter: &Adapter) -> String {
-    let Adapter { name, driver_info, .. } = adapter;
-    if driver_info.is_empty() { name.clone() } else { format!("{name}, {driver_info}") }
+    let (title, driver_info) = (adapter.title(), &adapter.driver_info);
+    if driver_info.is_empty() { title } else { format!("{title}, {driver_info}") }
 }
 
 /// `base … → head …`, and the adapter, or both.

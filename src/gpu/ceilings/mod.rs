@@ -64,7 +64,9 @@ pub fn limits(gpu: &Gpu) -> Vec<Limit> {
     let blended = blended.map(|format| Limit::Fill { format, blending: Blending::Additive });
     let loads = [R8Unorm, Rgba8Unorm, R16Float, Rgba16Float, R32Float, Rgba32Float];
     let loads = loads.into_iter().map(|format| Limit::Load2d { format });
-    let gathers = [R8Unorm, R32Float].into_iter().map(|format| Limit::Gather2d { format });
+    // The kernel binds a filtering sampler.
+    let gathers = [R8Unorm, R32Float].into_iter().filter(|format| kernel::filters(gpu, *format));
+    let gathers = gathers.map(|format| Limit::Gather2d { format });
     let volumes = [R8Unorm, Rgba8Unorm, R16Float, Rgba16Float, R32Float].into_iter();
     let samples = volumes.filter(|format| kernel::filters(gpu, *format));
     let samples = samples.map(|format| Limit::Sample3d { format });

@@ -89,9 +89,9 @@ pub fn labelled<'a>(views: &'a [(&Path, ReportView<'a>)]) -> Vec<PageRun<'a>> {
     let of = |part: fn(&Run) -> String| -> Vec<String> {
         views.iter().map(|(_, view)| view.run().map_or_else(String::new, part)).collect()
     };
-    let adapters = of(|run| run.adapter.name.clone());
-    let drivers = of(|run| format!("{}, {}", run.adapter.name, run.adapter.driver_info));
-    let versions = of(|run| format!("{}, fathom {}", run.adapter.name, run.fathom_version));
+    let adapters = of(|run| run.adapter.title());
+    let drivers = of(|run| format!("{}, {}", run.adapter.title(), run.adapter.driver_info));
+    let versions = of(|run| format!("{}, fathom {}", run.adapter.title(), run.fathom_version));
     let folders = views.iter().map(|(folder, _)| folder.display().to_string()).collect();
     let choices = [adapters, drivers, versions];
     let labels = choices.into_iter().find(|labels| labels.iter().all_unique()).unwrap_or(folders);
@@ -279,7 +279,7 @@ fn policy(script: &str) -> String {
 
 /// The page of one run.
 fn export(view: &ReportView<'_>) -> String {
-    let label = view.run().map_or("no run", |run| run.adapter.name.as_str()).to_owned();
+    let label = view.run().map_or_else(|| "no run".to_owned(), |run| run.adapter.title());
     let runs = if view.runs.is_empty() { Vec::new() } else { vec![PageRun { label, view }] };
     Page { left_out: view.left_out.clone(), ..Page::new(runs) }.html()
 }

@@ -242,7 +242,7 @@ fn published(plot: &Plot, input: &PlotInput<'_>) -> Vec<String> {
 fn subtitle(section: &Section<'_>, common: &str) -> Vec<String> {
     let adapter = section.run.map(|run| {
         let kind = if run.adapter.software { "software driver" } else { "hardware" };
-        format!("{} ({kind}) · profile {}", run.adapter.name, run.profile)
+        format!("{} ({kind}) · profile {}", run.adapter.title(), run.profile)
     });
     let source = section.experiment.as_ref().map(|experiment| experiment.source.clone());
     let first = adapter.into_iter().chain(source).join(" · ");

@@ -38,9 +38,9 @@ pub fn file_name(pipeline: &str) -> String {
 }
 
 pub fn export(view: &ReportView<'_>) -> Vec<Artifact> {
-    let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
+    let adapter = view.run().map_or_else(String::new, |run| run.adapter.title());
     let files = rooflines(view).into_iter().filter_map(|(pipeline, roofline)| {
-        let svg = Chart::new(&roofline)?.svg(pipeline, adapter, &view.colors);
+        let svg = Chart::new(&roofline)?.svg(pipeline, &adapter, &view.colors);
         Some(Artifact::of(file_name(pipeline), svg))
     });
     files.collect()

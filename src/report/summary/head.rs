@@ -24,7 +24,7 @@ pub fn write(view: &ReportView<'_>, text: &mut String) {
         *text += "# fathom\n\nThe records hold no run.\n\n";
         return;
     };
-    *text += &format!("# fathom on {}\n\n", text::markdown(&run.adapter.name));
+    *text += &format!("# fathom on {}\n\n", text::markdown(&run.adapter.title()));
     if run.adapter.software {
         *text += "> **Software driver.** Absolute times and frame rates say little about a GPU; ratios, \
                   exponents and shares are what to read.\n\n";
@@ -57,7 +57,10 @@ fn device(run: &Run, table: &mut Table) {
         "device".to_owned(),
         format!(
             "{} ({kind}, {}, {} {})",
-            adapter.name, adapter.backend, adapter.driver, adapter.driver_info
+            adapter.title(),
+            adapter.backend,
+            adapter.driver,
+            adapter.driver_info
         ),
     ]);
     table.row([
@@ -130,7 +133,7 @@ fn notes(view: &ReportView<'_>, text: &mut String) {
         view.left_out.iter().map(|LeftOut { what, reason }| format!("left out: {what}: {reason}")),
     );
     all.extend(view.sections.iter().flat_map(left_out));
-    let adapters: IndexSet<&str> = view.runs.iter().map(|run| run.adapter.name.as_str()).collect();
+    let adapters: IndexSet<String> = view.runs.iter().map(|run| run.adapter.title()).collect();
     if adapters.len() > 1 {
         all.insert(
             "These records hold cells of several adapters; cells.csv names the adapter of each."

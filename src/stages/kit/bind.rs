@@ -59,6 +59,15 @@ impl Group {
         self
     }
 
+    /// How many storage buffers it holds.
+    pub(super) fn storage_buffers(&self) -> u64 {
+        let is_storage = |resource: &&Resource| match resource {
+            Resource::Buffer(buffer) => buffer.usage().contains(wgpu::BufferUsages::STORAGE),
+            Resource::Texture(..) | Resource::Sampler(_) => false,
+        };
+        self.0.iter().filter(is_storage).count() as u64
+    }
+
     /// The group as a shader binds it under this number, with its layout and what that was made from.
     ///
     /// # Errors

@@ -83,9 +83,10 @@ pub fn multiplicative(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
 
 /// Format of targets that sum thousands of small contributions: 32-bit where the adapter blends it.
 pub fn accumulation_format(gpu: &Gpu) -> wgpu::TextureFormat {
-    if gpu.features.contains(wgpu::Features::FLOAT32_BLENDABLE) {
-        wgpu::TextureFormat::R32Float
-    } else {
-        wgpu::TextureFormat::R16Float
-    }
+    if sums_are_short(gpu) { wgpu::TextureFormat::R16Float } else { wgpu::TextureFormat::R32Float }
+}
+
+/// Such sums are 16-bit floats.
+pub fn sums_are_short(gpu: &Gpu) -> bool {
+    !gpu.features.contains(wgpu::Features::FLOAT32_BLENDABLE)
 }

@@ -88,6 +88,7 @@ impl Dispatch {
     ) -> Result<Self, GpuError> {
         let (gpu, code) = (resources.gpu, code.into());
         resources.dispatch(code.path, workgroups);
+        resources.binds(code.path, groups);
         if gpu.is_planner() {
             gpu.plan_shader(code.key());
             return Ok(Self { pipeline: None, workgroups });
@@ -230,6 +231,7 @@ impl Raster {
     pub fn new(resources: &Resources<'_>, spec: &RenderSpec<'_>) -> Result<Self, GpuError> {
         let formats: Vec<_> = spec.targets.iter().map(|target| target.format).collect();
         resources.color_targets(spec.label, &formats);
+        resources.binds(spec.code.path, spec.groups);
         if resources.gpu.is_planner() {
             resources.gpu.plan_shader(spec.code.key());
             return Ok(Self(None));

@@ -8,7 +8,7 @@ use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 use wgpu::util::DeviceExt;
 
-use super::{ShaderStruct, host_bytes};
+use super::{Group, ShaderStruct, host_bytes};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
 use fathom_record::Work;
 
@@ -103,6 +103,11 @@ impl<'g> Resources<'g> {
         self.account.borrow().demand.held_bytes()
     }
 
+    /// What is beyond these limits so far, if anything is.
+    pub fn beyond(&self, limits: &wgpu::Limits) -> Option<String> {
+        self.account.borrow().demand.check(limits).err()
+    }
+
     /// The stages, and what all of it needs.
     pub fn into_parts(self) -> Parts {
         let mut account = self.account.borrow_mut();
@@ -159,6 +164,13 @@ impl<'g> Resources<'g> {
 
     pub(super) fn dispatch(&self, label: &str, workgroups: [u32; 3]) {
         self.note(label, |demand, what| demand.dispatch(what, workgroups.map(u64::from)));
+    }
+
+    /// The message names the shader: no parameter changes what it binds.
+    pub(super) fn binds(&self, shader: &str, groups: &[&Group]) {
+        let count = groups.iter().map(|group| group.storage_buffers()).sum();
+        let mut account = self.account.borrow_mut();
+        account.demand = std::mem::take(&mut account.demand).storage_buffers(shader, count);
     }
 
     pub(super) fn color_targets(&self, label: &str, formats: &[wgpu::TextureFormat]) {

@@ -1,0 +1,76 @@
+//! Adapters that are not at hand, and those on which no pipeline runs.
+
+use crate::common::{Ends, Place, SMALL, fathom, holds, records};
+use fathom::record::{Feature, Mask, NoteKind, Record, finished};
+
+/// Every command that opens an adapter.
+const OPENING: [&str; 7] = [
+    "run uw-default",
+    "run uw-default --dry-run",
+    "verify planar",
+    "ceilings",
+    "audit",
+    "render tank -o x.png",
+    "dump caustics/trace -o x",
+];
+
+#[test]
+fn an_adapter_without_what_every_pipeline_needs_is_refused_in_one_line() {
+    let place = Place::new();
+    place.write("points.csv", "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n");
+    let query = "query ao --scene ball --points points.csv";
+    for command in OPENING.iter().chain([&query]) {
+        let line = place.fathom(format!("{command} --like webgl2")).refused("masked: like webgl2");
+        holds(&line, &["lacks 256 of max_compute_invocations_per_workgroup (it has 0)"]);
+    }
+    holds(&fathom("doctor --like webgl2").ends(2).out, &["lacks 256 of max_compute_invocations"]);
+    assert!(!place.path("x").exists() && !place.path("x.png").exists());
+}
+
+/// OpenGL copies no depth texture.
+#[test]
+fn an_adapter_of_opengl_is_listed_and_refused() {
+    let listed = fathom("list adapters --json").ends(0).json();
+    let listed = listed.as_array().unwrap();
+    let Some(gl) = listed.iter().find(|adapter| adapter["backend"] == "gl") else {
+        println!("skipped: there is no OpenGL here");
+        return;
+    };
+    holds(&gl["about"].to_string(), &["cannot be used: it lacks copies of depth textures"]);
+    let told = fathom("doctor --like webgl2").ends(2).out;
+    holds(&told, &["gl, cannot be used: it lacks copies of depth textures"]);
+    let place = Place::new();
+    for command in OPENING {
+        let asked = place.fathom(format!("{command} --adapter {}", gl["index"])).refused("(gl)");
+        let only = place.fathom(command).env("WGPU_BACKEND", "gl").refused("(gl)");
+        for line in [asked, only] {
+            holds(&line, &["lacks copies of depth textures, which fathom needs"]);
+        }
+    }
+}
+
+/// Records, page and summary of less than the adapter say so.
+#[test]
+fn a_masked_run_is_not_taken_for_the_adapters_own() {
+    let place = Place::new();
+    let run = format!(
+        "run uw-default --cell base --no-ceilings --precision 1 --budget 10m {SMALL} --out out"
+    );
+    let masked = "--like apple-mobile --without float32-blendable --without timestamp-query";
+    place.fathom(format!("{run} {masked}")).ends(0);
+    let all = records(&place.path("out"));
+    let header = all.iter().find_map(Record::try_as_run_ref).unwrap();
+    let without = vec![Feature::Float32Blendable, Feature::TimestampQuery];
+    assert_eq!(header.adapter.mask, Mask { like: Some("apple-mobile".to_owned()), without });
+    let notes = header.notes.iter().filter(|note| note.kind == NoteKind::Adapter);
+    // All features are lost: five notes.
+    assert_eq!(notes.count(), 5, "{:?}", header.notes);
+    let title = "masked: like apple-mobile, without float32-blendable, without timestamp-query";
+    for file in ["index.html", "summary.md", "cells.csv"] {
+        holds(&place.read(format!("out/{file}")), &[title]);
+    }
+    // A run goes on with what was measured under the same mask alone.
+    let mut whole = header.clone();
+    whole.adapter.mask = Mask::default();
+    assert_eq!([header, &whole].map(|run| finished(&all, run).len()), [1, 0]);
+}
