@@ -1,7 +1,7 @@
 //! Choosing and opening an adapter.
 
 use std::ops::Deref;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, OnceLock, PoisonError};
 
 use super::pipelines::Pipelines;
 use super::shader::Shaders;
@@ -57,7 +57,7 @@ pub struct Gpu {
     /// What this adapter lacks and what that degrades, one sentence each.
     pub notes: Vec<String>,
     /// Results of [`Gpu::shader`].
-    pub(super) shaders: Shaders,
+    pub(super) shaders: Arc<Shaders>,
     pub(super) pipelines: Arc<Pipelines>,
     /// It allocates nothing: see [`Gpu::planner`].
     planner: bool,
@@ -253,15 +253,20 @@ impl Gpu {
         }
         let (device, queue) = request(&chosen, &describe(&chosen), features)?;
         let pipelines = Arc::new(Pipelines::default());
-        let known = Arc::clone(&pipelines);
-        // A pipeline made in a scope that caught an error may be invalid.
-        let mut watched = WatchedDevice::new(&chosen, device, queue).watch(move || known.clear());
+        let shaders = Arc::new(Shaders::default());
+        let known = (Arc::clone(&pipelines), Arc::clone(&shaders));
+        // A pipeline or a shader made in a scope that caught an error may be invalid.
+        let mut watched = WatchedDevice::new(&chosen, device, queue).watch(move || {
+            known.0.clear();
+            known.1.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        });
         watched.unchecked = options.unchecked;
+        notes.extend(watched.made_up());
         Ok(Gpu {
             capacity: Capacity::new(watched.limits.clone(), &watched.adapter, options.allow_large),
             watched,
             notes,
-            shaders: Shaders::default(),
+            shaders,
             pipelines,
             planner: false,
             folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),

@@ -15,7 +15,7 @@ use super::plan::{PlannedCell, PlannedExperiment};
 use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
 use super::reports::Reports;
-use super::sample::{Executor, Failure, Foreseen};
+use super::sample::{self, Executor, Failure, Foreseen};
 use super::schedule::{CellState, Schedule};
 use super::views::Views;
 use super::{MAX_PASSES, host, picture};
@@ -265,13 +265,18 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let built = self.built.remove(&cell)?;
         let pipeline = built.pipeline.as_ref();
         let start = Instant::now();
-        let found = self.known.findings.get(&cell).cloned();
-        let found = found.unwrap_or_else(|| {
-            let found = self.find(cell, pipeline);
+        let found = match self.known.findings.get(&cell) {
+            Some(found) => found.clone(),
+            None => self.find(cell, pipeline),
+        };
+        if self.session.gpu.lost().is_some() {
+            // What could not be found then is not missing for ever.
+            return None;
+        }
+        if !self.known.findings.contains_key(&cell) {
             self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
             self.known.findings.insert(cell, found.clone());
-            found
-        });
+        }
         let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
         let measured = measured(samples, pipeline, counters, found, self.schedule.precision);
         self.built.insert(cell, built);
@@ -369,7 +374,11 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
 
     /// The record of a cell that is finished, with its stages' shares of their ceilings.
     fn sampled(&mut self, cell: usize, samples: &Samples) -> Result<Cell, String> {
-        let mut record = self.record(cell, samples).ok_or("its pipeline is gone")?;
+        let record = self.record(cell, samples);
+        if let Some(reason) = self.session.gpu.lost() {
+            return Err(sample::device_lost(&reason));
+        }
+        let mut record = record.ok_or("its pipeline is gone")?;
         let Session { gpu, plan, ceilings, .. } = &mut *self.session;
         if let Some(measured) = record.measured_mut() {
             let again = |limit| gpu::measure(gpu, *plan, limit);
@@ -511,6 +520,10 @@ impl Executor for CellExecutor<'_, '_> {
         self.built.remove(&cell);
         // Freed memory is given back when the device is polled; an error will show at the next frame.
         let _ = self.session.gpu.wait();
+    }
+
+    fn lost(&self) -> Option<String> {
+        self.session.gpu.lost()
     }
 
     fn recover(&mut self) -> Result<(), String> {

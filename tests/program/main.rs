@@ -7,6 +7,7 @@ mod cli;
 #[path = "../common/mod.rs"]
 mod common;
 mod dumps;
+mod faults;
 mod fleet;
 mod folders;
 mod history;
