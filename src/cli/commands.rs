@@ -143,6 +143,7 @@ pub fn request(args: RunArgs) -> Request {
         axes: args.axis.into_iter().map(shown).collect(),
         sets: args.set,
         cells: args.cell,
+        skip: args.skip,
         part: args.shard,
     }
 }

@@ -7,6 +7,7 @@ mod compare_args;
 mod doctor;
 mod export;
 mod fleet;
+mod hardware;
 mod history;
 mod init;
 mod list;
@@ -51,6 +52,7 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
     match command {
         Command::Run(args) => commands::run(catalog, args),
         Command::Doctor { json, adapter } => doctor::doctor(catalog, json, &adapter),
+        Command::Hardware(args) => hardware::hardware(&args),
         Command::List(args) => list::list(catalog, &args),
         Command::Audit { json, adapter } => commands::audit(catalog, json, &adapter),
         Command::Ceilings { json, adapter } => commands::ceilings(catalog, json, &adapter),
@@ -135,6 +137,13 @@ pub enum Command {
         #[command(flatten)]
         adapter: AdapterArgs,
     },
+    /// Measure all there is to know of new hardware into one folder, in pieces that can be stopped at any time: doctor, audit, verify,
+    /// ceilings, the paper profile, and a comparison of this program with itself
+    #[command(
+        after_help = "Call it again with the same folder to go on. Exit status: 0 all is done; 1 all is done, and a step did not end \
+            well; 3 something is left; 130 interrupted. docs/first-hour.md says what to look at first."
+    )]
+    Hardware(hardware::HardwareArgs),
     /// List experiments, claims, figures, scenes, pipelines, stages, parameters, adapters or exporters
     List(ListArgs),
     /// Check the clocks that `run` uses on this adapter against the host clock
@@ -258,6 +267,16 @@ pub struct AdapterArgs {
     pub allow_large: bool,
 }
 
+impl AdapterArgs {
+    /// As the command line takes them.
+    fn words(&self) -> Vec<String> {
+        let named = self.adapter.iter().flat_map(|name| ["--adapter".to_owned(), name.clone()]);
+        let flags = [("--unchecked", self.unchecked), ("--allow-large", self.allow_large)];
+        let set = flags.into_iter().filter(|(_, is_set)| *is_set);
+        named.chain(set.map(|(flag, _)| flag.to_owned())).collect()
+    }
+}
+
 #[derive(Args)]
 pub struct RunArgs {
     /// Names of experiments or paths of experiment files [default: all built-in ones]
@@ -274,6 +293,9 @@ pub struct RunArgs {
     /// Measure only the cell of this name, as records and reports write it; may be given several times
     #[arg(long, value_name = "NAME")]
     pub cell: Vec<String>,
+    /// Leave out this cell; may be given several times
+    #[arg(long, value_name = "EXPERIMENT CELL")]
+    pub skip: Vec<String>,
     /// Measure only part I of N of the cells; `fathom merge` joins the parts
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Part>,

@@ -124,7 +124,9 @@ pub struct KnownCells {
 impl KnownCells {
     /// With these records of an earlier run.
     pub fn of(records: BTreeMap<String, Cell>) -> Self {
-        Self { records, ..Self::default() }
+        let mut measured = records.values().filter_map(Cell::measured);
+        let pictured = measured.any(|measured| !measured.pictures.is_empty());
+        Self { records, pictured, ..Self::default() }
     }
 }
 
@@ -234,6 +236,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
     fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> Findings {
+        self.output.progress.works_on(&self.cells[cell].plan);
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
@@ -397,6 +400,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             return Err(Failure::Cell("its pipeline was not built".to_owned()));
         };
         let stages = built.pipeline.stages();
+        self.output.progress.works_on(&self.cells[cell].plan);
         let Session { gpu, timer, spent, .. } = &mut *self.session;
         let start = Instant::now();
         let frame = run(timer, gpu, &stages)?;

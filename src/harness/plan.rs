@@ -33,6 +33,8 @@ pub struct Request {
     pub sets: Vec<(String, Value)>,
     /// Names of the only cells that are wanted; none means all.
     pub cells: Vec<String>,
+    /// Cells that are not measured, as `EXPERIMENT CELL`.
+    pub skip: Vec<String>,
     /// The only part of these cells that is wanted.
     pub part: Option<Part>,
 }
@@ -149,7 +151,12 @@ pub fn plan(
     let mut planned = Vec::new();
     for (experiment, plans) in experiments.into_iter().zip(expanded) {
         let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
-        let cell = |plan| planned_cell(&mut subjects, plan, turns_deg, capacity);
+        let cell = |plan: CellPlan| {
+            let skipped = request.skip.contains(&format!("{} {}", plan.experiment, plan.cell));
+            let mut cell = planned_cell(&mut subjects, plan, turns_deg, capacity)?;
+            cell.skip = skipped.then(|| "left out by --skip".to_owned()).or(cell.skip);
+            Ok(cell)
+        };
         let cells: Vec<_> = plans.into_iter().map(cell).collect::<Result<_>>()?;
         if request.cells.is_empty() || !cells.is_empty() {
             planned.push(PlannedExperiment { experiment, cells });

@@ -10,6 +10,7 @@ mod dumps;
 mod faults;
 mod fleet;
 mod folders;
+mod hardware;
 mod history;
 mod hostile_names;
 mod merge;
