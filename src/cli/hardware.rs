@@ -337,7 +337,8 @@ impl<'a> Hardware<'a> {
     }
 
     fn status(&self) -> u8 {
-        let ends_well = |step: &Step| self.taken(*step).is_some_and(|taken| taken.status == Some(0));
+        let ends_well =
+            |step: &Step| self.taken(*step).is_some_and(|taken| taken.status == Some(0));
         if !self.left().is_empty() {
             LEFT
         } else if self.state.given_up.is_empty() && self.args.steps.iter().all(ends_well) {

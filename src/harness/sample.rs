@@ -456,9 +456,7 @@ impl<X: Executor> Sampler<'_, X> {
         match result {
             Ok(()) => Ok(()),
             Err(Failure::Cell(reason)) => self.close(cell, Err(reason)),
-            Err(Failure::DeviceLost(reason)) => {
-                self.close(cell, Err(device_lost(&reason)))
-            }
+            Err(Failure::DeviceLost(reason)) => self.close(cell, Err(device_lost(&reason))),
         }
     }
 

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use crate::common::{HANGS, Ends, Place, cells, holds, own_experiment};
+use crate::common::{Ends, HANGS, Place, cells, holds, own_experiment};
 use fathom::record::Outcome;
 use rand::seq::IndexedRandom;
 use rand::{Rng, RngExt, SeedableRng};

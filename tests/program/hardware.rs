@@ -8,17 +8,14 @@ use std::process::{Command, Stdio};
 use crate::common::{Ends, Place, cells, fathom, names, own_experiment, records, wait_until};
 use fathom::record::{Outcome, Record};
 
-const LINES: [&str; 3] = ["records.jsonl", "samples.jsonl", "comparison/records.jsonl"];
-/// Killed when the folder's files have so many lines more than before: at the header of a run, among samples, between cells, in the
-/// comparison.
-const KILLED_AFTER: [usize; 5] = [1, 5, 12, 3, 2];
+const LINES: [&str; 2] = ["records.jsonl", "samples.jsonl"];
+/// Killed when the folder's files have so many lines more than before: at the header of a run, among samples, between cells.
+const KILLED_AFTER: [usize; 4] = [1, 5, 12, 3];
 
 fn hardware(place: &Place, out: &str) -> Command {
-    let mut command = place.fathom(format!("hardware -o {out} --steps verify,run,compare"));
-    let of_run = "run own.toml --precision 10 --no-ceilings";
-    for with in ["verify voxel/clear", of_run, "compare --gates exact --cells voxel/clear"] {
-        command.args(["--with", with]);
-    }
+    let mut command = place.fathom(format!("hardware -o {out} --steps verify,run"));
+    command.args(["--with", "verify voxel/clear"]);
+    command.args(["--with", "run own.toml --precision 10 --no-ceilings"]);
     command
 }
 
@@ -41,13 +38,11 @@ fn killed(place: &Place, out: &Path, more: usize) {
     });
     child.kill().unwrap();
     child.wait().unwrap();
-    for folder in [out.to_owned(), out.join("comparison")] {
-        let lock = std::fs::read_to_string(folder.join(".lock")).unwrap_or_default();
-        let holder = lock.split(' ').nth(1).map(|id| PathBuf::from(format!("/proc/{id}")));
-        wait_until("the end of what it has started", || {
-            !holder.as_ref().is_some_and(|holder| holder.exists())
-        });
-    }
+    let lock = std::fs::read_to_string(out.join(".lock")).unwrap_or_default();
+    let holder = lock.split(' ').nth(1).map(|id| PathBuf::from(format!("/proc/{id}")));
+    wait_until("the end of what it has started", || {
+        !holder.as_ref().is_some_and(|holder| holder.exists())
+    });
 }
 
 /// Names of all files.
@@ -55,16 +50,13 @@ fn files(folder: &Path) -> BTreeSet<PathBuf> {
     let mut all = BTreeSet::new();
     for name in names(folder) {
         let path = folder.join(name);
-        match path.is_dir() {
-            true => all.extend(files(&path)),
-            false => drop(all.insert(path)),
-        }
+        all.extend(if path.is_dir() { files(&path) } else { [path].into() });
     }
     all
 }
 
-/// Files, cells and what became of them, and what was compared.
-fn content(out: &Path) -> (BTreeSet<PathBuf>, BTreeSet<String>, BTreeSet<String>) {
+/// Files, and cells with what became of them.
+fn content(out: &Path) -> (BTreeSet<PathBuf>, BTreeSet<String>) {
     let files = files(out).iter().map(|path| path.strip_prefix(out).unwrap().to_owned()).collect();
     let cell = |cell: &fathom::record::Cell| {
         let became = match &cell.outcome {
@@ -73,9 +65,7 @@ fn content(out: &Path) -> (BTreeSet<PathBuf>, BTreeSet<String>, BTreeSet<String>
         };
         format!("{} {}: {became}", cell.experiment, cell.cell)
     };
-    let compared = std::fs::read_to_string(out.join("comparison/summary.md")).unwrap();
-    let compared = compared.lines().filter(|line| line.contains("voxel/clear")).map(str::to_owned);
-    (files, cells(out).iter().map(cell).collect(), compared.collect())
+    (files, cells(out).iter().map(cell).collect())
 }
 
 #[test]

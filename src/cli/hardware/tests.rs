@@ -17,20 +17,27 @@ fn measured(script: &str, change: impl FnOnce(&mut HardwareArgs)) -> (TempDir, S
     let out = place.path().join("out");
     // A piece that ends by itself is never ended by this.
     let piece = Duration::from_secs(3_600);
-    let mut args = HardwareArgs { out, piece, total: None, with: Vec::new(), steps: Step::ALL.to_vec(), adapter };
+    let mut args = HardwareArgs {
+        out,
+        piece,
+        total: None,
+        with: Vec::new(),
+        steps: Step::ALL.to_vec(),
+        adapter,
+    };
     change(&mut args);
     let hardware = Hardware::open(&args, program).unwrap();
     let status = hardware.measure().unwrap();
-    let state = fs::read(args.out.join(STATE)).map_or(State::default(), |bytes| {
-        serde_json::from_slice(&bytes).unwrap()
-    });
+    let state = fs::read(args.out.join(STATE))
+        .map_or(State::default(), |bytes| serde_json::from_slice(&bytes).unwrap());
     (place, state, status)
 }
 
 #[test]
 fn a_cell_in_which_the_driver_dies_is_named_and_left_out_of_the_next_piece() {
     let (place, state, status) = measured(
-        r#"case "$2 $*" in
+        r#"echo "$*" >> "$0.calls"
+        case "$2 $*" in
             run*"--skip e c=1"*) ;;
             run*) echo "working on e b" >&2; echo "working on e c=1" >&2; kill -SEGV $$ ;;
             *) echo "{\"step\": \"$2\"}" ;;
@@ -43,6 +50,19 @@ fn a_cell_in_which_the_driver_dies_is_named_and_left_out_of_the_next_piece() {
     assert!(state.steps.iter().all(|taken| taken.is_over && taken.status == Some(0)), "{state:?}");
     let kept = |name| fs::read_to_string(place.path().join("out").join(name)).unwrap();
     assert_eq!(kept("verify.json"), "{\"step\": \"verify\"}\n");
+    let program = place.path().join("program").display().to_string();
+    let out = place.path().join("out").display().to_string();
+    let calls = [
+        "doctor --json".to_owned(),
+        "audit --json".to_owned(),
+        "verify --json".to_owned(),
+        "ceilings --json".to_owned(),
+        format!("run --profile paper --budget 3540 --out {out}"),
+        format!("run --profile paper --budget 3540 --out {out} --skip e c=1"),
+        format!("compare --base-bin {program} --out {out}/comparison"),
+    ];
+    let expected: String = calls.iter().map(|call| format!("--verbose {call}\n")).collect();
+    assert_eq!(fs::read_to_string(program + ".calls").unwrap(), expected);
 }
 
 #[test]

@@ -98,7 +98,8 @@ pub fn audit(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
 pub fn audit_all(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
     let one_core = Conditions::here().cores.len() == 1;
     let by_timestamps = gpu.clock_faults().next().is_some();
-    let (by_cpu, plan) = if one_core && !by_timestamps { audit_cpu_time(gpu)? } else { (Vec::new(), None) };
+    let (by_cpu, plan) =
+        if one_core && !by_timestamps { audit_cpu_time(gpu)? } else { (Vec::new(), None) };
     if let Some(plan) = plan {
         return Ok(Audit { rows: by_cpu, plan });
     }

@@ -44,7 +44,13 @@ pub(super) struct Series {
 
 impl Series {
     pub(super) fn of(clock: Clock) -> Self {
-        Self { clock, clock_ns: Default::default(), host_ns: Default::default(), faults: 0, step_ns: 0.0 }
+        Self {
+            clock,
+            clock_ns: Default::default(),
+            host_ns: Default::default(),
+            faults: 0,
+            step_ns: 0.0,
+        }
     }
 
     pub(super) fn push(&mut self, level: usize, clock_ns: f64, host_ns: f64, faults: usize) {

@@ -90,7 +90,8 @@ fn a_submission_that_hangs_loses_the_device_and_nothing_waits_for_it_again() {
     const LARGE: u64 = 64 << 20;
     let mut gpu = fenced().gpu;
     gpu.longest_submission = std::time::Duration::from_nanos(1);
-    let [from, to] = [Usage::COPY_SRC, Usage::COPY_DST].map(|usage| gpu.buffer("test", LARGE, usage));
+    let [from, to] =
+        [Usage::COPY_SRC, Usage::COPY_DST].map(|usage| gpu.buffer("test", LARGE, usage));
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     (0..100).for_each(|_| encoder.copy_buffer_to_buffer(&from, 0, &to, 0, LARGE));
     let index = gpu.queue.submit([encoder.finish()]);

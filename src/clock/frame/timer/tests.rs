@@ -80,7 +80,10 @@ fn times_are_right_whatever_the_period_and_where_the_counter_begins_again() {
                 let frame = gpu.frame(&passes_ns, 2e3);
                 assert_eq!(frame.faults, [], "{faults:?}");
                 for (stage, ns) in frame.stages.iter().zip(passes_ns) {
-                    assert!((stage.ns - ns).abs() <= 2.0 * period_ns, "{faults:?}: {stage:?}, {ns}");
+                    assert!(
+                        (stage.ns - ns).abs() <= 2.0 * period_ns,
+                        "{faults:?}: {stage:?}, {ns}"
+                    );
                 }
                 assert!((frame.gaps_ns - 4e3).abs() <= 4.0 * period_ns, "{}", frame.gaps_ns);
             }
