@@ -26,7 +26,7 @@ pub struct WatchedDevice {
     faults: Arc<Mutex<Faults>>,
     on_fault: Option<OnFault>,
     injected: Injected,
-    longest_submission: Duration,
+    pub(crate) longest_submission: Duration,
 }
 
 /// Called when an error scope has caught a fault.

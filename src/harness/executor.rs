@@ -7,6 +7,7 @@ use std::time::{Instant, SystemTime};
 
 use anyhow::{Context, Result};
 use fathom_picture::RgbImage;
+use itertools::Itertools as _;
 
 use super::difference::References;
 use super::journal::{CellName, Journal};
@@ -425,7 +426,8 @@ impl From<GpuError> for Failure {
     fn from(error: GpuError) -> Self {
         match error {
             GpuError::Device(DeviceError::Lost(reason)) => Self::DeviceLost(reason),
-            other => Self::Cell(other.to_string()),
+            // A compiler's message has many lines, and a reason one.
+            other => Self::Cell(other.to_string().lines().map(str::trim).join(" ")),
         }
     }
 }

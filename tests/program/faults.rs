@@ -20,6 +20,8 @@ const SHADERS: f64 = 40.0;
 /// Measuring the adapter's limits takes longer than all else: one of so many runs does.
 const WITH_LIMITS: u64 = 8;
 
+/// One of so many runs is gone on with though nothing is left of it.
+const WHOLE_AND_RESUMED: u64 = 5;
 /// Faults of the clock, not of the device.
 const CLOCKS: [&str; 5] = ["period", "zero", "equal", "backwards", "step"];
 
@@ -60,7 +62,7 @@ fn fault(row: &str, random: &mut impl Rng) -> String {
 }
 
 fn run(place: &Place, options: &str) -> Command {
-    place.fathom(format!("run own.toml --out out --precision 10 --budget 10m {options}"))
+    place.fathom(format!("run own.toml --out out --precision 10 --budget 1h {options}"))
 }
 
 fn output(command: Command) -> Output {
@@ -79,6 +81,10 @@ fn judge(seed: u64, rows: &[(String, Vec<i32>)]) {
     command.env("FATHOM_FAULTS", &fault);
     let Output { status, stdout, stderr } = output(command);
     let [told, err] = [stdout, stderr].map(|text| String::from_utf8(text).unwrap());
+    if err.contains(" timed frames rejected: ") {
+        // So busy that most frames were impossible.
+        return;
+    }
     let about = format!("seed {seed}, {fault}: {status}\n{told}{err}");
     let status = status.code().unwrap_or_else(|| panic!("{about}"));
     assert!(statuses.contains(&status) && !err.contains("panicked"), "{about}");
@@ -95,6 +101,9 @@ fn judge(seed: u64, rows: &[(String, Vec<i32>)]) {
         }
     }
     assert_eq!(measured == 2, status == 0, "{about}");
+    if status == 0 && !seed.is_multiple_of(WHOLE_AND_RESUMED) {
+        return;
+    }
     let resume = if before.is_empty() { "--no-ceilings" } else { "--no-ceilings --resume" };
     let mut resume = run(&place, resume);
     // A clock stays as it is.
