@@ -147,12 +147,30 @@ enum Said {
     Answer(io::Result<Option<Vec<u8>>>),
 }
 
-/// Runs a command to its end and gives its standard output. `tell` takes each line of its standard error.
+/// What a command that has ended left.
+pub struct Ended {
+    pub status: ExitStatus,
+    /// Its standard output.
+    pub answer: String,
+    pub complaint: Excerpt,
+}
+
+/// Runs a command to its end and gives its standard output, if it ended well. `tell` takes each line of its standard error.
 pub fn run(
     command: &mut Command,
     limits: Limits<'_>,
     tell: &mut dyn FnMut(&str),
 ) -> Result<String, ProcessError> {
+    let Ended { status, answer, complaint } = ended(command, limits, tell)?;
+    if status.success() { Ok(answer) } else { Err(ProcessError::Failed { status, complaint }) }
+}
+
+/// The same, whatever its status is.
+pub fn ended(
+    command: &mut Command,
+    limits: Limits<'_>,
+    tell: &mut dyn FnMut(&str),
+) -> Result<Ended, ProcessError> {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let start = Instant::now();
     let mut tree = ProcessTree::spawn(command).map_err(ProcessError::Start)?;
@@ -180,11 +198,7 @@ pub fn run(
             None => limits.check(start)?,
         }
     };
-    if status.success() {
-        Ok(String::from_utf8_lossy(&answer).into_owned())
-    } else {
-        Err(ProcessError::Failed { status, complaint })
-    }
+    Ok(Ended { status, answer: String::from_utf8_lossy(&answer).into_owned(), complaint })
 }
 
 /// What a tool prints, without white space around it.

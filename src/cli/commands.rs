@@ -22,7 +22,7 @@ use crate::harness::{
 };
 use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Clock, Mask, OVER_BUDGET, PassKind, Reading, Record, Standing};
+use crate::record::{Clock, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
 use crate::scene::assets::{self, AssetStatus};
 use crate::verify::{SkippedCase, Verified};
@@ -144,6 +144,7 @@ pub fn request(args: RunArgs) -> Request {
         axes: args.axis.into_iter().map(shown).collect(),
         sets: args.set,
         cells: args.cell,
+        skip: args.skip,
         part: args.shard,
     }
 }
@@ -501,11 +502,5 @@ pub fn worker(catalog: &Catalog, args: AdapterArgs) -> Outcome {
 }
 
 pub fn gpu_options(catalog: &Catalog, args: &AdapterArgs) -> gpu::Options {
-    gpu::Options {
-        shaders: Some(catalog.shaders.clone()),
-        adapter: args.adapter.clone(),
-        mask: Mask { like: args.like.clone(), without: args.without.clone() },
-        unchecked: args.unchecked,
-        allow_large: args.allow_large,
-    }
+    gpu::Options { shaders: Some(catalog.shaders.clone()), ..args.options() }
 }

@@ -7,6 +7,7 @@ mod compare_args;
 mod doctor;
 mod export;
 mod fleet;
+mod hardware;
 mod history;
 mod init;
 mod list;
@@ -22,7 +23,7 @@ use crate::gpu;
 use crate::harness::catalog::Catalog;
 use crate::record::calendar;
 use crate::record::schema::LineKind;
-use crate::record::{Feature, Part, Profile};
+use crate::record::{Feature, Mask, Part, Profile};
 use crate::tell::{self, Verbosity};
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -53,6 +54,7 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
     match command {
         Command::Run(args) => commands::run(catalog, args),
         Command::Doctor { json, adapter } => doctor::doctor(catalog, json, &adapter),
+        Command::Hardware(args) => hardware::hardware(&args),
         Command::List(args) => list::list(catalog, &args),
         Command::Audit { json, adapter } => commands::audit(catalog, json, &adapter),
         Command::Ceilings { json, adapter } => commands::ceilings(catalog, json, &adapter),
@@ -137,6 +139,13 @@ pub enum Command {
         #[command(flatten)]
         adapter: AdapterArgs,
     },
+    /// Measure all there is to know of new hardware into one folder, in pieces that can be stopped at any time: doctor, audit, verify,
+    /// ceilings, the paper profile, and a comparison of this program with itself
+    #[command(
+        after_help = "Call it again with the same folder to go on. Exit status: 0 all is done; 1 all is done, and a step did not end \
+            well; 3 something is left; 130 interrupted. docs/first-hour.md says what to look at first."
+    )]
+    Hardware(hardware::HardwareArgs),
     /// List experiments, claims, figures, scenes, pipelines, stages, parameters, adapters or exporters
     List(ListArgs),
     /// Check the clocks that `run` uses on this adapter against the host clock
@@ -266,6 +275,18 @@ pub struct AdapterArgs {
     pub allow_large: bool,
 }
 
+impl AdapterArgs {
+    pub fn options(&self) -> gpu::Options {
+        gpu::Options {
+            adapter: self.adapter.clone(),
+            mask: Mask { like: self.like.clone(), without: self.without.clone() },
+            unchecked: self.unchecked,
+            allow_large: self.allow_large,
+            shaders: None,
+        }
+    }
+}
+
 #[derive(Args)]
 pub struct RunArgs {
     /// Names of experiments or paths of experiment files [default: all built-in ones]
@@ -282,6 +303,9 @@ pub struct RunArgs {
     /// Measure only the cell of this name, as records and reports write it; may be given several times
     #[arg(long, value_name = "NAME")]
     pub cell: Vec<String>,
+    /// Leave out this cell; may be given several times
+    #[arg(long, value_name = "EXPERIMENT CELL")]
+    pub skip: Vec<String>,
     /// Measure only part I of N of the cells; `fathom merge` joins the parts
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Part>,

@@ -3,9 +3,16 @@
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::time::{Duration, Instant};
 
 use super::DeviceError;
+use super::injected::{ClockFault, Injected};
 use fathom_record::{Adapter, Mask};
+
+/// Longest time of a submission. Drivers of GPUs end one that hangs after 2 to 60 s, if they do. A software driver may be asked for
+/// frames of minutes.
+const LONGEST_ON_GPU: Duration = Duration::from_secs(60);
+const LONGEST_IN_SOFTWARE: Duration = Duration::from_secs(600);
 
 /// An open device with its queue. Its faults come back as errors from the call that caused them.
 pub struct WatchedDevice {
@@ -18,6 +25,8 @@ pub struct WatchedDevice {
     pub unchecked: bool,
     faults: Arc<Mutex<Faults>>,
     on_fault: Option<OnFault>,
+    injected: Injected,
+    pub(crate) longest_submission: Duration,
 }
 
 /// Called when an error scope has caught a fault.
@@ -62,17 +71,64 @@ fn is_software(info: &wgpu::AdapterInfo) -> bool {
 impl WatchedDevice {
     /// A device of this adapter. Its handlers of errors stay as they are: see [`Self::watch`].
     pub fn new(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
-        let timestamp_period_ns = queue.get_timestamp_period();
+        let about = describe(adapter);
+        let is_real = adapter.get_info().backend != wgpu::Backend::Noop;
+        let injected = if is_real { Injected::of_environment() } else { Ok(Injected::default()) };
+        let mut faults = Faults::default();
+        let injected = injected.unwrap_or_else(|unknown| {
+            faults.lost = Some(unknown);
+            Injected::default()
+        });
+        let timestamp_period_ns =
+            injected.period_ns().map_or(queue.get_timestamp_period(), |ns| ns as f32);
         Self {
-            adapter: Adapter { timestamp_period_ns, ..describe(adapter) },
+            longest_submission: if about.software { LONGEST_IN_SOFTWARE } else { LONGEST_ON_GPU },
+            adapter: Adapter { timestamp_period_ns, ..about },
             features: device.features(),
             limits: device.limits(),
             unchecked: false,
-            faults: Arc::default(),
+            faults: Arc::new(Mutex::new(faults)),
             on_fault: None,
+            injected,
             device,
             queue,
         }
+    }
+
+    /// What of it is made up; see `docs/faults.md`.
+    pub fn made_up(&self) -> Option<String> {
+        self.injected.note()
+    }
+
+    pub(crate) fn clock_faults(&self) -> impl Iterator<Item = ClockFault> {
+        self.injected.clock_faults()
+    }
+
+    /// To be called for each allocation that is not made by [`Self::buffer`]: a development build lets one of them fail.
+    pub fn allocates(&self) {
+        if self.injected.allocated() {
+            let source = "made up".into();
+            self.raise(wgpu::Error::OutOfMemory { source });
+        }
+    }
+
+    /// What to compile: in a development build, once something that cannot be.
+    pub fn compiled<'s>(&self, source: wgpu::ShaderSource<'s>) -> wgpu::ShaderSource<'s> {
+        let fails = self.injected.compiled();
+        if fails { wgpu::ShaderSource::Wgsl("made up".into()) } else { source }
+    }
+
+    fn raise(&self, error: wgpu::Error) {
+        self.faults.lock().unwrap_or_else(PoisonError::into_inner).uncaptured.push(error);
+    }
+
+    fn lose(&self, reason: String) {
+        self.faults.lock().unwrap_or_else(PoisonError::into_inner).lost = Some(reason);
+    }
+
+    /// Why the device is lost, where it is.
+    pub fn lost(&self) -> Option<String> {
+        self.faults.lock().unwrap_or_else(PoisonError::into_inner).lost.clone()
     }
 
     /// Takes over the device's handlers: errors outside any scope and the loss of the device come from the next call
@@ -87,6 +143,7 @@ impl WatchedDevice {
         let sink = Arc::clone(&self.faults);
         self.device.set_device_lost_callback(move |reason, message| {
             let lost = format!("{reason:?}: {message}");
+            let lost = lost.trim_end_matches(": ").to_owned();
             sink.lock().unwrap_or_else(PoisonError::into_inner).lost = Some(lost);
         });
         self
@@ -134,12 +191,21 @@ impl WatchedDevice {
     /// # Errors
     /// As [`Self::wait`].
     pub fn wait_for(&self, index: Option<wgpu::SubmissionIndex>) -> Result<(), DeviceError> {
-        let wait = wgpu::PollType::Wait { submission_index: index, timeout: None };
+        let start = Instant::now();
+        if self.injected.submitted() {
+            self.device.destroy();
+        }
+        let timeout = Some(self.longest_submission);
+        let wait = wgpu::PollType::Wait { submission_index: index, timeout };
         // wgpu panics when the device is lost while it waits.
         let outcome = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
-        if matches!(outcome, Ok(Err(_))) {
-            // A submission was refused. Only the next poll reports that the device is gone.
-            let _ = self.device.poll(wgpu::PollType::Poll);
+        match &outcome {
+            Ok(Err(wgpu::PollError::Timeout)) => self.give_up(),
+            Ok(Err(_)) => {
+                // A submission was refused. Only the next poll reports that the device is gone.
+                let _ = self.device.poll(wgpu::PollType::Poll);
+            }
+            _ => self.injected.ended(start),
         }
         self.pending_fault()?;
         match outcome {
@@ -149,6 +215,13 @@ impl WatchedDevice {
         }
     }
 
+    /// A submission hangs: the device counts as lost. It is never dropped, as that would wait for the submission and then panic.
+    fn give_up(&self) {
+        std::mem::forget((self.device.clone(), self.queue.clone()));
+        let seconds = self.longest_submission.as_secs_f64();
+        self.lose(format!("a submission did not end within {seconds} s"));
+    }
+
     /// Submits what the queue holds back, such as writes to buffers, and waits for it.
     pub(crate) fn flush(&self) -> Result<(), DeviceError> {
         let index = self.queue.submit([]);
@@ -156,6 +229,7 @@ impl WatchedDevice {
     }
 
     pub fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        self.allocates();
         self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,

@@ -6,6 +6,7 @@ mod counters;
 mod device;
 mod error;
 mod frame;
+mod injected;
 mod machine;
 mod queries;
 mod sampling;

@@ -151,19 +151,7 @@ impl WorkerStart {
         if let Some(text) = &self.command {
             command.args(["-c", text]);
         } else {
-            command.arg("worker");
-            if let Some(adapter) = &self.gpu.adapter {
-                command.args(["--adapter", adapter]);
-            }
-            if let Some(kind) = &self.gpu.mask.like {
-                command.args(["--like", kind]);
-            }
-            for feature in &self.gpu.mask.without {
-                command.args(["--without", &feature.to_string()]);
-            }
-            if self.gpu.unchecked {
-                command.arg("--unchecked");
-            }
+            command.arg("worker").args(self.gpu.words());
         }
         if let Some(quiet) = &self.quiet {
             quiet::apply(&mut command, quiet);

@@ -1,7 +1,7 @@
 //! Choosing and opening an adapter.
 
 use std::ops::Deref;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, OnceLock, PoisonError};
 
 use super::pipelines::Pipelines;
 use super::shader::Shaders;
@@ -50,6 +50,20 @@ pub struct Options {
     pub shaders: Option<Folders>,
 }
 
+impl Options {
+    /// As fathom's command line takes them; shaders are not among them.
+    pub fn words(&self) -> Vec<String> {
+        let option = |name: &str, value: &dyn ToString| [name.to_owned(), value.to_string()];
+        let Mask { like, without } = &self.mask;
+        let valued = self.adapter.iter().map(|name| option("--adapter", name));
+        let valued = valued.chain(like.iter().map(|kind| option("--like", kind)));
+        let valued = valued.chain(without.iter().map(|feature| option("--without", feature)));
+        let flags = [("--unchecked", self.unchecked), ("--allow-large", self.allow_large)];
+        let set = flags.into_iter().filter(|(_, is_set)| *is_set);
+        valued.flatten().chain(set.map(|(flag, _)| flag.to_owned())).collect()
+    }
+}
+
 /// An adapter of this machine.
 #[derive(Clone, Debug, Serialize)]
 pub struct Listed {
@@ -68,7 +82,7 @@ pub struct Gpu {
     /// What this adapter lacks and what that degrades, one sentence each.
     pub notes: Vec<String>,
     /// Results of [`Gpu::shader`].
-    pub(super) shaders: Shaders,
+    pub(super) shaders: Arc<Shaders>,
     pub(super) pipelines: Arc<Pipelines>,
     /// It allocates nothing: see [`Gpu::planner`].
     planner: bool,
@@ -270,16 +284,21 @@ impl Gpu {
         }
         let (device, queue) = request(&chosen, &adapter, features, limits)?;
         let pipelines = Arc::new(Pipelines::default());
-        let known = Arc::clone(&pipelines);
-        // A pipeline made in a scope that caught an error may be invalid.
-        let mut watched = WatchedDevice::new(&chosen, device, queue).watch(move || known.clear());
+        let shaders = Arc::new(Shaders::default());
+        let known = (Arc::clone(&pipelines), Arc::clone(&shaders));
+        // A pipeline or a shader made in a scope that caught an error may be invalid.
+        let mut watched = WatchedDevice::new(&chosen, device, queue).watch(move || {
+            known.0.clear();
+            known.1.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        });
         watched.unchecked = options.unchecked;
         watched.adapter.mask = adapter.mask;
+        notes.extend(watched.made_up());
         Ok(Gpu {
             capacity: Capacity::new(watched.limits.clone(), &watched.adapter, options.allow_large),
             watched,
             notes,
-            shaders: Shaders::default(),
+            shaders,
             pipelines,
             planner: false,
             folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),

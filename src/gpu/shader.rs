@@ -173,7 +173,7 @@ impl Gpu {
         let bindings = bindings(&module).into();
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some(path),
-            source: wgpu::ShaderSource::Naga(Cow::Owned(module)),
+            source: self.compiled(wgpu::ShaderSource::Naga(Cow::Owned(module))),
         };
         self.scoped(|| {
             if !self.unchecked {

@@ -7,6 +7,7 @@ use std::time::{Instant, SystemTime};
 
 use anyhow::{Context, Result};
 use fathom_picture::RgbImage;
+use itertools::Itertools as _;
 
 use super::difference::References;
 use super::journal::{CellName, Journal};
@@ -15,7 +16,7 @@ use super::plan::{PlannedCell, PlannedExperiment};
 use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
 use super::reports::Reports;
-use super::sample::{Executor, Failure, Foreseen};
+use super::sample::{self, Executor, Failure, Foreseen};
 use super::schedule::{CellState, Schedule};
 use super::views::Views;
 use super::{MAX_PASSES, host, picture};
@@ -124,7 +125,9 @@ pub struct KnownCells {
 impl KnownCells {
     /// With these records of an earlier run.
     pub fn of(records: BTreeMap<String, Cell>) -> Self {
-        Self { records, ..Self::default() }
+        let mut measured = records.values().filter_map(Cell::measured);
+        let pictured = measured.any(|measured| !measured.pictures.is_empty());
+        Self { records, pictured, ..Self::default() }
     }
 }
 
@@ -234,6 +237,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
     fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> Findings {
+        self.output.progress.works_on(&self.cells[cell].plan);
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
@@ -265,13 +269,18 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let built = self.built.remove(&cell)?;
         let pipeline = built.pipeline.as_ref();
         let start = Instant::now();
-        let found = self.known.findings.get(&cell).cloned();
-        let found = found.unwrap_or_else(|| {
-            let found = self.find(cell, pipeline);
+        let found = match self.known.findings.get(&cell) {
+            Some(found) => found.clone(),
+            None => self.find(cell, pipeline),
+        };
+        if self.session.gpu.lost().is_some() {
+            // What could not be found then is not missing for ever.
+            return None;
+        }
+        if !self.known.findings.contains_key(&cell) {
             self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
             self.known.findings.insert(cell, found.clone());
-            found
-        });
+        }
         let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
         let measured = measured(samples, pipeline, counters, found, self.schedule.precision);
         self.built.insert(cell, built);
@@ -369,7 +378,11 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
 
     /// The record of a cell that is finished, with its stages' shares of their ceilings.
     fn sampled(&mut self, cell: usize, samples: &Samples) -> Result<Cell, String> {
-        let mut record = self.record(cell, samples).ok_or("its pipeline is gone")?;
+        let record = self.record(cell, samples);
+        if let Some(reason) = self.session.gpu.lost() {
+            return Err(sample::device_lost(&reason));
+        }
+        let mut record = record.ok_or("its pipeline is gone")?;
         let Session { gpu, plan, ceilings, .. } = &mut *self.session;
         if let Some(measured) = record.measured_mut() {
             let again = |limit| gpu::measure(gpu, *plan, limit);
@@ -388,6 +401,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             return Err(Failure::Cell("its pipeline was not built".to_owned()));
         };
         let stages = built.pipeline.stages();
+        self.output.progress.works_on(&self.cells[cell].plan);
         let Session { gpu, timer, spent, .. } = &mut *self.session;
         let start = Instant::now();
         let frame = run(timer, gpu, &stages)?;
@@ -412,7 +426,8 @@ impl From<GpuError> for Failure {
     fn from(error: GpuError) -> Self {
         match error {
             GpuError::Device(DeviceError::Lost(reason)) => Self::DeviceLost(reason),
-            other => Self::Cell(other.to_string()),
+            // A compiler's message has many lines, and a reason one.
+            other => Self::Cell(other.to_string().lines().map(str::trim).join(" ")),
         }
     }
 }
@@ -511,6 +526,10 @@ impl Executor for CellExecutor<'_, '_> {
         self.built.remove(&cell);
         // Freed memory is given back when the device is polled; an error will show at the next frame.
         let _ = self.session.gpu.wait();
+    }
+
+    fn lost(&self) -> Option<String> {
+        self.session.gpu.lost()
     }
 
     fn recover(&mut self) -> Result<(), String> {

@@ -21,7 +21,7 @@ use super::{ceilings, memory, shard};
 use fathom_base::{quiet, tell};
 use fathom_experiments::{CellPlan, Experiment};
 use fathom_gpu as gpu;
-use fathom_gpu::{Audit, ClockPlan, Gpu};
+use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError};
 use fathom_record as record;
 use fathom_record::calendar;
 use fathom_record::output::Held;
@@ -121,13 +121,8 @@ pub fn run(
     let limits = limits(options, profile, &planned);
     let now = Instant::now();
     if !options.no_ceilings {
-        header.ceilings = if limits.budget_s >= LEAST_BUDGET_OF_CEILINGS_S {
-            ceilings::of_run(&gpu, plan, &header, &held.before)?
-        } else {
-            let text = "the adapter's limits were not measured: the time budget is too short";
-            header.notes.push(Note::new(NoteKind::NoCeilings, text));
-            Vec::new()
-        };
+        let is_short = limits.budget_s < LEAST_BUDGET_OF_CEILINGS_S;
+        measure_limits((&gpu, plan), &mut header, &held.before, is_short)?;
     }
     spent.since(now, SetUp::Ceilings);
     let known = known(&held.before, &planned);
@@ -156,6 +151,29 @@ pub fn run(
     measurement.begin(&damage, &ids)?;
     measurement.measure()?;
     measurement.end(kept)
+}
+
+/// Puts the adapter's limits into the header, or why they were not measured. A fault that leaves the device does not keep it from
+/// the cells.
+fn measure_limits(
+    (gpu, plan): (&Gpu, ClockPlan),
+    header: &mut Run,
+    before: &[Record],
+    is_short: bool,
+) -> Result<()> {
+    let measured = (!is_short).then(|| ceilings::of_run(gpu, plan, header, before));
+    let reason = match measured.transpose() {
+        Ok(Some(ceilings)) => {
+            header.ceilings = ceilings;
+            return Ok(());
+        }
+        Ok(None) => "the time budget is too short".to_owned(),
+        Err(GpuError::Device(error)) if gpu.lost().is_none() => error.to_string(),
+        Err(error) => return Err(error.into()),
+    };
+    let text = format!("the adapter's limits were not measured: {reason}");
+    header.notes.push(Note::new(NoteKind::NoCeilings, text));
+    Ok(())
 }
 
 /// What a run would measure, without measuring it.

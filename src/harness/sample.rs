@@ -77,6 +77,10 @@ pub trait Executor {
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), Self::Fatal>;
     /// Frees what [`prepare`](Self::prepare) made; also called for cells that failed.
     fn release(&mut self, cell: usize);
+    /// Why the device is lost, where it is.
+    fn lost(&self) -> Option<String> {
+        None
+    }
     /// Opens the device anew after its loss, or says why that is not possible.
     fn recover(&mut self) -> Result<(), String>;
     /// Seconds since any fixed moment.
@@ -140,6 +144,11 @@ pub struct Settings {
     pub seed: u64,
     /// Number of the first round.
     pub first_round: u32,
+}
+
+/// Why a cell failed in whose step the device was lost.
+pub fn device_lost(reason: &str) -> String {
+    format!("device lost: {reason}")
 }
 
 struct Live {
@@ -447,10 +456,7 @@ impl<X: Executor> Sampler<'_, X> {
         match result {
             Ok(()) => Ok(()),
             Err(Failure::Cell(reason)) => self.close(cell, Err(reason)),
-            Err(Failure::DeviceLost(reason)) => {
-                self.close(cell, Err(format!("device lost: {reason}")))?;
-                self.recover(&reason)
-            }
+            Err(Failure::DeviceLost(reason)) => self.close(cell, Err(device_lost(&reason))),
         }
     }
 
@@ -495,7 +501,12 @@ impl<X: Executor> Sampler<'_, X> {
         self.live.remove(&cell);
         let finished = self.executor.finish(cell, result);
         self.executor.release(cell);
-        finished
+        finished?;
+        // Its own steps may have lost the device, or those by which its figures were read.
+        match self.executor.lost().filter(|_| self.hopeless.is_none()) {
+            Some(reason) => self.recover(&reason),
+            None => Ok(()),
+        }
     }
 
     /// Hands over what the group's cells have. What rendered nothing has no figures, and stays for later.

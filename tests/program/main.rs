@@ -7,8 +7,10 @@ mod cli;
 #[path = "../common/mod.rs"]
 mod common;
 mod dumps;
+mod faults;
 mod fleet;
 mod folders;
+mod hardware;
 mod history;
 mod hostile_names;
 mod masks;

@@ -97,7 +97,9 @@ pub fn audit(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
 /// A fault of the device.
 pub fn audit_all(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
     let one_core = Conditions::here().cores.len() == 1;
-    let (by_cpu, plan) = if one_core { audit_cpu_time(gpu)? } else { (Vec::new(), None) };
+    let by_timestamps = gpu.clock_faults().next().is_some();
+    let (by_cpu, plan) =
+        if one_core && !by_timestamps { audit_cpu_time(gpu)? } else { (Vec::new(), None) };
     if let Some(plan) = plan {
         return Ok(Audit { rows: by_cpu, plan });
     }
@@ -333,6 +335,8 @@ impl<'a> TimedKernels<'a> {
                 self.submissions.time(gpu, SUBMISSIONS_PER_ROUND)?;
                 rounds += 1;
             }
+            let step_ns = self.timestamps.step_ns();
+            series.iter_mut().for_each(|series| series.step_ns = step_ns);
             let judged = kinds.iter().zip(&series).map(|(kind, series)| {
                 let apart = (surrounding == Surrounding::Mixed).then(|| passes_apart(gpu, kinds));
                 judge(*kind, apart.as_deref(), series)
@@ -378,7 +382,7 @@ impl<'a> TimedKernels<'a> {
         let apart_ns: f64 = apart.stages.iter().map(|stage| stage.ns).sum();
         for (index, series) in series.iter_mut().enumerate() {
             let name = frame[index].name();
-            let faults = mixed.faults.iter().filter(|fault| fault.stage == name).count();
+            let faults = usize::from(mixed.faults.iter().any(|fault| fault.stage == name));
             let host_ns = mixed_ns * stage_ns(&apart, index, kinds.len()) / apart_ns;
             series.push(level, stage_ns(&mixed, index, kinds.len()), host_ns, faults);
         }
@@ -452,6 +456,8 @@ pub fn audit_table(audit: &Audit) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::timer::tests::ModelledGpu;
+    use crate::injected::ClockFault;
 
     /// What [`judge`] makes of a clock that reads this share of 5 ms, round by round.
     fn judged(kind: PassKind, mixed: bool, share: f64) -> AuditRow {
@@ -507,5 +513,39 @@ mod tests {
             _ => 1.0,
         };
         assert_eq!(clocks(alone, beside), [USED, FENCED, FENCED]);
+    }
+
+    /// The verdict on a modelled GPU's timestamps, and the reason.
+    fn of_modelled(faults: &[ClockFault]) -> (bool, String) {
+        let mut gpu = ModelledGpu::with(faults);
+        let mut series = Series::of(Clock::Timestamp);
+        for round in 0..ROUNDS {
+            for level in 0..LEVELS {
+                let pass_ns = (1 << level) as f64 * (GPU_PASS_NS + 2e4 * (round % 3) as f64 + 7.0);
+                let sample = gpu.frame(&[pass_ns], 0.0);
+                series.push(level, stage_ns(&sample, 0, 1), pass_ns, sample.faults.len());
+            }
+        }
+        series.step_ns = gpu.step_ns();
+        let row = judge(PassKind::Compute, None, &series).0;
+        (row.sound, row.reason)
+    }
+
+    #[test]
+    fn clocks_of_all_kinds_of_hardware_are_used_and_faulty_ones_refused() {
+        use ClockFault::{Backwards, Bits, Equal, Period, Step, Zero};
+        for period_ns in [1.0, 10.0, 41.67, 83.33] {
+            for faults in [[Period(period_ns), Bits(36)], [Period(period_ns), Bits(40)]] {
+                assert!(of_modelled(&faults).0, "{faults:?}");
+            }
+            // NVIDIA's counters move in steps of 32 ns, others in steps of 1 µs.
+            assert!(of_modelled(&[Period(period_ns), Step(1_024.0)]).0, "{period_ns}");
+            for fault in [Zero, Equal, Backwards] {
+                let (sound, reason) = of_modelled(&[Period(period_ns), fault]);
+                assert!(!sound && reason == "14 of 14 durations cannot be true", "{reason}");
+            }
+        }
+        let (sound, reason) = of_modelled(&[Step(65_536.0)]);
+        assert!(!sound && reason == "timestamps are multiples of 65.5 µs", "{reason}");
     }
 }

@@ -28,6 +28,9 @@ const LEAST_CPU_RATIO: f64 = 0.25;
 /// Share of durations that may be impossible (zero, negative, stale, longer than the wall).
 const FAULTY_SHARE: f64 = 0.1;
 
+/// Step of timestamps beyond which the fenced host clock is finer: on a quiet machine the costs of submissions scatter by about as much.
+const COARSEST_STEP_NS: f64 = 10_000.0;
+
 /// Times of one kind of pass in one surrounding, round by round, at N and at 2 N.
 pub(super) struct Series {
     /// The audited clock: timestamps or the CPU time of the process. It is held against the fenced host clock.
@@ -35,11 +38,19 @@ pub(super) struct Series {
     clock_ns: [Vec<f64>; LEVELS],
     host_ns: [Vec<f64>; LEVELS],
     faults: usize,
+    /// All timestamps are multiples of this.
+    pub(super) step_ns: f64,
 }
 
 impl Series {
     pub(super) fn of(clock: Clock) -> Self {
-        Self { clock, clock_ns: Default::default(), host_ns: Default::default(), faults: 0 }
+        Self {
+            clock,
+            clock_ns: Default::default(),
+            host_ns: Default::default(),
+            faults: 0,
+            step_ns: 0.0,
+        }
     }
 
     pub(super) fn push(&mut self, level: usize, clock_ns: f64, host_ns: f64, faults: usize) {
@@ -103,6 +114,10 @@ fn verdict(series: &Series, mixed: bool, ratios: [f64; LEVELS]) -> (Result<Strin
     let durations = series.clock_ns.iter().flatten().count();
     if series.faults as f64 > FAULTY_SHARE * durations as f64 {
         let reason = format!("{} of {durations} durations cannot be true", series.faults);
+        return (Err(reason), false);
+    }
+    if series.step_ns > COARSEST_STEP_NS {
+        let reason = format!("timestamps are multiples of {:.1} µs", series.step_ns * 1e-3);
         return (Err(reason), false);
     }
     let tolerance = if mixed { MIXED_TOLERANCE } else { ALONE_TOLERANCE };

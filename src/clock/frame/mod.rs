@@ -18,7 +18,7 @@ mod meter;
 mod probe;
 mod scope;
 mod stage;
-mod timer;
+pub(crate) mod timer;
 
 pub use host_clock::HostClock;
 pub use meter::CostMeter;
@@ -26,4 +26,5 @@ pub(super) use probe::Probe;
 pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Query, Recorder};
 pub use stage::TimedStage;
+pub(super) use timer::Ticks;
 pub use timer::{Fault, FrameSample, FrameTimer, HostCost};

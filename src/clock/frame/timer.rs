@@ -5,10 +5,13 @@ use std::fmt;
 use super::host_clock::{HostClock, thread_ns};
 use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
+use crate::injected::ClockFault;
 use crate::queries::{QueryResults, RESULT_BYTES};
 use crate::{DeviceError, TimedStage, WatchedDevice};
 use fathom_record::{Clock, ClockPlan, FaultKind, PassKind, StageTime};
 
+/// Vulkan's least number of valid bits of a timestamp. The others are zero.
+const LEAST_VALID_BITS: u32 = 36;
 /// A timestamp duration may exceed its segment's wall time by this factor: two clocks differ by about as much.
 const WALL_TOLERANCE: f64 = 1.01;
 
@@ -61,7 +64,7 @@ impl fmt::Display for Fault {
 }
 
 /// Begin and end of a pass, in ticks.
-type Ticks = [u64; 2];
+pub(crate) type Ticks = [u64; 2];
 
 /// Runs frames, timed and untimed.
 pub struct FrameTimer {
@@ -76,6 +79,8 @@ pub struct FrameTimer {
     ticks: Vec<Ticks>,
     /// Those of the frame before.
     previous: Vec<Ticks>,
+    /// The greatest common divisor of all distances between timestamps of a frame.
+    step: u64,
     /// Why a command buffer of a caller's encoder was refused.
     pub(super) refused: Option<DeviceError>,
 }
@@ -94,7 +99,7 @@ impl FrameTimer {
             if timestamps && max_passes > 0 { Some(Queries::new(gpu, max_passes)?) } else { None };
         Ok(Self {
             plan,
-            period_ns: f64::from(gpu.queue.get_timestamp_period()),
+            period_ns: f64::from(gpu.adapter.timestamp_period_ns),
             max_passes,
             queries,
             recorder: Recorder::by(HostClock::of(&plan)),
@@ -102,6 +107,7 @@ impl FrameTimer {
             spans: Vec::new(),
             ticks: Vec::new(),
             previous: Vec::new(),
+            step: 0,
             refused: None,
         })
     }
@@ -207,10 +213,28 @@ impl FrameTimer {
             Some(queries) if self.recorder.queries > 0 => {
                 let ticks = queries.read(gpu, self.recorder.queries)?;
                 self.ticks.extend(ticks.as_chunks::<2>().0);
+                self.distort(gpu.clock_faults(), f64::from(gpu.queue.get_timestamp_period()));
                 Ok(())
             }
             _ => Ok(()),
         }
+    }
+
+    /// Puts made-up faults into the frame's timestamps, which have this period, and notes in which steps they come.
+    fn distort(&mut self, faults: impl Iterator<Item = ClockFault>, mut period_ns: f64) {
+        for fault in faults {
+            fault.distort(&mut self.ticks, period_ns);
+            // The first fault is the period, if that is one.
+            period_ns = self.period_ns;
+        }
+        let ticks = self.ticks.as_flattened();
+        let distances = ticks.iter().map(|tick| tick.abs_diff(ticks[0]));
+        self.step = distances.fold(self.step, gcd);
+    }
+
+    /// All timestamps up to now were multiples of this, ns; 0 where they were all equal.
+    pub(crate) fn step_ns(&self) -> f64 {
+        self.step as f64 * self.period_ns
     }
 
     /// The sample of the frame that ran, whose stages have these names.
@@ -284,9 +308,15 @@ fn names<S: TimedStage + ?Sized>(stages: &[&S]) -> Vec<&'static str> {
     stages.iter().map(|stage| stage.name()).collect()
 }
 
-/// Ticks from `begin` to `end`, negative where they are out of order.
+/// Ticks from `begin` to `end`, negative where they are out of order. A counter with few valid bits may begin again at zero between
+/// the two: the shorter way around counts.
 fn signed_ticks(begin: u64, end: u64) -> f64 {
-    end.wrapping_sub(begin) as i64 as f64
+    let unused = (begin | end).leading_zeros().min(u64::BITS - LEAST_VALID_BITS);
+    ((end.wrapping_sub(begin) << unused) as i64 >> unused) as f64
+}
+
+fn gcd(a: u64, b: u64) -> u64 {
+    if b == 0 { a } else { gcd(b, a % b) }
 }
 
 /// The duration if it is above zero.
@@ -405,3 +435,6 @@ impl Queries {
         })
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -24,6 +24,8 @@ struct MockCell {
     untimed_only: bool,
     /// The device is lost at this frame.
     loses_device_at: Option<usize>,
+    /// The device is lost when its figures are read.
+    loses_device_at_finish: bool,
     /// Rendered so far.
     frames: usize,
 }
@@ -37,6 +39,7 @@ const STEADY: MockCell = MockCell {
     refuses: false,
     untimed_only: false,
     loses_device_at: None,
+    loses_device_at_finish: false,
     frames: 0,
 };
 
@@ -74,6 +77,7 @@ struct Mock {
     /// Most visits that were ever not safe.
     most_unsafe: usize,
     now_s: f64,
+    lost: Option<String>,
     /// The device was opened anew, which works once.
     recovered: bool,
     disk_full: bool,
@@ -103,6 +107,7 @@ impl Mock {
         let frame = cell.frames;
         cell.frames += 1;
         if cell.loses_device_at == Some(frame) {
+            self.lost = Some("gone".to_owned());
             return Err(Failure::DeviceLost("gone".into()));
         }
         let ns = (cell.time)(frame, self.now_s);
@@ -202,6 +207,13 @@ impl Executor for Mock {
             return Err("disk full".to_owned());
         }
         self.now_s += self.cells[cell].finish_s;
+        let is_lost = std::mem::take(&mut self.cells[cell].loses_device_at_finish);
+        let result = if is_lost {
+            self.lost = Some("gone".to_owned());
+            result.and(Err(device_lost("gone")))
+        } else {
+            result
+        };
         assert!(self.results.insert(cell, result).is_none(), "cell {cell} finished twice");
         Ok(())
     }
@@ -210,10 +222,15 @@ impl Executor for Mock {
         self.calls.push((Release, cell));
     }
 
+    fn lost(&self) -> Option<String> {
+        self.lost.clone()
+    }
+
     fn recover(&mut self) -> Result<(), String> {
         if std::mem::replace(&mut self.recovered, true) {
             return Err("once is enough".to_owned());
         }
+        self.lost = None;
         for cell in &mut self.cells {
             cell.loses_device_at = None;
         }
@@ -507,6 +524,16 @@ fn a_lost_device_is_opened_once_more_and_samples_survive() {
     let samples = mock.samples(1);
     assert_eq!(mock.calls.iter().filter(|call| **call == (Prepare, 1)).count(), 2);
     assert!(samples.warm_up_frames >= 4, "warmed up on both devices");
+}
+
+#[test]
+fn a_device_that_is_lost_while_figures_are_read_is_opened_once_more() {
+    let loses = MockCell { loses_device_at_finish: true, ..STEADY };
+    let noisy = cell(|f, _| 1e7 * noise(f, 0.5));
+    let mock = Mock::of(vec![loses, noisy]).run(&SETTINGS);
+    assert_eq!(mock.reason(0), "device lost: gone");
+    assert!(mock.recovered && mock.samples(1).pairs() >= MIN_PAIRS);
+    assert_eq!(mock.calls.iter().filter(|call| **call == (Prepare, 1)).count(), 2);
 }
 
 #[test]
