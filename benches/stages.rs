@@ -95,7 +95,7 @@ impl Suite {
             Default::default()
         };
         let samples = counted_samples(&self.bench.gpu, &subject, pipeline.as_ref())?;
-        for stage in stages {
+        for stage in &stages {
             let name = stage.name();
             let is_wanted = match wanted {
                 "" => !self.measured.contains(&name),
@@ -108,7 +108,7 @@ impl Suite {
                     _ => blended.get(name).copied(),
                 };
                 self.measured.push(name);
-                self.bench.stage(group, stage, counted)?;
+                self.bench.stage(group, &stages, stage, counted)?;
             }
         }
         Ok(())

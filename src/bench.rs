@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use criterion::{Criterion, Throughput};
 
 use crate::compare::cells::Gates;
-use crate::gpu::{ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, Stage};
+use crate::gpu::{self, ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, Stage};
 use crate::harness::MAX_PASSES;
 use crate::harness::catalog::Catalog;
 use crate::harness::subject::Subjects;
@@ -39,11 +39,12 @@ impl StageBench {
         Ok(())
     }
 
-    /// One stage alone in its frames; faulty readings are taken again, and are an error if they go on. Throughput is in `counted`
-    /// elements, or in those that the stage declares.
+    /// One of a frame's stages alone in its frames; faulty readings are taken again, and are an error if they go on. Throughput is in
+    /// `counted` elements, or in those that the stage declares.
     pub fn stage(
         &mut self,
         group: &str,
+        stages: &[&Stage],
         stage: &Stage,
         counted: Option<u64>,
     ) -> Result<(), GpuError> {
@@ -52,13 +53,14 @@ impl StageBench {
         if let Some(elements) = counted.or(declared(&stage.work)) {
             group.throughput(Throughput::Elements(elements));
         }
+        let before = gpu::refilling(stages, stage);
         let mut failure = None;
         let (gpu, timer) = (&self.gpu, &mut self.timer);
         group.bench_function(stage.name(), |bencher| {
             bencher.iter_custom(|iterations| {
                 let mut total_ns = 0.0;
                 for _ in 0..iterations {
-                    match stage_ns(gpu, timer, stage) {
+                    match stage_ns(gpu, timer, &before, stage) {
                         Ok(ns) => total_ns += ns,
                         Err(error) => failure = Some(error),
                     }
@@ -91,7 +93,7 @@ pub fn gate_cells(catalog: &Catalog, bench: &mut StageBench, gates: Gates) -> Re
         for name in &cell.stages {
             let stage = stages.iter().find(|stage| stage.name() == name);
             let stage = stage.with_context(|| format!("{} runs no stage `{name}`", cell.id))?;
-            bench.stage(&cell.id, stage, None)?;
+            bench.stage(&cell.id, &stages, stage, None)?;
         }
     }
     Ok(())
@@ -102,8 +104,16 @@ fn declared(work: &Work) -> Option<u64> {
 }
 
 /// A stage's time; the clock's resolution where the stage is shorter.
-fn stage_ns(gpu: &Gpu, timer: &mut FrameTimer, stage: &Stage) -> Result<f64, GpuError> {
+fn stage_ns(
+    gpu: &Gpu,
+    timer: &mut FrameTimer,
+    before: &[&Stage],
+    stage: &Stage,
+) -> Result<f64, GpuError> {
     for _ in 0..ATTEMPTS {
+        if !before.is_empty() {
+            timer.untimed(gpu, before)?;
+        }
         let sample = timer.timed(gpu, &[stage])?;
         if sample.faults.is_empty() {
             return Ok(sample.stages[0].at_least_resolution_ns());

@@ -46,15 +46,17 @@ impl StageClock {
         Ok(self.timer.plan())
     }
 
-    /// Times of so many frames with this stage alone. Answers `sample`.
+    /// Times of so many frames with this stage alone. Answers `sample`. Stages `before` it, which fill inputs that it spends, run
+    /// before each, untimed.
     pub fn sample<S: TimedStage + ?Sized>(
         &mut self,
         gpu: &WatchedDevice,
+        before: &[&S],
         stage: &S,
         frames: u32,
     ) -> Result<Reply, DeviceError> {
         self.plan(gpu)?;
-        let read = |_| self.reading(gpu, stage);
+        let read = |_| self.reading(gpu, before, stage);
         let ns = (0..frames).map(read).collect::<Result<_, _>>()?;
         let machine = self.machine.as_ref().and_then(MachineReader::read);
         Ok(Reply::Sample { ns, machine: machine.map(Box::new) })
@@ -64,10 +66,14 @@ impl StageClock {
     fn reading<S: TimedStage + ?Sized>(
         &mut self,
         gpu: &WatchedDevice,
+        before: &[&S],
         stage: &S,
     ) -> Result<f64, DeviceError> {
         let mut last = String::new();
         for _ in 0..ATTEMPTS {
+            if !before.is_empty() {
+                self.timer.untimed(gpu, before)?;
+            }
             if gpu.adapter.software {
                 let time = self.timer.on_host(gpu, &[stage])?;
                 let ns = time.process_ns.unwrap_or(time.wall_ns);

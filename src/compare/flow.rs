@@ -361,7 +361,9 @@ impl ComparisonRun<'_> {
             seed: settings.seed,
             second: false,
         };
-        self.launches(&schedule.until(time::LOOK), &mut workers)?;
+        if let Some(look) = time::look(&self.before.header.settings) {
+            self.launches(&schedule.until(look), &mut workers)?;
+        }
         let schedule = schedule.without(&time::settled(&self.before));
         self.launches(&schedule, &mut workers)?;
         self.launches(&schedule.again(time::open(&self.before)), &mut workers)

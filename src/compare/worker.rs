@@ -188,8 +188,8 @@ impl Device {
     fn sample(&mut self, config: &str, stage: &str, frames: u32) -> Result<Reply, Refusal> {
         let frames = checked(frames)?;
         let subject = Subjected::find(&self.prepared, config, stage)?;
-        if let Subjected::Stage(stage) = subject {
-            return Ok(self.clock.sample(&self.gpu, stage, frames)?);
+        if let Subjected::Stage { before, stage } = &subject {
+            return Ok(self.clock.sample(&self.gpu, before, stage, frames)?);
         }
         let timed = |_| {
             let start = Instant::now();
@@ -238,10 +238,14 @@ impl Device {
         valgrind::start_counting();
         // A frame that steadies it is not counted. Making a pipeline takes seconds under callgrind, and needs none.
         if !matches!(subject, Subjected::Create(_)) {
+            subject.refill(&self.gpu, &mut self.clock.timer)?;
             subject.run(&self.gpu, &mut self.clock.timer)?;
         }
         for _ in 0..frames {
             fathom_sample_boundary();
+            if subject.refill(&self.gpu, &mut self.clock.timer)? {
+                valgrind::forget_counts();
+            }
             subject.run(&self.gpu, &mut self.clock.timer)?;
         }
         fathom_sample_boundary();
@@ -278,7 +282,11 @@ fn known<'a>(
 
 /// What a request asks to measure, as it is prepared.
 enum Subjected<'a> {
-    Stage(&'a Stage),
+    Stage {
+        /// What fills inputs that it spends.
+        before: Vec<&'a Stage>,
+        stage: &'a Stage,
+    },
     Encode(&'a Stage),
     Create(&'a Subject),
 }
@@ -300,16 +308,30 @@ impl<'a> Subjected<'a> {
             })
         };
         Ok(match CellSubject::of(name) {
-            CellSubject::Stage(stage) => Self::Stage(find(stage)?),
+            CellSubject::Stage(name) => {
+                let stage = find(name)?;
+                Self::Stage { before: gpu::refilling(&stages, stage), stage }
+            }
             CellSubject::Encode(stage) => Self::Encode(find(stage)?),
             CellSubject::Create => Self::Create(subject),
         })
     }
 
+    /// Runs what it needs before it is repeated; whether there is such.
+    fn refill(&self, gpu: &Gpu, timer: &mut FrameTimer) -> Result<bool, GpuError> {
+        match self {
+            Self::Stage { before, .. } if !before.is_empty() => {
+                timer.untimed(gpu, before)?;
+                Ok(true)
+            }
+            _ => Ok(false),
+        }
+    }
+
     /// Does it once.
     fn run(&self, gpu: &Gpu, timer: &mut FrameTimer) -> Result<(), GpuError> {
         match self {
-            Self::Stage(stage) => timer.untimed(gpu, &[*stage]).map(drop)?,
+            Self::Stage { stage, .. } => timer.untimed(gpu, &[*stage]).map(drop)?,
             Self::Encode(stage) => timer.encode(gpu, &[*stage])?,
             Self::Create(subject) => {
                 gpu.forget_pipelines();

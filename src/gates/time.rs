@@ -251,13 +251,18 @@ pub fn open(comparison: &StoredComparison) -> Vec<CellId> {
     open.map(|cell| cell.cell).collect()
 }
 
-/// Cells that the first [`LOOK`] launches show to be unchanged; none where no more launches are wanted. At half the level, as
-/// the last of them tells again.
+/// Launches before the look; none where it could spare less than half of them.
+pub fn look(settings: &GateSettings) -> Option<u32> {
+    (settings.launches >= 2 * LOOK).then_some(LOOK)
+}
+
+/// Cells that the launches before the look show to be unchanged. At half the level, as the last launch tells again.
 pub fn settled(comparison: &StoredComparison) -> BTreeSet<CellId> {
     let ComparisonHeader { cells, settings, .. } = &comparison.header;
+    let Some(look) = look(settings) else { return BTreeSet::new() };
     let first = comparison.launches.iter().filter(|launch| !launch.second);
-    let first: BTreeSet<u32> = first.map(|launch| launch.launch).take(LOOK as usize).collect();
-    if first.len() < LOOK as usize || settings.launches <= LOOK {
+    let first: BTreeSet<u32> = first.map(|launch| launch.launch).take(look as usize).collect();
+    if first.len() < look as usize {
         return BTreeSet::new();
     }
     let settings = GateSettings { alpha: settings.alpha / 2.0, ..settings.clone() };

@@ -18,6 +18,7 @@ pub struct Stage<L = ()> {
     pub outputs: Vec<Output>,
     pub left: L,
     turns: u32,
+    spends_inputs: bool,
     encode: Box<dyn Fn(&mut StageScope<'_>)>,
 }
 
@@ -29,7 +30,9 @@ impl Stage {
         encode: impl Fn(&mut StageScope<'_>) + 'static,
     ) -> Self {
         let encode = Box::new(encode);
-        Self { info, work, least_work: work, outputs: Vec::new(), left: (), turns: 1, encode }
+        let (outputs, left) = (Vec::new(), ());
+        let (turns, spends_inputs) = (1, false);
+        Self { info, work, least_work: work, outputs, left, turns, spends_inputs, encode }
     }
 }
 
@@ -51,6 +54,12 @@ impl<L> Stage<L> {
     #[must_use]
     pub fn in_turns(self, turns: u32) -> Self {
         Self { turns, ..self }
+    }
+
+    /// Whether a frame leaves its inputs with less work, so that it cannot be repeated alone: see [`refilling`].
+    #[must_use]
+    pub fn spending_inputs(self, spends_inputs: bool) -> Self {
+        Self { spends_inputs, ..self }
     }
 
     /// One more output.
@@ -76,9 +85,16 @@ impl<L> Stage<L> {
     }
 
     fn swap<M>(self, left: M) -> (Stage<M>, L) {
-        let Self { info, work, least_work, outputs, left: before, turns, encode } = self;
-        (Stage { info, work, least_work, outputs, left, turns, encode }, before)
+        let Self { info, work, least_work, outputs, left: before, turns, spends_inputs, encode } =
+            self;
+        (Stage { info, work, least_work, outputs, left, turns, spends_inputs, encode }, before)
     }
+}
+
+/// Of the stages of a frame those that must run before a stage is repeated alone: the earlier ones, if its inputs are spent.
+pub fn refilling<'a>(stages: &[&'a Stage], stage: &Stage) -> Vec<&'a Stage> {
+    let earlier = stages.iter().copied().take_while(|earlier| earlier.name() != stage.name());
+    earlier.filter(|_| stage.spends_inputs).collect()
 }
 
 impl Stage<wgpu::Texture> {

@@ -300,7 +300,8 @@ pub fn walked(
     let dispatch = Dispatch::new(resources, (info.name, &rays.defs()), &groups, workgroups)?;
     // Rays end early, and a photon that has ended is passed over on its later ways.
     let stage = Dispatch::stage([dispatch], info, rays.work()).at_least(Work::default());
-    Ok(stage.in_turns(rays.walking.ways).output(output(&photons)).leaving(photons))
+    let stage = stage.in_turns(rays.walking.ways).spending_inputs(rays.walking.ways > 1);
+    Ok(stage.output(output(&photons)).leaving(photons))
 }
 
 /// Most workgroups along one axis of a dispatch, within every adapter's limit.

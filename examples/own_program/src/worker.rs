@@ -87,7 +87,7 @@ impl Worker {
         let passes = self.prepared.get(config).ok_or("it is not prepared")?;
         let (name, _) =
             STAGES.into_iter().find(|(known, _)| *known == name).ok_or("no such stage")?;
-        Ok(self.clock.sample(&self.gpu, &Stage { name, passes }, frames)?)
+        Ok(self.clock.sample(&self.gpu, &[], &Stage { name, passes }, frames)?)
     }
 }
 

@@ -43,6 +43,8 @@ pub fn new(
         Column::new("distance_m", "m", "from the start of the ray; 1e30 where nothing is hit");
     let meaning = "hits of the last tile of photons: a photon a row, a step a column";
     // A turn for each tile of rows and each way.
-    let stage = stage.at_least(least).in_turns(tiles * rays.walking.ways).leaving(hits);
+    let stage = stage.at_least(least).in_turns(tiles * rays.walking.ways);
+    // Photons that end on a way are not traced on the next.
+    let stage = stage.spending_inputs(rays.walking.ways > 1).leaving(hits);
     Ok(stage.shown("hits", meaning, vec![column]))
 }

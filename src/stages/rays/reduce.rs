@@ -66,5 +66,6 @@ pub fn new(
         scope.compute(|pass| halvings.iter().chain([last]).for_each(|step| step.run(pass)));
     });
     let output = screen_ray::output(&photons);
-    Ok(stage.at_least(least).in_turns(turns).output(output).leaving(photons))
+    let stage = stage.at_least(least).in_turns(turns).spending_inputs(rays.walking.ways > 1);
+    Ok(stage.output(output).leaving(photons))
 }

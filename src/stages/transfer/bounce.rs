@@ -63,6 +63,6 @@ pub fn new(
         scope.compute(|pass| dispatch.run(pass));
     });
     // Photons that have ended are passed over.
-    let stage = stage.at_least(Work::default()).in_turns(tiles * ways);
+    let stage = stage.at_least(Work::default()).in_turns(tiles * ways).spending_inputs(true);
     Ok(stage.output(screen_ray::output(photons)))
 }
