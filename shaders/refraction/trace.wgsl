@@ -25,18 +25,19 @@ struct Trace {
 struct Against {
     // How far it is beyond them, more than 0 where it is out. At a texel without the layers, FAR.
     beyond_m: f32,
-    // Normal and optics of the one that it is nearer to.
-    surface: vec4<f32>,
+    // The one that it is nearer to. Its surface is looked up where the ray ends alone: comparing depths needs none.
+    layer: u32,
+    texel: vec2<i32>,
 }
 
 const FAR: f32 = 1e30;
-const NOWHERE: Against = Against(FAR, vec4<f32>(0.0));
 
 // Metres by which a place is behind a layer, where `sign` is 1, or before it, where it is −1.
-fn past(place_m: vec3<f32>, view_m: f32, texel: vec2<i32>, z: f32, surface: vec4<f32>, sign: f32) -> f32 {
+fn past(place_m: vec3<f32>, view_m: f32, texel: vec2<i32>, z: f32, layer: u32, sign: f32) -> f32 {
 #if SURFACE == 0
     return sign * (view_m - view_depth_m(z));
 #else
+    let surface = surface_at(surfaces, texel, layer);
     let at_m = world_at((vec2<f32>(texel) + 0.5) / walk.size_px, z);
     let away = select(-1.0, 1.0, dot(at_m - frame.camera_position_m, surface.xyz) > 0.0);
     return sign * away * dot(place_m - at_m, surface.xyz);
@@ -47,23 +48,29 @@ fn against(ray: Transfer, at_m: f32, view_m: f32, texel: vec2<i32>, next: u32) -
     let z = textureLoad(depths, texel, next - 1u, 0).x;
     let z_next = textureLoad(depths, texel, next, 0).x;
     if z >= 1.0 || z_next >= 1.0 {
-        return NOWHERE;
+        return Against(FAR, next, texel);
     }
     let place_m = ray.position_m + at_m * ray.direction;
-    let current = surface_at(surfaces, texel, next - 1u);
-    let behind = surface_at(surfaces, texel, next);
-    let before_m = past(place_m, view_m, texel, z, current, -1.0);
-    let behind_m = past(place_m, view_m, texel, z_next, behind, 1.0);
+    let before_m = past(place_m, view_m, texel, z, next - 1u, -1.0);
+    let behind_m = past(place_m, view_m, texel, z_next, next, 1.0);
     if before_m > behind_m {
-        return Against(before_m, current);
+        return Against(before_m, next - 1u, texel);
     }
-    return Against(behind_m, behind);
+    return Against(behind_m, next, texel);
 }
 
 // Where a ray ends that has started on layer `next` − 1.
 struct End {
     at_m: f32,
+    // Without direction where the ray ends nowhere.
     surface: vec4<f32>,
+}
+
+fn end_at(at_m: f32, found: Against) -> End {
+    if found.beyond_m >= FAR {
+        return End(at_m, vec4(0.0));
+    }
+    return End(at_m, surface_at(surfaces, found.texel, found.layer));
 }
 
 fn end_of(ray: Transfer, next: u32) -> End {
@@ -79,16 +86,16 @@ fn end_of(ray: Transfer, next: u32) -> End {
         let here = against(ray, here_m, mix(seg.near.w, seg.far.w, share_at(seg, middle)), texel, next);
         if here.beyond_m >= FAR {
             // It has come out beside the object: at the silhouette.
-            return End(at_m, found.surface);
+            return end_at(at_m, found);
         }
         if here.beyond_m > 0.0 && number > 0.0 {
             let before_m = min(found.beyond_m, 0.0);
-            return End(mix(at_m, here_m, before_m / (before_m - here.beyond_m)), here.surface);
+            return end_at(mix(at_m, here_m, before_m / (before_m - here.beyond_m)), here);
         }
         at_m = here_m;
         found = here;
     }
-    return End(at_m, found.surface);
+    return end_at(at_m, found);
 }
 
 @vertex

@@ -370,10 +370,18 @@ fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::
 }
 
 pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {
-    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
+    let options = gpu_options(catalog, &args.adapter);
+    #[cfg(feature = "bundle")]
+    let options = if args.bundle { dumping::traced(&args.output, options)? } else { options };
+    let gpu = Gpu::open(&options)?;
     let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
     let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
-    written(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
+    #[cfg(feature = "bundle")]
+    if args.bundle {
+        return written(dumping::bundle(&gpu, &subject, &args.output)?);
+    }
+    let stage = args.stage.as_deref().unwrap_or_default();
+    written(dumping::dump(&gpu, &subject, stage, &args.output)?)
 }
 
 pub fn query(catalog: &Catalog, args: QueryArgs) -> Outcome {

@@ -282,7 +282,7 @@ impl AdapterArgs {
             mask: Mask { like: self.like.clone(), without: self.without.clone() },
             unchecked: self.unchecked,
             allow_large: self.allow_large,
-            shaders: None,
+            ..gpu::Options::default()
         }
     }
 }
@@ -395,7 +395,13 @@ pub struct RenderArgs {
 #[derive(Args)]
 pub struct DumpArgs {
     /// Name of a stage; see `fathom list stages`
-    pub stage: String,
+    #[cfg_attr(feature = "bundle", arg(required_unless_present = "bundle"))]
+    #[cfg_attr(not(feature = "bundle"), arg(required = true))]
+    pub stage: Option<String>,
+    /// Write what every stage of the frame leaves, and all that another implementation of WebGPU needs to run it (docs/validation.md)
+    #[cfg(feature = "bundle")]
+    #[arg(long, conflicts_with = "stage")]
+    pub bundle: bool,
     #[arg(long, default_value = PIPELINE)]
     pub pipeline: String,
     /// Name of a scene, or path of a scene file

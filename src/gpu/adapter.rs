@@ -48,9 +48,20 @@ pub struct Options {
     pub mask: Mask,
     /// Where shaders are looked for; fathom's own if none is given.
     pub shaders: Option<Folders>,
+    /// An empty folder, into which all that the device is asked for is written: wgpu's trace, with shaders as WGSL.
+    #[cfg(feature = "trace")]
+    pub trace: Option<std::path::PathBuf>,
 }
 
 impl Options {
+    fn traced(&self) -> wgpu::Trace {
+        #[cfg(feature = "trace")]
+        if let Some(folder) = &self.trace {
+            return wgpu::Trace::Directory(folder.clone());
+        }
+        wgpu::Trace::Off
+    }
+
     /// As fathom's command line takes them; shaders are not among them.
     pub fn words(&self) -> Vec<String> {
         let option = |name: &str, value: &dyn ToString| [name.to_owned(), value.to_string()];
@@ -86,6 +97,8 @@ pub struct Gpu {
     pub(super) pipelines: Arc<Pipelines>,
     /// It allocates nothing: see [`Gpu::planner`].
     planner: bool,
+    /// What it is asked for is written down.
+    pub(super) traced: bool,
     pub(super) folders: Folders,
 }
 
@@ -282,7 +295,9 @@ impl Gpu {
         if !flags.is_empty() {
             notes.push(format!("instance flags from the environment slow every call: {flags:?}"));
         }
-        let (device, queue) = request(&chosen, &adapter, features, limits)?;
+        let trace = options.traced();
+        let traced = !matches!(trace, wgpu::Trace::Off);
+        let (device, queue) = request(&chosen, &adapter, (features, limits), trace)?;
         let pipelines = Arc::new(Pipelines::default());
         let shaders = Arc::new(Shaders::default());
         let known = (Arc::clone(&pipelines), Arc::clone(&shaders));
@@ -301,6 +316,7 @@ impl Gpu {
             shaders,
             pipelines,
             planner: false,
+            traced,
             folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),
         })
     }
@@ -322,8 +338,8 @@ impl Gpu {
 fn request(
     chosen: &wgpu::Adapter,
     adapter: &record::Adapter,
-    features: wgpu::Features,
-    limits: wgpu::Limits,
+    (features, limits): (wgpu::Features, wgpu::Limits),
+    trace: wgpu::Trace,
 ) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("fathom"),
@@ -336,7 +352,7 @@ fn request(
         } else {
             wgpu::MemoryHints::Performance
         },
-        trace: wgpu::Trace::Off,
+        trace,
     };
     pollster::block_on(chosen.request_device(&descriptor)).map_err(|error| GpuError::Open {
         adapter: adapter.name.clone(),

@@ -88,16 +88,42 @@ fn read_texels(
     size: [u32; 3],
 ) -> Result<(u32, Vec<f32>), GpuError> {
     let layout = TexelLayout::of(texture.format())?;
-    let row = size[0] * layout.bytes;
+    let bytes = texel_bytes(gpu, (texture, level, size), layout.bytes)?;
+    Ok((layout.channels, layout.decode(&bytes).collect()))
+}
+
+/// The first layer of a level, or all of a volume's, as the texels lie in memory, row after row.
+pub fn read_level_bytes(
+    gpu: &Gpu,
+    texture: &wgpu::Texture,
+    level: u32,
+) -> Result<Vec<u8>, GpuError> {
+    let depth = match texture.dimension() {
+        wgpu::TextureDimension::D3 => texture.depth_or_array_layers() >> level,
+        _ => 1,
+    };
+    let size = [texture.width() >> level, texture.height() >> level, depth].map(|n| n.max(1));
+    let bytes = texture.format().block_copy_size(None).unwrap_or(4);
+    texel_bytes(gpu, (texture, level, size), bytes)
+}
+
+fn texel_bytes(
+    gpu: &Gpu,
+    (texture, level, size): (&wgpu::Texture, u32, [u32; 3]),
+    texel: u32,
+) -> Result<Vec<u8>, GpuError> {
+    let row = size[0] * texel;
     let pitch = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
     let bytes = u64::from(pitch) * u64::from(size[1]) * u64::from(size[2]);
     gpu.scoped(|| {
         let staging = staging(gpu, bytes);
         copy_to(gpu, (texture, level, size), &staging, pitch);
         Ok(gpu.map(&staging, bytes, |padded| {
-            let rows = padded.chunks_exact(pitch as usize).map(|padded| &padded[..row as usize]);
-            let data = rows.flat_map(|row| layout.decode(row)).collect();
-            (layout.channels, data)
+            padded
+                .chunks_exact(pitch as usize)
+                .flat_map(|padded| &padded[..row as usize])
+                .copied()
+                .collect()
         })?)
     })
 }

@@ -132,6 +132,16 @@ fn composer(folders: &Folders) -> Result<Composer, GpuError> {
     Ok(composer)
 }
 
+/// A linked shader as WGSL, for other implementations of WebGPU.
+pub fn text(path: &str, module: &naga::Module) -> Result<String, GpuError> {
+    use naga::back::wgsl::{WriterFlags, write_string};
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+    let failed = |message: String| GpuError::Shader { path: path.to_owned(), message };
+    let known = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(module);
+    let known = known.map_err(|error| failed(error.to_string()))?;
+    write_string(module, &known, WriterFlags::empty()).map_err(|error| failed(error.to_string()))
+}
+
 /// Options for every pipeline: workgroup memory is not cleared, as kernels write it before reading.
 pub fn compilation_options() -> wgpu::PipelineCompilationOptions<'static> {
     wgpu::PipelineCompilationOptions {
@@ -171,10 +181,12 @@ impl Gpu {
     fn make_shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
         let module = link(&self.folders, path, defs)?;
         let bindings = bindings(&module).into();
-        let descriptor = wgpu::ShaderModuleDescriptor {
-            label: Some(path),
-            source: self.compiled(wgpu::ShaderSource::Naga(Cow::Owned(module))),
+        let source = match self.traced {
+            true => wgpu::ShaderSource::Wgsl(text(path, &module)?.into()),
+            false => wgpu::ShaderSource::Naga(Cow::Owned(module)),
         };
+        let descriptor =
+            wgpu::ShaderModuleDescriptor { label: Some(path), source: self.compiled(source) };
         self.scoped(|| {
             if !self.unchecked {
                 let module = self.device.create_shader_module(descriptor);

@@ -19,4 +19,5 @@ mod overlay;
 mod page;
 mod printing;
 mod queries;
+mod replayed;
 mod shaders;

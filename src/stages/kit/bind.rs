@@ -13,7 +13,7 @@ pub enum Resource {
     Buffer(Buffer),
     /// All layers and levels of it, or one layer.
     Texture(wgpu::Texture, Option<u32>),
-    Sampler(wgpu::Sampler),
+    Sampler(wgpu::Sampler, wgpu::SamplerBindingType),
 }
 
 impl Bind for Buffer {
@@ -30,7 +30,16 @@ impl Bind for wgpu::Texture {
 
 impl Bind for wgpu::Sampler {
     fn resource(&self) -> Resource {
-        Resource::Sampler(self.clone())
+        Resource::Sampler(self.clone(), wgpu::SamplerBindingType::Filtering)
+    }
+}
+
+/// A sampler that does not filter. WebGPU lets no other one read textures of depth.
+pub struct Nearest(pub wgpu::Sampler);
+
+impl Bind for Nearest {
+    fn resource(&self) -> Resource {
+        Resource::Sampler(self.0.clone(), wgpu::SamplerBindingType::NonFiltering)
     }
 }
 
@@ -63,7 +72,7 @@ impl Group {
     pub(super) fn storage_buffers(&self) -> u64 {
         let is_storage = |resource: &&Resource| match resource {
             Resource::Buffer(buffer) => buffer.usage().contains(wgpu::BufferUsages::STORAGE),
-            Resource::Texture(..) | Resource::Sampler(_) => false,
+            Resource::Texture(..) | Resource::Sampler(..) => false,
         };
         self.0.iter().filter(is_storage).count() as u64
     }
@@ -140,7 +149,7 @@ impl Resource {
                 let ty = wgpu::BindingType::StorageTexture { access, format, view_dimension };
                 (ty, wgpu::ShaderStages::COMPUTE)
             }
-            (BindingKind::Sampler(of), Self::Sampler(_)) => (wgpu::BindingType::Sampler(of), all),
+            (BindingKind::Sampler, Self::Sampler(_, of)) => (wgpu::BindingType::Sampler(*of), all),
             _ => {
                 let Binding { group, binding, kind, .. } = binding;
                 let message =
@@ -168,7 +177,7 @@ impl Resource {
     fn bound<'r>(&'r self, view: Option<&'r wgpu::TextureView>) -> wgpu::BindingResource<'r> {
         match self {
             Self::Buffer(buffer) => buffer.as_entire_binding(),
-            Self::Sampler(sampler) => wgpu::BindingResource::Sampler(sampler),
+            Self::Sampler(sampler, _) => wgpu::BindingResource::Sampler(sampler),
             Self::Texture(..) => {
                 wgpu::BindingResource::TextureView(view.expect("textures have views"))
             }

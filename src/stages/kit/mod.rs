@@ -7,7 +7,7 @@ mod resources;
 
 use fathom_gpu::Gpu;
 
-pub use bind::{Bind, Group, Layer, Resource};
+pub use bind::{Bind, Group, Layer, Nearest, Resource};
 pub use fathom_gpu::StructLayout;
 pub use layout::{FieldType, ShaderStruct, host_bytes};
 pub use pass::{

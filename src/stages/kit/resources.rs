@@ -8,7 +8,7 @@ use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 use wgpu::util::DeviceExt;
 
-use super::{Group, ShaderStruct, host_bytes};
+use super::{Group, Nearest, ShaderStruct, host_bytes};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
 use fathom_record::Work;
 
@@ -350,8 +350,8 @@ impl<'g> Resources<'g> {
     }
 
     /// A sampler that does not filter, for gathers.
-    pub fn nearest_sampler(&self, label: &str) -> wgpu::Sampler {
-        self.sampler(label, wgpu::FilterMode::Nearest, wgpu::MipmapFilterMode::Nearest)
+    pub fn nearest_sampler(&self, label: &str) -> Nearest {
+        Nearest(self.sampler(label, wgpu::FilterMode::Nearest, wgpu::MipmapFilterMode::Nearest))
     }
 
     fn sampler(
