@@ -137,15 +137,14 @@ function player(device, folder) {
     for (const command of commands) call(passes, command, pass);
     pass.end();
   };
+  const load = (operation, op, clear) => (operation === "load" ? { [op]: "load" } : { [op]: "clear", [clear]: operation[0] });
   const color = (held) => held && {
-    view: get(held.view), depthSlice: held.depth_slice,
-    loadOp: held.load_op.is ?? held.load_op, clearValue: held.load_op[0], storeOp: held.store_op,
+    view: get(held.view), depthSlice: held.depth_slice, ...load(held.load_op, "loadOp", "clearValue"), storeOp: held.store_op,
   };
   const depth = (held) => {
     const { view, depth } = held;
     if (depth === "ReadOnly") return { view: get(view), depthReadOnly: true };
-    const { load, store } = depth[0];
-    return { view: get(view), depthLoadOp: load.is ?? load, depthClearValue: load[0], depthStoreOp: store };
+    return { view: get(view), ...load(depth[0].load, "depthLoadOp", "depthClearValue"), depthStoreOp: depth[0].store };
   };
   const commands = {
     CopyBufferToBuffer: (encoder, c) => {
@@ -158,7 +157,7 @@ function player(device, folder) {
     RunComputePass: (encoder, { pass }) => play(encoder.beginComputePass({ label: pass.label }), pass),
     RunRenderPass: (encoder, c) => play(encoder.beginRenderPass({
       label: c.pass.label,
-      colorAttachments: c.color_attachments.map(color),
+      colorAttachments: c.color_attachments.map((held) => color(held) ?? null),
       depthStencilAttachment: c.depth_stencil_attachment && depth(c.depth_stencil_attachment),
     }), c.pass),
   };
@@ -238,16 +237,18 @@ const half = (bits) => {
   return sign * (exponent ? 2 ** (exponent - 15) * (1 + fraction / 1024) : 2 ** -14 * (fraction / 1024));
 };
 
-// Values of bytes and how far apart two may lie: a relative and an absolute part. A word of a buffer is a float, or an integer where it
-// would be too small or not a number as a float.
-const DENSE = /^(?:r|rg|rgba)(\d+)(float|unorm|uint)$/;
+// How many bytes a value has and a texel, and how a value is read. A word of a buffer is a float, or an integer where it would be too
+// small or not a number as a float.
 function kind(format) {
-  if (format === null || format === "depth32float") return { bytes: 4, of: word };
-  const [, bits, type] = DENSE.exec(format) ?? [];
-  if (type === "float") return bits === "16" ? { bytes: 2, of: (b, i) => half(b.getUint16(i, true)) } : { bytes: 4, of: word };
-  if (type === "unorm") return { bytes: 1, of: (b, i) => b.getUint8(i) / 255 };
-  if (type === "uint" && bits === "16") return { bytes: 2, of: (b, i) => b.getUint16(i, true) };
-  throw new Error(`outputs of format ${format} are not compared`);
+  if (format === null || format === "depth32float") return { bytes: 4, texel: 4, of: word };
+  const [, channels, bits, type] = /^(r|rg|rgba)(8|16|32)(float|unorm|uint)$/.exec(format) ?? [];
+  const readers = {
+    float16: (b, i) => half(b.getUint16(i, true)), float32: word,
+    unorm8: (b, i) => b.getUint8(i) / 255, uint16: (b, i) => b.getUint16(i, true), uint32: (b, i) => b.getUint32(i, true),
+  };
+  const of = readers[type + bits];
+  if (of === undefined) throw new Error(`outputs of format ${format} are not compared`);
+  return { bytes: bits / 8, texel: (bits / 8) * channels.length, of };
 }
 function word(bytes, at) {
   const float = bytes.getFloat32(at, true);
@@ -290,19 +291,13 @@ async function device() {
   return { device, errors, name: adapter.info.description };
 }
 
-// Rows in a buffer are padded; in a bundle's files they are not.
-function unpadded(bytes, expected) {
-  if (bytes.byteLength === expected) return bytes;
-  const ALIGNED = 256;
-  for (let rows = 1; rows * ALIGNED <= bytes.byteLength; rows++) {
-    const pitch = bytes.byteLength / rows, row = expected / rows;
-    if (Number.isInteger(row) && pitch % ALIGNED === 0 && Math.ceil(row / ALIGNED) * ALIGNED === pitch) {
-      const joined = new Uint8Array(expected);
-      for (let i = 0; i < rows; i++) joined.set(bytes.subarray(i * pitch, i * pitch + row), i * row);
-      return joined;
-    }
-  }
-  throw new Error(`${bytes.byteLength} bytes are no padded rows of ${expected}`);
+// Rows of a texture are padded where they were copied to; in a bundle's files they are not.
+const ALIGNED = 256;
+function unpadded(bytes, row) {
+  const pitch = Math.ceil(row / ALIGNED) * ALIGNED, rows = bytes.byteLength / pitch;
+  const joined = new Uint8Array(rows * row);
+  for (let i = 0; i < rows; i++) joined.set(bytes.subarray(i * pitch, i * pitch + row), i * row);
+  return joined;
 }
 
 async function main([folder, share = "0.01"]) {
@@ -315,9 +310,10 @@ async function main([folder, share = "0.01"]) {
   if (opened.errors.length > 0) throw new Error(opened.errors[0]);
   let most = 0;
   const last = readBacks.slice(-bundle.outputs.length);
-  for (const [i, { stage, output, format, file }] of bundle.outputs.entries()) {
+  for (const [i, { stage, output, format, texels_per_row: texels, file }] of bundle.outputs.entries()) {
     const expected = readFileSync(join(folder, file));
-    const found = unpadded(await bytesOf(last[i]), expected.byteLength);
+    const bytes = await bytesOf(last[i]), found = format ? unpadded(bytes, texels * kind(format).texel) : bytes;
+    if (found.byteLength !== expected.byteLength) throw new Error(`${file} holds ${expected.byteLength} bytes, not ${found.byteLength}`);
     const difference = compared(format, found, expected);
     most = Math.max(most, difference.apart);
     console.log(JSON.stringify({ stage, output, ...difference }));

@@ -66,21 +66,23 @@ pub fn bundle(gpu: &Gpu, subject: &Subject, folder: &Path) -> Result<Vec<PathBuf
     let (mut outputs, mut files) = (Vec::new(), Vec::new());
     for stage in pipeline.stages() {
         for output in &stage.outputs {
-            let (format, bytes) = match &output.data {
-                OutputData::Buffer { buffer, .. } => (None, read_buffer(gpu, buffer)?),
-                OutputData::Texture(texture) => {
-                    (Some(texture.format()), read_level_bytes(gpu, texture, 0)?)
-                }
-                OutputData::Volume { texture, level, .. } => {
-                    (Some(texture.format()), read_level_bytes(gpu, texture, *level)?)
-                }
+            let (texture, level) = match &output.data {
+                OutputData::Buffer { .. } => (None, 0),
+                OutputData::Texture(texture) => (Some(texture), 0),
+                OutputData::Volume { texture, level, .. } => (Some(texture), *level),
+            };
+            let bytes = match (&output.data, texture) {
+                (OutputData::Buffer { buffer, .. }, _) => read_buffer(gpu, buffer)?,
+                (_, Some(texture)) => read_level_bytes(gpu, texture, level)?,
+                (_, None) => Vec::new(),
             };
             let name = format!("output-{}.bin", outputs.len());
             outputs.push(json!({
                 "stage": stage.name(),
                 "output": output.name,
                 "meaning": output.meaning,
-                "format": format.map(|format| format!("{format:?}").to_lowercase()),
+                "format": texture.map(|texture| format!("{:?}", texture.format()).to_lowercase()),
+                "texels_per_row": texture.map(|texture| (texture.width() >> level).max(1)),
                 "file": name,
             }));
             files.push(write(&name, &bytes)?);

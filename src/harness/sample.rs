@@ -509,14 +509,17 @@ impl<X: Executor> Sampler<'_, X> {
         }
     }
 
-    /// Hands over what the group's cells have. What rendered nothing has no figures, and stays for later.
+    /// Hands over what the group's cells have. What rendered nothing has no figures, and stays for later. What has rendered on a
+    /// device that is lost renders once more, so that its figures can be read.
     fn finish_rest(&mut self) -> Result<(), X::Fatal> {
         while let Some((&cell, live)) = self.live.first_key_value() {
             let too_little = self.interrupted() && !live.suffices();
-            if too_little || !live.warm || live.samples.pairs() == 0 {
+            let rendered = live.warm || live.pair_s.is_some();
+            if too_little || !rendered || live.samples.pairs() == 0 {
                 self.live.remove(&cell);
                 self.executor.release(cell);
             } else {
+                self.attempt(cell, |sampler| sampler.warm_up(cell, &mut Addition::default()))?;
                 self.close_sampled(cell)?;
             }
         }
