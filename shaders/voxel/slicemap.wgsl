@@ -1,8 +1,8 @@
 // One pass of the three-way voxelization: each fragment sets the bit of its depth slice. VAO §4.2.
 //
-// The raster units draw the large triangles. An invocation of `main` rasterizes a small one, as Karis, Stubbe and Wihlidal do (Nanite: A
-// Deep Dive, SIGGRAPH 2021), by edge functions (Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988) and the rule of
-// raster units: corners are rounded to steps of a pixel, and a centre on an edge counts if the edge is a top or a left one.
+// The raster units draw the large triangles. An invocation of `main` rasterizes a small one, as Karis, Stubbe and Wihlidal do (Nanite:
+// A Deep Dive, SIGGRAPH 2021), by edge functions (Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988) and the rule
+// of raster units: corners are rounded to steps of a pixel, and a centre on an edge counts if the edge is a top or a left one.
 // defs: AXIS=0
 #import fathom::dispatch::{GROUP, place}
 #import fathom::voxels::{Grid, to_cells}
@@ -75,7 +75,8 @@ fn rounded(corner: vec3<f32>) -> vec2<i32> {
     return vec2<i32>(round(256.0 * (corner.xy - 0.5)));
 }
 
-// Twice the area of a triangle: how far the third point lies on the inner side of the edge. Negative where the edge does not cover it.
+// Twice the area of the triangle that an edge spans with a point. Negative where the point lies on the outer side, or on an edge that
+// does not count. Boxes of up to 127 pixels do not overflow.
 fn weight(start: vec2<i32>, end: vec2<i32>, turn: i32, point: vec2<i32>) -> i32 {
     let along = turn * (end - start);
     let across = point - start;

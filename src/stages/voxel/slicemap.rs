@@ -3,9 +3,9 @@
 //! A fragment sets one voxel, that of the surface at the middle of its pixel: where a surface is steep to the axis, voxels stay
 //! empty, and the passes along the other axes fill them.
 //!
-//! Most triangles of scanned models are smaller than a pixel, and most of those cover no pixel's centre. Raster units set each up and shade
-//! four pixels for each fragment, so a compute shader takes the small ones, by the same rule (Karis, Stubbe and Wihlidal, *Nanite: A Deep
-//! Dive*, SIGGRAPH 2021).
+//! Most triangles of scanned models are smaller than a pixel, and most of those cover no pixel's centre. Raster units set each up and
+//! shade four pixels for each fragment, so a compute shader takes the small ones, by the same rule (Karis, Stubbe and Wihlidal,
+//! *Nanite: A Deep Dive*, SIGGRAPH 2021).
 
 use serde::{Deserialize, Serialize};
 
@@ -90,8 +90,8 @@ fathom_base::choices!(Rasterizer);
 
 /// Pixels that the box of a small triangle has at most, at rest and seen along any axis.
 const SMALL_PIXELS: f64 = 64.0;
-/// A moving triangle's box may be twice as long and as wide.
-const MOST_TURNS: u64 = 4 * SMALL_PIXELS as u64 + 1;
+/// Of a triangle that moves: a thin one may be turned and be twice as long, so its box may be that long and that wide.
+const MOST_TURNS: u64 = (2 * SMALL_PIXELS as u64).pow(2) + 1;
 
 /// A part's triangles by who rasterizes them: three indices each. None of no triangles.
 struct Split {
