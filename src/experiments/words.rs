@@ -278,6 +278,7 @@ const PARAMETERS: &[Entry] = &[
     ("view.width", "width of the picture", Pixels),
     ("volume", "voxels along the longest side", One),
     ("voxel.method", "method of voxelization", One),
+    ("voxel.rasterizer", "rasterizer of slicemaps", One),
     ("voxel.resolution", "voxels along the longest side", One),
     ("water.amplitude_m", "amplitude of waves", Metres),
 ];

@@ -16,6 +16,7 @@ use fathom_stages::kit::Resources;
 pub use fathom_stages::marching::{Attenuation, R_MAX_SHARE};
 use fathom_stages::scene::deform::{self, Motion};
 use fathom_stages::transfer::map::MapUniforms;
+use fathom_stages::voxel::slicemap::Rasterizer;
 use fathom_stages::{Stage, uniforms};
 
 settings! {
@@ -64,6 +65,8 @@ settings! {
     pub struct Voxel {
         /// How triangles become voxels.
         method: Method = Method::Slicemap;
+        /// Who rasterizes the triangles of slicemaps.
+        rasterizer: Rasterizer = Rasterizer::Mixed;
         /// When the volume is filled.
         update: Update = Update::EveryFrame;
         /// Voxels along the longest side of the scene. VAO §6.4: 128 to 256.

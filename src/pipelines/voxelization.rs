@@ -9,7 +9,7 @@ use fathom_stages::voxel::clear::{self, Cleared};
 use fathom_stages::voxel::combine;
 use fathom_stages::voxel::mips;
 use fathom_stages::voxel::slice;
-use fathom_stages::voxel::slicemap::{self, Axis};
+use fathom_stages::voxel::slicemap::{self, Rasterizer};
 use fathom_stages::voxel::unpack::{self, Packed};
 use fathom_stages::voxel::{Part, alpha, overlap};
 use fathom_stages::voxels::Voxels;
@@ -45,7 +45,7 @@ pub fn voxelize(
     let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
     let filling = Filling { resources, geometry, parts: &parts, update };
     match settings.method {
-        Method::Slicemap => filling.slicemap()?,
+        Method::Slicemap => filling.slicemap(settings.rasterizer)?,
         Method::Slice => filling.slice()?,
         Method::Overlap => filling.overlap(false)?,
         Method::OverlapThin => filling.overlap(true)?,
@@ -92,10 +92,9 @@ impl Filling<'_> {
     }
 
     /// VAO §4.2: three passes, one per axis, and their OR.
-    fn slicemap(&self) -> Result<(), GpuError> {
+    fn slicemap(&self, rasterizer: Rasterizer) -> Result<(), GpuError> {
         let Self { resources, geometry, parts, .. } = *self;
-        let make = |axis| slicemap::new(resources, geometry, parts, axis);
-        let [x, y, z] = [make(Axis::X)?, make(Axis::Y)?, make(Axis::Z)?];
+        let [x, y, z] = slicemap::new(resources, geometry, parts, rasterizer)?;
         let maps = x.iter().zip(&**y).zip(&**z);
         let volumes: Vec<_> = parts
             .iter()

@@ -1,6 +1,7 @@
 //! The scene's triangles and materials in GPU memory, as every raster stage reads them.
 
 use std::ops::Range;
+use std::rc::Rc;
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -62,6 +63,8 @@ pub struct Geometry {
     pub vertices: Buffer,
     /// Three a triangle.
     pub indices: Buffer,
+    /// The same on the host.
+    pub corners: Rc<[u32]>,
     /// Each object's part of the indices, in the scene's order.
     pub objects: Vec<Range<u32>>,
     /// Those of the objects that one cannot see through, neighbours joined: what depth and G-buffer show.
@@ -167,16 +170,15 @@ impl Geometry {
         let usage = Usage::VERTEX | Usage::STORAGE | Usage::COPY_SRC;
         let vertices = resources
             .filled_by("scene vertices", vertex_bytes(scene), usage, || Self::vertex_bytes(scene));
+        let corners: Rc<[u32]> = indices(scene).into();
         let usage = Usage::INDEX | Usage::STORAGE;
-        let indices = resources.filled_by("scene indices", u64::from(end) * 4, usage, || {
-            bytemuck::cast_slice(&indices(scene)).to_vec()
-        });
+        let indices = resources.filled("scene indices", bytemuck::cast_slice(&corners), usage);
         let materials: Vec<_> = scene.objects.iter().map(material).collect();
         let materials = resources.structs("materials", &materials, Usage::STORAGE);
         let [opaque, glass, solid] = [Part::Opaque, Part::Glass, Part::Solid]
             .map(|part| joined(&objects, |number| part.holds(&scene.objects[number].material)));
         let sizes = sizes(scene);
-        Self { vertices, indices, objects, opaque, glass, solid, materials, sizes }
+        Self { vertices, indices, corners, objects, opaque, glass, solid, materials, sizes }
     }
 
     /// The content of the vertex buffer as it is made.

@@ -76,6 +76,7 @@ mod tests {
         ("voxel/mips", "cells of a level"),
         ("voxel/overlap", "layers of the dispatch"),
         ("voxel/slice", "32 bits"),
+        ("voxel/slicemap", "pixels of a small triangle's box"),
         ("voxel/unpack", "eight bits, four bytes"),
         ("voxel/view", "the cells of three edges, 12,288"),
         // Linked with loops that they do not call.

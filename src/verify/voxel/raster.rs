@@ -7,7 +7,7 @@ use fathom_record::Adapter;
 use fathom_reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
 use fathom_stages::voxel::combine;
 use fathom_stages::voxel::slice;
-use fathom_stages::voxel::slicemap::{self, Axis};
+use fathom_stages::voxel::slicemap::{self, Axis, Rasterizer};
 
 const COMBINE: &str = "voxel/combine";
 const SLICE: &str = "voxel/slice";
@@ -18,10 +18,16 @@ const MOVED: &str = "grid moved by a third of a voxel";
 const ALL_AXES: [usize; 3] = [0, 1, 2];
 
 pub fn cases() -> Vec<Case> {
-    let one_axis = Axis::ALL.map(|axis| {
-        Case::new(axis.info().name, "bits along one axis", move |rig| {
-            slicemap_against_samples(rig, axis)
-        })
+    let one_axis = Axis::ALL.into_iter().flat_map(|axis| {
+        let case = |name, rasterizer| {
+            Case::new(axis.info().name, name, move |rig| {
+                slicemap_against_samples(rig, axis, rasterizer)
+            })
+        };
+        [
+            case("bits along one axis", Rasterizer::Mixed),
+            case("bits along one axis, by raster units alone", Rasterizer::Hardware),
+        ]
     });
     let together = Case::new(COMBINE, "the slicemaps' voxels", |rig| {
         let subjects = [VoxelScene::soup()?, VoxelScene::bunny(32)?, VoxelScene::bunny(64)?];
@@ -33,7 +39,7 @@ pub fn cases() -> Vec<Case> {
             subject.voxelized(rig, |geometry, parts| slice::new(rig, geometry, parts))
         })
     });
-    one_axis.into_iter().chain([together, slices]).collect()
+    one_axis.chain([together, slices]).collect()
 }
 
 /// A slicemap's voxels in the order of [`Grid::index`].
@@ -47,9 +53,9 @@ fn slices_of(words: &[u32], grid: &Grid, axis: Axis) -> Vec<bool> {
     cells(grid).map(bit).collect()
 }
 
-fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
+fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis, rasterizer: Rasterizer) -> Checks {
     let axes = &[axis as usize];
-    let found = |subject: &VoxelScene| one_way(rig, subject, axis);
+    let found = |subject: &VoxelScene| one_way(rig, subject, axis, rasterizer);
     let mut checks = Vec::new();
     for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?] {
         let name = subject.name;
@@ -63,10 +69,16 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
 }
 
 /// The voxels of one slicemap.
-fn one_way(rig: &Rig<'_>, subject: &VoxelScene, axis: Axis) -> Result<Vec<bool>> {
+fn one_way(
+    rig: &Rig<'_>,
+    subject: &VoxelScene,
+    axis: Axis,
+    rasterizer: Rasterizer,
+) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(rig);
-    let stage = slicemap::new(rig, &geometry, &[part], axis)?;
-    rig.run(&[&stage])?;
+    let stages = slicemap::new(rig, &geometry, &[part], rasterizer)?;
+    let stage = &stages[axis as usize];
+    rig.run(&[stage])?;
     let slices = stage.first().ok_or_else(|| rig.empty("volumes"))?;
     Ok(slices_of(&rig.read(slices)?, &subject.grid, axis))
 }
@@ -130,8 +142,7 @@ fn subpixels(adapter: &Adapter) -> u32 {
 fn three_way(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(rig);
     let parts = [part];
-    let pass = |axis| slicemap::new(rig, &geometry, &parts, axis);
-    let (x, y, z) = (pass(Axis::X)?, pass(Axis::Y)?, pass(Axis::Z)?);
+    let [x, y, z] = slicemap::new(rig, &geometry, &parts, Rasterizer::Mixed)?;
     let maps = [&x, &y, &z].map(|pass| pass.first().cloned());
     let [Some(a), Some(b), Some(c)] = maps else { return Err(rig.empty("volumes")) };
     let voxels = &parts[0].voxels;
