@@ -1,8 +1,8 @@
 // defs: FIRST=1
 // One layer of the layered depth image: the nearest surface behind the layer before. Everitt, Interactive Order-Independent
-// Transparency, 2001, as SPT §2.2 uses it. The layer's depths are those that the pass tests and keeps; no shader writes depth, so that hardware
-// can reject fragments before they are shaded. WebGPU has the position's z of a fragment equal to the depth that is kept of it, and Bavoil and
-// Myers, Order Independent Transparency with Dual Depth Peeling, 2008, compare the two for equality as well.
+// Transparency, 2001, as SPT §2.2 uses it. The depths that the pass tests are the layer's: no shader writes them, so hardware may
+// reject fragments before they are shaded. A fragment's `position.z` is the depth that is tested and kept of it (WebGPU,
+// Rasterization); Bavoil and Myers, Order Independent Transparency with Dual Depth Peeling, 2008, compare the two as well.
 #import fathom::uniforms::{frame}
 #import fathom::surface::{Material, SceneVertex}
 #import fathom::surface_texel::{channels, packed}

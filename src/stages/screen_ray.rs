@@ -66,8 +66,8 @@ impl Bind for Transfers {
 /// A layered depth image: the surfaces behind each pixel, the nearest first.
 #[derive(Clone)]
 pub struct Layers {
-    /// Device depth, 1 where there is no surface; a layer each. Drawn ones are a depth texture, stored ones a colour: shaders read both as
-    /// `texture_2d_array<f32>`.
+    /// Device depth, 1 where there is no surface; a layer each. A depth texture where they were drawn, else 32-bit floats: shaders
+    /// read both alike.
     pub depths: wgpu::Texture,
     /// Unit normals in the world's axes, and what becomes of light there: `shaders/shared/surface_texel.wgsl`.
     pub surfaces: wgpu::Texture,
