@@ -66,28 +66,28 @@ impl Bind for Transfers {
 /// A layered depth image: the surfaces behind each pixel, the nearest first.
 #[derive(Clone)]
 pub struct Layers {
-    /// Device depth, 1 where there is no surface; a layer each.
+    /// Device depth, 1 where there is no surface; a layer each. A depth texture where they were drawn, else 32-bit floats: shaders
+    /// read both alike.
     pub depths: wgpu::Texture,
     /// Unit normals in the world's axes, and what becomes of light there: `shaders/shared/surface_texel.wgsl`.
     pub surfaces: wgpu::Texture,
 }
 
 impl Layers {
-    /// Formats of depths and surfaces. Every adapter can draw and store both.
-    pub const FORMATS: [wgpu::TextureFormat; 2] =
-        [wgpu::TextureFormat::R32Float, wgpu::TextureFormat::Rgba16Uint];
+    /// Format of surfaces. Every adapter can draw and store it.
+    pub const SURFACES: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Uint;
 
-    /// Drawn into, a layer a pass.
+    /// Drawn into, a layer a pass: depths are what passes test against.
     pub fn drawn(resources: &Resources<'_>, label: &str, size_px: [u32; 2], layers: u32) -> Self {
-        let [depths, surfaces] =
-            Self::FORMATS.map(|format| resources.layers(label, size_px, format, layers));
+        let [depths, surfaces] = [kit::DEPTH_FORMAT, Self::SURFACES]
+            .map(|format| resources.layers(label, size_px, format, layers));
         Self { depths, surfaces }
     }
 
     /// Written by a compute shader.
     pub fn stored(resources: &Resources<'_>, label: &str, size_px: [u32; 2], layers: u32) -> Self {
-        let [depths, surfaces] =
-            Self::FORMATS.map(|format| resources.stored_layers(label, size_px, format, layers));
+        let [depths, surfaces] = [wgpu::TextureFormat::R32Float, Self::SURFACES]
+            .map(|format| resources.stored_layers(label, size_px, format, layers));
         Self { depths, surfaces }
     }
 

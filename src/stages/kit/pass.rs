@@ -1,6 +1,6 @@
 //! Compute and render pipelines with what they bind, and the passes that stages consist of.
 
-use super::{Group, Resources, depth_state, opaque, view};
+use super::{Group, Resources, depth_state, layer_view, opaque, view};
 use crate::geometry::{Geometry, Part};
 use fathom_gpu::{
     CodeKey, ColorTarget, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader, Stage,
@@ -168,6 +168,7 @@ pub struct RenderSpec<'a> {
 #[derive(Clone, Copy)]
 pub struct Depth<'a> {
     pub texture: &'a wgpu::Texture,
+    pub layer: u32,
     pub compare: wgpu::CompareFunction,
     pub write: bool,
     /// What the pass begins with; else what is there.
@@ -177,7 +178,8 @@ pub struct Depth<'a> {
 impl<'a> Depth<'a> {
     /// The nearest is kept, from the far plane on.
     pub fn nearest(texture: &'a wgpu::Texture) -> Self {
-        Self { texture, compare: wgpu::CompareFunction::Less, write: true, clear: Some(1.0) }
+        let compare = wgpu::CompareFunction::Less;
+        Self { texture, layer: 0, compare, write: true, clear: Some(1.0) }
     }
 
     /// What the texture holds hides what lies behind it.
@@ -331,7 +333,8 @@ impl Canvas {
     ) -> Self {
         let (colors, textures) =
             targets.into_iter().map(|(view, clear, texture)| ((view, clear), texture)).unzip();
-        let depth = spec.depth.map(|depth| (view(depth.texture), (depth.clear, depth.write)));
+        let view = |depth: Depth<'_>| layer_view(depth.texture, depth.layer);
+        let depth = spec.depth.map(|depth| (view(depth), (depth.clear, depth.write)));
         Self { textures, colors, depth }
     }
 

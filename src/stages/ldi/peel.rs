@@ -20,30 +20,25 @@ pub fn new(
     count: u32,
 ) -> Result<Stage<Layers>, GpuError> {
     let layers = Layers::drawn(resources, INFO.name, size_px, count.max(1));
-    let tested = resources.target(INFO.name, size_px, kit::DEPTH_FORMAT);
+    let targets = [kit::opaque(Layers::SURFACES)];
     let peel = |layer: u32| {
         let before = layer.checked_sub(1).map(|before| Layer(&layers.depths, before));
         let groups = [&shared.group, &Group::new(&[&geometry.materials]).and(&before)];
         let defs = [("FIRST", i32::from(layer == 0))];
-        let targets = Layers::FORMATS.map(kit::opaque);
         let spec = RenderSpec {
             buffers: &[Geometry::layout(false)],
-            depth: Some(Depth::nearest(&tested)),
+            depth: Some(Depth { layer, ..Depth::nearest(&layers.depths) }),
             ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
         };
-        let target = |texture: &wgpu::Texture, clear| {
-            (kit::layer_view(texture, layer), Some(clear), texture.clone())
-        };
-        let depth = target(&layers.depths, wgpu::Color::WHITE);
-        let surface = target(&layers.surfaces, wgpu::Color::TRANSPARENT);
-        Pass::over(resources, &spec, vec![depth, surface])
+        let (view, surfaces) = (kit::layer_view(&layers.surfaces, layer), layers.surfaces.clone());
+        Pass::over(resources, &spec, vec![(view, Some(wgpu::Color::TRANSPARENT), surfaces)])
     };
     let peels = (0..layers.count()).map(peel).collect::<Result<Vec<_>, _>>()?;
     let drawn = u64::from(layers.count());
     let work = Work {
         triangles: drawn * geometry.triangles_of(part),
         bytes_read: drawn * geometry.bytes(),
-        bytes_written: drawn * kit::pixels(&layers.depths) * (4 + 8 + 4),
+        bytes_written: drawn * kit::pixels(&layers.depths) * (4 + 8),
         ..Work::default()
     };
     // Of the geometry only one part is drawn, and its bytes are read once for each layer.
