@@ -153,27 +153,6 @@ fn crossing(low_d: f32, low_v: f32, high_d: f32, high_v: f32) -> f32 {
     return high_d - (high_d - low_d) * (high_v - march.threshold) / (high_v - low_v);
 }
 
-#if PEAK == 1
-// Distance of the first crossing between the sample before, at `d − step` and below the threshold, and the one at `d`; −1
-// without one. Before a wall V changes by at most 1 a voxel, so that most pairs need no look.
-fn crossing_within(origin: vec3<f32>, direction: vec3<f32>, d: f32, previous: f32, v: f32) -> f32 {
-    if previous + v + march.step < 2.0 * march.threshold {
-        return -1.0;
-    }
-    let part = march.step / f32(PARTS);
-    var before = previous;
-    for (var i = PARTS - 1u; i > 0u; i--) {
-        let at = d - f32(i) * part;
-        let found = density(origin + at * direction);
-        if found >= march.threshold {
-            return crossing(at - part, before, at, found);
-        }
-        before = found;
-    }
-    return select(-1.0, crossing(d - part, before, d, v), v >= march.threshold);
-}
-#endif
-
 // ρ at a distance.
 fn attenuated(d: f32) -> f32 {
 #if HARD == 1
@@ -208,6 +187,13 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
 #endif
     // Outside the volume V is 0.
     var previous = select(v0, 0.0, k > 0.0);
+#if PEAK == 1
+    // One loop for both lengths of step, so that lanes that look between samples share its turns with those that do not. `left` of
+    // the samples between are still to be taken; `ahead` is V at the one behind them.
+    let part = march.step / f32(PARTS);
+    var left = 0u;
+    var ahead = 0.0;
+#endif
     while d < end {
         let place = origin + d * direction;
 #if SKIPPING == 1
@@ -219,7 +205,7 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
             continue;
         }
 #endif
-        let v = density(place);
+        var v = density(place);
 #if OPACITY == 1
         // Eq. 4: falling V is rejected.
         if v >= previous {
@@ -230,23 +216,40 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
         }
 #else
 #if PEAK == 1
-        if previous < march.threshold {
-            let hit = crossing_within(origin, direction, d, previous, v);
-            if hit >= 0.0 {
-                return attenuated(hit);
+        let gap = select(march.step, part, left > 0u);
+        if left > 0u {
+            left--;
+            if left == 0u && v < march.threshold {
+                previous = v;
+                v = ahead;
+                d += part;
             }
+        } else if previous < march.threshold && previous + v + march.step >= 2.0 * march.threshold {
+            // Before a wall V changes by at most 1 a voxel, so that most pairs of samples need no look.
+            ahead = v;
+            left = PARTS - 1u;
+            d -= f32(left) * part;
+            continue;
         }
+#else
+        let gap = march.step;
 #endif
         if v >= march.threshold {
 #if BETWEEN == 1
             if previous < march.threshold {
-                d = crossing(d - march.step, previous, d, v);
+                d = crossing(d - gap, previous, d, v);
             }
 #endif
             return attenuated(d);
         }
 #endif
         previous = v;
+#if PEAK == 1
+        if left > 0u {
+            d += part;
+            continue;
+        }
+#endif
         k += 1.0;
         d = first + k * march.step;
     }

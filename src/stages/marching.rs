@@ -162,7 +162,7 @@ shader_struct! {
     }
 }
 
-/// Parts of a step that the shader samples V at in turns of a loop: `PARTS` in `shaders/shared/marching.wgsl`.
+/// Samples between two at the ends of a step, each a turn of the loop: `PARTS` − 1 in `shaders/shared/marching.wgsl`.
 const PARTS: u64 = 4;
 
 impl Guard {
