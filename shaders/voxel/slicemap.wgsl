@@ -1,9 +1,9 @@
+// defs: AXIS=0
 // One pass of the three-way voxelization: each fragment sets the bit of its depth slice. VAO §4.2.
 //
 // The raster units draw the large triangles. An invocation of `main` rasterizes a small one, as Karis, Stubbe and Wihlidal do (Nanite:
 // A Deep Dive, SIGGRAPH 2021), by edge functions (Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988) and the rule
 // of raster units: corners are rounded to steps of a pixel, and a centre on an edge counts if the edge is a top or a left one.
-// defs: AXIS=0
 #import fathom::dispatch::{GROUP, place}
 #import fathom::voxels::{Grid, to_cells}
 
@@ -39,8 +39,7 @@ fn pass_cells() -> vec3<u32> {
 
 // In pixels and slices.
 fn turned_place(position_m: vec3<f32>) -> vec3<f32> {
-    let place = turned(to_cells(grid, position_m));
-    return place;
+    return turned(to_cells(grid, position_m));
 }
 
 @vertex
