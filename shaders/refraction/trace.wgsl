@@ -66,13 +66,6 @@ struct End {
     surface: vec4<f32>,
 }
 
-fn end_at(at_m: f32, found: Against) -> End {
-    if found.beyond_m >= FAR {
-        return End(at_m, vec4(0.0));
-    }
-    return End(at_m, surface_at(surfaces, found.texel, found.layer));
-}
-
 fn end_of(ray: Transfer, next: u32) -> End {
     let seg = segment(walk, ray);
     let start = place_px(walk, seg.near);
@@ -86,16 +79,20 @@ fn end_of(ray: Transfer, next: u32) -> End {
         let here = against(ray, here_m, mix(seg.near.w, seg.far.w, share_at(seg, middle)), texel, next);
         if here.beyond_m >= FAR {
             // It has come out beside the object: at the silhouette.
-            return end_at(at_m, found);
+            break;
         }
-        if here.beyond_m > 0.0 && number > 0.0 {
-            let before_m = min(found.beyond_m, 0.0);
-            return end_at(mix(at_m, here_m, before_m / (before_m - here.beyond_m)), here);
-        }
-        at_m = here_m;
+        let is_out = here.beyond_m > 0.0 && number > 0.0;
+        let before_m = min(found.beyond_m, 0.0);
+        at_m = select(here_m, mix(at_m, here_m, before_m / (before_m - here.beyond_m)), is_out);
         found = here;
+        if is_out {
+            break;
+        }
     }
-    return end_at(at_m, found);
+    if found.beyond_m >= FAR {
+        return End(at_m, vec4(0.0));
+    }
+    return End(at_m, surface_at(surfaces, found.texel, found.layer));
 }
 
 @vertex
