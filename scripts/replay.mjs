@@ -128,10 +128,7 @@ function player(device, folder) {
     SetScissor: (pass, { 0: rect }) => pass.setScissorRect(rect.x, rect.y, rect.w, rect.h),
     Draw: (pass, c) => pass.draw(c.vertex_count, c.instance_count, c.first_vertex, c.first_instance),
     DrawIndexed: (pass, c) => pass.drawIndexed(c.index_count, c.instance_count, c.first_index, c.base_vertex, c.first_instance),
-    DrawIndirect: (pass, c) => (c.family === "DrawIndexed" ? pass.drawIndexedIndirect(get(c.buffer), c.offset)
-      : pass.drawIndirect(get(c.buffer), c.offset)),
     DispatchWorkgroups: (pass, { 0: groups }) => pass.dispatchWorkgroups(groups[0], groups[1], groups[2]),
-    DispatchWorkgroupsIndirect: (pass, { buffer, offset }) => pass.dispatchWorkgroupsIndirect(get(buffer), offset),
   };
   const play = (pass, { commands }) => {
     for (const command of commands) call(passes, command, pass);
@@ -288,7 +285,7 @@ async function device() {
   const device = await adapter.requestDevice({ requiredFeatures: [...adapter.features], requiredLimits: limits });
   const errors = [];
   device.addEventListener("uncapturederror", ({ error }) => errors.push(error.message));
-  return { device, errors, name: adapter.info.description };
+  return { device, errors };
 }
 
 // Rows of a texture are padded where they were copied to; in a bundle's files they are not.
@@ -301,6 +298,7 @@ function unpadded(bytes, row) {
 }
 
 async function main([folder, share = "0.01"]) {
+  if (folder === undefined || !(Number(share) >= 0)) throw new Error("usage: node scripts/replay.mjs BUNDLE [SHARE]");
   const bundle = JSON.parse(readFileSync(join(folder, "bundle.json")));
   const trace = join(folder, bundle.trace);
   const opened = await device();

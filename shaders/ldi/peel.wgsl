@@ -1,8 +1,8 @@
 // defs: FIRST=1
 // One layer of the layered depth image: the nearest surface behind the layer before. Everitt, Interactive Order-Independent
 // Transparency, 2001, as SPT §2.2 uses it. The depths that the pass tests are the layer's: no shader writes them, so hardware may
-// reject fragments before they are shaded. A fragment's `position.z` is the depth that is tested and kept of it (WebGPU,
-// Rasterization); Bavoil and Myers, Order Independent Transparency with Dual Depth Peeling, 2008, compare the two as well.
+// reject fragments before they are shaded. A fragment's `position.z` is the depth that is tested and kept of it;
+// `verify` would find a layer twice where it were not.
 #import fathom::uniforms::{frame}
 #import fathom::surface::{Material, SceneVertex}
 #import fathom::surface_texel::{channels, packed}

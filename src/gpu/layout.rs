@@ -40,7 +40,10 @@ pub enum BindingKind {
     Texture(wgpu::TextureViewDimension, wgpu::TextureSampleType),
     /// A texture that the shader writes.
     Stored(wgpu::TextureViewDimension),
-    Sampler,
+    /// One that filters and one that does not look alike in a shader.
+    Sampler {
+        comparison: bool,
+    },
 }
 
 impl StructLayout {
@@ -147,7 +150,9 @@ fn kind(space: naga::AddressSpace, ty: &naga::TypeInner) -> Option<BindingKind> 
             let read_only = access == naga::StorageAccess::LOAD;
             BindingKind::Buffer(wgpu::BufferBindingType::Storage { read_only })
         }
-        (_, naga::TypeInner::Sampler { comparison: false }) => BindingKind::Sampler,
+        (_, naga::TypeInner::Sampler { comparison }) => {
+            BindingKind::Sampler { comparison: *comparison }
+        }
         (_, naga::TypeInner::Image { dim, arrayed, class }) => {
             let dimension = match dim {
                 naga::ImageDimension::D3 => wgpu::TextureViewDimension::D3,
@@ -255,7 +260,7 @@ mod tests {
             ([1, 1], Texture(Dimension::D2Array, Sampled::Uint)),
             ([1, 2], Texture(Dimension::D3, Sampled::Float { filterable: true })),
             ([1, 3], Stored(Dimension::D2)),
-            ([1, 4], Sampler),
+            ([1, 4], Sampler { comparison: false }),
         ];
         assert_eq!(kinds, expected);
         let structs = found.iter().filter_map(|of| Some((of.binding, of.structure.as_ref()?)));

@@ -304,7 +304,7 @@ mod tests {
             storage_buffers: count(|kind| matches!(kind, BindingKind::Buffer(Storage { .. }))),
             uniform_buffers: count(|kind| matches!(kind, BindingKind::Buffer(Uniform))),
             sampled_textures: count(|kind| matches!(kind, BindingKind::Texture(..))),
-            samplers: count(|kind| matches!(kind, BindingKind::Sampler)),
+            samplers: count(|kind| matches!(kind, BindingKind::Sampler { .. })),
             storage_textures: count(|kind| matches!(kind, BindingKind::Stored(_))),
             groups: bound.iter().map(|binding| binding.group + 1).max().unwrap_or(0),
             invocations: entries.map(|entry| entry.workgroup_size.iter().product()).max().unwrap(),

@@ -34,6 +34,6 @@ pub use pipelines::{CodeKey, GroupKey, KernelKey, MadePipelines, RasterKey};
 pub use readback::{
     Pixels, Texels, read_buffer, read_level_bytes, read_texture, read_volume, texture_bytes,
 };
-pub use shader::{Shader, compilation_options, default_defs, link, shader_paths};
+pub use shader::{Shader, compilation_options, default_defs, link, shader_paths, text};
 pub use stage::{Column, Output, OutputData, ReadRow, Stage, StageInfo, refilling};
 pub use turns::{MOST_LOOP_TURNS, loop_turns, turns_line};

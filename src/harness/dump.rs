@@ -42,12 +42,12 @@ pub fn dump(gpu: &Gpu, subject: &Subject, stage: &str, folder: &Path) -> Result<
 pub fn traced(folder: &Path, options: Options) -> Result<Options> {
     std::fs::create_dir_all(folder).map_err(|error| unwritten(folder, error))?;
     let trace = folder.join("trace");
-    match std::fs::create_dir(&trace) {
-        Err(error) if std::fs::read_dir(&trace).is_ok_and(|mut files| files.next().is_none()) => {
-            drop(error)
+    std::fs::create_dir(&trace).map_err(|error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => {
+            unwritten(&trace, "it is there already: a bundle needs a folder of its own")
         }
-        made => made.map_err(|error| unwritten(&trace, error))?,
-    }
+        _ => unwritten(&trace, error),
+    })?;
     Ok(Options { trace: Some(trace), ..options })
 }
 
@@ -66,23 +66,14 @@ pub fn bundle(gpu: &Gpu, subject: &Subject, folder: &Path) -> Result<Vec<PathBuf
     let (mut outputs, mut files) = (Vec::new(), Vec::new());
     for stage in pipeline.stages() {
         for output in &stage.outputs {
-            let (texture, level) = match &output.data {
-                OutputData::Buffer { .. } => (None, 0),
-                OutputData::Texture(texture) => (Some(texture), 0),
-                OutputData::Volume { texture, level, .. } => (Some(texture), *level),
-            };
-            let bytes = match (&output.data, texture) {
-                (OutputData::Buffer { buffer, .. }, _) => read_buffer(gpu, buffer)?,
-                (_, Some(texture)) => read_level_bytes(gpu, texture, level)?,
-                (_, None) => Vec::new(),
-            };
+            let (texture, bytes) = raw(gpu, output)?;
             let name = format!("output-{}.bin", outputs.len());
             outputs.push(json!({
                 "stage": stage.name(),
                 "output": output.name,
                 "meaning": output.meaning,
-                "format": texture.map(|texture| format!("{:?}", texture.format()).to_lowercase()),
-                "texels_per_row": texture.map(|texture| (texture.width() >> level).max(1)),
+                "format": texture.map(|(format, _)| format!("{format:?}").to_lowercase()),
+                "texels_per_row": texture.map(|(_, width)| width),
                 "file": name,
             }));
             files.push(write(&name, &bytes)?);
@@ -98,6 +89,22 @@ pub fn bundle(gpu: &Gpu, subject: &Subject, folder: &Path) -> Result<Vec<PathBuf
     });
     files.push(write("bundle.json", format!("{about:#}\n").as_bytes())?);
     Ok(files)
+}
+
+/// Format of a texture, and the texels of a row.
+#[cfg(feature = "bundle")]
+type Rows = (wgpu::TextureFormat, u32);
+
+/// How a texture's bytes are to be read, and the bytes of an output as they lie in memory.
+#[cfg(feature = "bundle")]
+fn raw(gpu: &Gpu, output: &Output) -> Result<(Option<Rows>, Vec<u8>)> {
+    let (texture, level) = match &output.data {
+        OutputData::Buffer { buffer, .. } => return Ok((None, read_buffer(gpu, buffer)?)),
+        OutputData::Texture(texture) => (texture, 0),
+        OutputData::Volume { texture, level, .. } => (texture, *level),
+    };
+    let width = (texture.width() >> level).max(1);
+    Ok((Some((texture.format(), width)), read_level_bytes(gpu, texture, level)?))
 }
 
 fn find<'a>(stages: &[&'a Stage], name: &str) -> Result<&'a Stage> {

@@ -65,7 +65,7 @@ settings! {
     pub struct Voxel {
         /// How triangles become voxels.
         method: Method = Method::Slicemap;
-        /// Who rasterizes the triangles of slicemaps.
+        /// Who rasterizes the triangles of slicemaps. Where they are twisted or wave, it is the hardware in any case.
         rasterizer: Rasterizer = Rasterizer::Mixed;
         /// When the volume is filled.
         update: Update = Update::EveryFrame;

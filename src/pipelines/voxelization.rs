@@ -1,6 +1,6 @@
 //! Volumes and the stages that fill them, as `voxelize` and `volume_ao` share them. VAO §4.
 
-use super::settings::{self, Animation, Method, Update, Voxel};
+use super::settings::{self, Animation, Deform, Method, Update, Voxel};
 use fathom_gpu::{GpuError, Stage};
 use fathom_scene::{Grid, Scene};
 use fathom_stages::geometry::Geometry;
@@ -45,7 +45,7 @@ pub fn voxelize(
     let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
     let filling = Filling { resources, geometry, parts: &parts, update };
     match settings.method {
-        Method::Slicemap => filling.slicemap(settings.rasterizer)?,
+        Method::Slicemap => filling.slicemap(rasterizer(settings, animation))?,
         Method::Slice => filling.slice()?,
         Method::Overlap => filling.overlap(false)?,
         Method::OverlapThin => filling.overlap(true)?,
@@ -56,6 +56,14 @@ pub fn voxelize(
         filling.push(mips::new(resources, &volumes)?);
     }
     Ok(volumes)
+}
+
+/// Triangles that are twisted or wave may grow beyond what the compute shader's integers hold: the raster units draw them all.
+fn rasterizer(settings: &Voxel, animation: &Animation) -> Rasterizer {
+    match animation.deform {
+        Deform::None | Deform::Spin => settings.rasterizer,
+        Deform::Twist | Deform::Wave => Rasterizer::Hardware,
+    }
 }
 
 /// A volume for the whole scene, or one for each object.

@@ -163,7 +163,7 @@ shader_struct! {
 }
 
 /// Samples between two at the ends of a step, each a turn of the loop: `PARTS` − 1 in `shaders/shared/marching.wgsl`.
-const PARTS: u64 = 4;
+const BETWEEN: u64 = 4;
 
 impl Guard {
     /// Length of the guard in voxels: along the ray, or above the plane for [`Guard::Variable`].
@@ -200,7 +200,7 @@ impl Marching {
     pub fn turns_of_ray(&self, grid: &Grid) -> u64 {
         // Rounding of the ray's ends may add a sample.
         let samples = self.samples_in(grid) as u64 + 1;
-        let within = if self.hit == Hit::Peak { samples.saturating_mul(PARTS) } else { 0 };
+        let within = if self.hit == Hit::Peak { samples.saturating_mul(BETWEEN) } else { 0 };
         1 + (samples + 1).saturating_add(within)
     }
 

@@ -6,6 +6,7 @@ use fathom::pipelines::settings::{Deform, Method};
 use fathom::pipelines::voxelize::{Params, Voxelize};
 use fathom::pipelines::{Built, Drawing};
 use fathom::scene::{Scene, SceneFile};
+use fathom::stages::voxel::slicemap::Rasterizer;
 
 use super::gpu;
 
@@ -150,5 +151,24 @@ fn motion_moves_voxels_and_comes_back() {
         let moved = bits(deform, 0.3);
         assert_ne!(moved, rest, "{deform:?}");
         assert_eq!(bits(deform, 2.3), moved, "{deform:?}: a cycle later");
+    }
+}
+
+/// With an amplitude of ten heights small triangles become larger than what the compute shader can hold.
+#[test]
+fn triangles_that_stretch_are_drawn_by_the_hardware() {
+    let fixture = Fixture::new();
+    for deform in [Deform::Twist, Deform::Wave] {
+        let [mixed, hardware] = [Rasterizer::Mixed, Rasterizer::Hardware].map(|rasterizer| {
+            let pipeline = fixture.frames(|params| {
+                params.animation.deform = deform;
+                params.animation.time_s = 0.3;
+                params.animation.amplitude = 10.0;
+                params.voxel.rasterizer = rasterizer;
+                params.voxel.resolution = 512;
+            });
+            fixture.bits(&pipeline, 0)
+        });
+        assert!(mixed == hardware, "{deform:?}");
     }
 }

@@ -48,6 +48,16 @@ fn dawn_leaves_what_wgpu_leaves() {
     });
 }
 
+#[test]
+fn a_bundle_needs_a_folder_of_its_own() {
+    let place = Place::new();
+    place.write("bundle/trace/own", "kept");
+    place.fathom("dump --bundle -o bundle").refused("it is there already: a bundle needs a folder");
+    assert_eq!(place.read("bundle/trace/own"), "kept");
+    place.fathom("dump compose --bundle").refused("--bundle");
+    place.fathom("dump").refused("<STAGE>");
+}
+
 fn bundle(place: &Place, of: &GateConfiguration) -> Command {
     let manifest =
         r#"{"file_format_version":"1.0.0","ICD":{"library_path":"PATH","api_version":"1.0.5"}}"#;

@@ -3,10 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use fathom::embedded::{Folders, SHADERS};
-use fathom::gpu::{CodeKey, link};
+use fathom::gpu::{CodeKey, link, text};
 use serde_json::{Value, json};
-use wgpu::naga::back::wgsl::{WriterFlags, write_string};
-use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
 
 use crate::common::Place;
 use crate::common::variants::variants;
@@ -48,8 +46,7 @@ fn linked(key: &CodeKey) -> String {
     let defs: Vec<(&str, i32)> =
         key.defs.iter().map(|(name, value)| (name.as_str(), *value)).collect();
     let module = link(&Folders::of(SHADERS), &key.path, &defs).unwrap();
-    let mut validator = Validator::new(ValidationFlags::all(), Capabilities::all());
-    write_string(&module, &validator.validate(&module).unwrap(), WriterFlags::empty()).unwrap()
+    text(&key.path, &module).unwrap()
 }
 
 /// Errors of each shader by Tint, on a device with all that its adapter has.

@@ -149,7 +149,12 @@ impl Resource {
                 let ty = wgpu::BindingType::StorageTexture { access, format, view_dimension };
                 (ty, wgpu::ShaderStages::COMPUTE)
             }
-            (BindingKind::Sampler, Self::Sampler(_, of)) => (wgpu::BindingType::Sampler(*of), all),
+            (BindingKind::Sampler { comparison: true }, Self::Sampler(..)) => {
+                (wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison), all)
+            }
+            (BindingKind::Sampler { comparison: false }, Self::Sampler(_, of)) => {
+                (wgpu::BindingType::Sampler(*of), all)
+            }
             _ => {
                 let Binding { group, binding, kind, .. } = binding;
                 let message =

@@ -90,7 +90,8 @@ fathom_base::choices!(Rasterizer);
 
 /// Pixels that the box of a small triangle has at most, at rest and seen along any axis.
 const SMALL_PIXELS: f64 = 64.0;
-/// Of a triangle that moves: a thin one may be turned and be twice as long, so its box may be that long and that wide.
+/// Of a triangle that is turned: a thin one's box may be twice as long, and as wide. Triangles that stretch further are for the raster
+/// units.
 const MOST_TURNS: u64 = (2 * SMALL_PIXELS as u64).pow(2) + 1;
 
 /// A part's triangles by who rasterizes them: three indices each. None of no triangles.
