@@ -2,8 +2,8 @@
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
 # With `test`: also SwiftShader, the second software driver that the tests use, Vulkan's validation layer, Chromium with axe-core for
-# the tests of the HTML page, Dawn for Node, Slurm with munge for those of a fleet, PostgreSQL for those of the history, jq, PyYAML and
-# shellcheck for those of jobs, and what builds the worker in C++. Elsewhere it only says what it would do.
+# the tests of the HTML page, Dawn for Node, Slurm with munge for those of a fleet, PostgreSQL for those of the history, jq,
+# PyYAML and shellcheck for those of jobs, and what builds the worker in C++. Elsewhere it only says what it would do.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then
