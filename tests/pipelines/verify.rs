@@ -12,6 +12,7 @@ use fathom::record::Mask;
 use fathom::scene::{Scene, SceneFile};
 use glam::DVec3;
 
+use super::common::variants::are_known;
 use super::validation::{DONE, keep_the_rules};
 use super::{built, gpu, prepared};
 
@@ -25,7 +26,9 @@ fn every_check_is_sound() {
 #[ignore = "run under the validation layer by `every_check_is_sound`"]
 fn child_checks() {
     println!();
-    assert_eq!(sound(&gpu(), None).skipped, []);
+    let gpu = gpu();
+    assert_eq!(sound(&gpu, None).skipped, []);
+    are_known(&gpu.shader_variants());
 }
 
 /// All checks with this in their names, sound.
