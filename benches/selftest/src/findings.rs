@@ -1,12 +1,17 @@
 //! What the trials of a self-test show: a function of their stored comparisons alone.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
 
 use derive_more::{Add, AddAssign};
 use serde::Serialize;
 
+use fathom::Catalog;
+use fathom::compare::cells::Gates;
+use fathom::compare::protocol::GateConfiguration;
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{CellVerdict, GateState, Status, Verdicts};
+use fathom::harness::subject::Subjects;
 use fathom::record::comparison::{CellId, CellSubject, Gate};
 use fathom::statistics::Interval;
 
@@ -82,13 +87,27 @@ pub struct CellResult {
     pub truth: Option<f64>,
 }
 
+/// The stages of a frame of each configuration of the gates, listed there or not.
+static FRAMES: LazyLock<BTreeMap<String, BTreeSet<&str>>> = LazyLock::new(|| {
+    let catalog = Catalog::builtin();
+    let gates = Gates::load(None, catalog.gates).expect("gates that are built in");
+    let mut subjects = Subjects::of(&catalog).silent();
+    let mut frame = |cell: GateConfiguration| {
+        let params: Vec<_> = cell.params.into_iter().collect();
+        let subject = subjects.subject(&cell.pipeline, &cell.scene, &params);
+        let plan = subject.and_then(|subject| subject.plan()).expect("a gate that can be planned");
+        (cell.id, plan.stages.iter().map(|stage| stage.name).collect())
+    };
+    gates.configurations.into_iter().map(&mut frame).collect()
+});
+
 /// How often a stage that was changed was found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Serialize)]
 pub struct Found {
     pub caught: Share,
-    /// Of those caught.
+    /// Of those caught: the stage, or the making of a pipeline that runs it.
     pub named_first: Share,
-    /// Verdicts on cells of other stages that are regressions.
+    /// Verdicts on other cells that are regressions.
     pub others_blamed: Share,
 }
 
@@ -97,25 +116,21 @@ impl Found {
     pub fn of(verdicts: &Verdicts<'_>, stage: &str) -> Self {
         use CellVerdict::{Failed, New, NotMeasured};
         let mut found = Self::default();
-        let is_own = |cell: &CellId| cell.stage() == stage;
-        let of_stage: Vec<_> =
-            verdicts.cells.iter().map(|cell| &cell.cell).filter(|cell| is_own(cell)).collect();
         // What the host does with a longer shader takes longer.
-        let is_other = |cell: &CellId| match cell.subject() {
-            CellSubject::Stage(other) => other != stage,
-            CellSubject::Encode(other) => other != stage,
+        let is_own = |cell: &CellId| match cell.subject() {
+            CellSubject::Stage(own) | CellSubject::Encode(own) => own == stage,
             CellSubject::Create => {
-                !of_stage.iter().any(|own| own.configuration() == cell.configuration())
+                FRAMES.get(cell.configuration()).is_some_and(|frame| frame.contains(stage))
             }
         };
         let regressions = verdicts.regressions();
-        let caught = regressions.iter().any(|cell| is_own(&cell.cell));
+        let caught = regressions.iter().any(|cell| cell.cell.stage() == stage);
         found.caught.add(caught);
         if caught {
             found.named_first.add(is_own(&regressions[0].cell));
         }
         let judged = |verdict| !matches!(verdict, Failed | New | NotMeasured);
-        for cell in verdicts.cells.iter().filter(|cell| is_other(&cell.cell)) {
+        for cell in verdicts.cells.iter().filter(|cell| !is_own(&cell.cell)) {
             if judged(cell.verdict) {
                 found.others_blamed.add(cell.verdict.is_regression());
             }
