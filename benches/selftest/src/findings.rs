@@ -105,7 +105,7 @@ static FRAMES: LazyLock<BTreeMap<String, BTreeSet<&str>>> = LazyLock::new(|| {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Serialize)]
 pub struct Found {
     pub caught: Share,
-    /// Of those caught: the stage, or the making of a pipeline that runs it.
+    /// Of those caught: the stage's own cell, its encoding, or the creation of a pipeline that runs it.
     pub named_first: Share,
     /// Verdicts on other cells that are regressions.
     pub others_blamed: Share,
