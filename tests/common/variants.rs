@@ -24,7 +24,7 @@ const LIMITS: [(&str, (&str, i32)); 7] = [
     ("ceilings/texels", ("EDGE", 64)),
 ];
 
-/// Everywhere.
+/// All that cells, gates, limits and checks link.
 pub fn variants() -> BTreeSet<CodeKey> {
     planned().into_iter().chain(verified()).collect()
 }

@@ -105,9 +105,9 @@ static FRAMES: LazyLock<BTreeMap<String, BTreeSet<&str>>> = LazyLock::new(|| {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Serialize)]
 pub struct Found {
     pub caught: Share,
-    /// Of those caught: the stage's own cell, its encoding, or the creation of a pipeline that runs it.
+    /// Of those caught.
     pub named_first: Share,
-    /// Verdicts on other cells that are regressions.
+    /// Verdicts that are regressions, on cells that neither are the stage's nor create a pipeline that runs it.
     pub others_blamed: Share,
 }
 
@@ -116,21 +116,22 @@ impl Found {
     pub fn of(verdicts: &Verdicts<'_>, stage: &str) -> Self {
         use CellVerdict::{Failed, New, NotMeasured};
         let mut found = Self::default();
+        let is_own = |cell: &CellId| cell.stage() == stage;
         // What the host does with a longer shader takes longer.
-        let is_own = |cell: &CellId| match cell.subject() {
+        let is_affected = |cell: &CellId| match cell.subject() {
             CellSubject::Stage(own) | CellSubject::Encode(own) => own == stage,
             CellSubject::Create => {
                 FRAMES.get(cell.configuration()).is_some_and(|frame| frame.contains(stage))
             }
         };
         let regressions = verdicts.regressions();
-        let caught = regressions.iter().any(|cell| cell.cell.stage() == stage);
+        let caught = regressions.iter().any(|cell| is_own(&cell.cell));
         found.caught.add(caught);
         if caught {
             found.named_first.add(is_own(&regressions[0].cell));
         }
         let judged = |verdict| !matches!(verdict, Failed | New | NotMeasured);
-        for cell in verdicts.cells.iter().filter(|cell| !is_own(&cell.cell)) {
+        for cell in verdicts.cells.iter().filter(|cell| !is_affected(&cell.cell)) {
             if judged(cell.verdict) {
                 found.others_blamed.add(cell.verdict.is_regression());
             }
@@ -472,6 +473,14 @@ mod tests {
             Found { caught: share(2, 2), named_first: share(2, 2), others_blamed: share(0, 2) };
         assert_eq!((found.composed.found, found.composed.without_second), (composed, 0));
         assert!(found.sensitive_to_context.is_empty());
+    }
+
+    /// `shadow-rays` peels layers and lists no cell of that stage; the pool's photons need none.
+    #[test]
+    fn frames_hold_stages_that_no_cell_lists() {
+        assert!(FRAMES["shadow-rays"].contains("ldi/peel"));
+        assert!(!FRAMES["pool"].contains("ldi/peel"));
+        assert!(FRAMES["pool"].contains("caustics/trace"));
     }
 
     #[test]
