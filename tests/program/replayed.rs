@@ -1,9 +1,10 @@
 //! A second implementation of WebGPU: Dawn, Chromium's, runs frames that fathom wrote down and leaves the same. On SwiftShader, as Dawn
 //! refuses lavapipe of Mesa 22.3. Without Node, the npm package or the driver this test says that it was skipped.
-//! `FATHOM_REPLAY=all cargo test --test program replayed` runs every gate configuration in place of one of each pipeline.
+//! `FATHOM_REPLAY=all cargo test --test program replayed` runs every gate configuration in place of one of each pipeline, and
+//! `FATHOM_REPLAY_DRIVER=ICD.json` runs them on another driver.
 
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use fathom::Catalog;
@@ -15,6 +16,7 @@ use serde_json::Value;
 use crate::common::{Ends, Place, ended};
 
 const ALL: &str = "FATHOM_REPLAY";
+const DRIVER: &str = "FATHOM_REPLAY_DRIVER";
 const SWIFTSHADER: &str = "/usr/lib/chromium/libvk_swiftshader.so";
 const DAWN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/target/npm/node_modules/webgpu/index.js");
 const REPLAY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/replay.mjs");
@@ -67,7 +69,7 @@ fn bundle(place: &Place, of: &GateConfiguration) -> Command {
     for (path, value) in &of.params {
         set(&mut command, path, value);
     }
-    on_swiftshader(place, command)
+    on_driver(place, command)
 }
 
 /// A table's values one by one, as the command line takes no tables.
@@ -83,11 +85,12 @@ fn set(command: &mut Command, path: &str, value: &Value) {
 fn replay(place: &Place) -> Command {
     let mut command = Command::new("node");
     command.arg(REPLAY).arg(place.path("bundle")).arg(SHARE).env("DAWN", DAWN);
-    on_swiftshader(place, command)
+    on_driver(place, command)
 }
 
-fn on_swiftshader(place: &Place, mut command: Command) -> Command {
-    let manifest = place.path("swiftshader.json");
+fn on_driver(place: &Place, mut command: Command) -> Command {
+    let swiftshader = || place.path("swiftshader.json");
+    let manifest = std::env::var_os(DRIVER).map_or_else(swiftshader, PathBuf::from);
     command.env("VK_DRIVER_FILES", &manifest).env("VK_ICD_FILENAMES", manifest);
     // A library of Dawn's looks for a display.
     command.env("XDG_RUNTIME_DIR", place.path(""));
