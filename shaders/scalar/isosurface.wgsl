@@ -64,12 +64,13 @@ fn occluder(v: f32) -> bool {
 }
 
 #if OPACITY == 1
-// γ: obscurance along a ray up to its stop. VAO Eq. 7, with strata of equal length, jittered alike (§5.2.3).
-fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jitter: f32) -> f32 {
+// γ: obscurance along a ray up to its stop. VAO Eq. 7, with strata of equal length, jittered alike (§5.2.3). `first` is V where the ray
+// begins, which rejection asks for.
+fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jitter: f32, first: f32) -> f32 {
     let reach = min(march.r_max_m, through_box(position_m, direction).y);
     let stratum = march.stratum_m / field.voxel_m;
     let least = pow(OPAQUE, 1.0 / stratum);
-    var before = windowed(value(position_m, 0.0));
+    var before = first;
     var clear = 1.0;
     for (var k = 0u; k < march.samples; k++) {
         let d = (f32(k) + jitter) * march.stratum_m;
@@ -94,7 +95,7 @@ fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jit
 }
 #else
 // ρ of the nearest occluder along a ray; 0 where there is none, and for rays that do not leave the guard (VAO §5.1).
-fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jitter: f32) -> f32 {
+fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jitter: f32, first: f32) -> f32 {
     let reach = min(march.r_max_m, through_box(position_m, direction).y);
     // VAO Eq. 2 with h of half a cell's diagonal.
     let start = field.guard_m / max(dot(direction, normal), 1e-6);
@@ -115,10 +116,15 @@ fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jit
 fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     let shift = shift_of(seed);
     let turn = tangent_frame(normal);
+#if OPACITY == 1
+    let first = windowed(value(position_m, 0.0));
+#else
+    let first = 0.0;
+#endif
     var sum = 0.0;
     for (var j = 0u; j < march.rays; j++) {
         let point = shifted_point(j, march.rays, shift);
-        sum += obscurity(position_m, normal, turn * cosine_direction(point.xy), point.z);
+        sum += obscurity(position_m, normal, turn * cosine_direction(point.xy), point.z, first);
     }
     return sum / f32(march.rays);
 }

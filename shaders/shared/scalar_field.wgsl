@@ -23,11 +23,9 @@ var<private> look_ups: u32;
 // V(x), interpolated trilinearly; 0 outside the box.
 fn value(position_m: vec3<f32>, level: f32) -> f32 {
     let place = (position_m - field.origin_m) / field.size_m;
-    if any(place < vec3(0.0)) || any(place > vec3(1.0)) {
-        return 0.0;
-    }
-    look_ups += 1u;
-    return textureSampleLevel(volume, linear_sampler, place, level).x;
+    let inside = all(place >= vec3(0.0)) && all(place <= vec3(1.0));
+    look_ups += u32(inside);
+    return select(0.0, textureSampleLevel(volume, linear_sampler, place, level).x, inside);
 }
 
 // ∇V by central differences over two cells, 1/m.

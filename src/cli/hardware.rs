@@ -23,6 +23,8 @@ use crate::{tell, text};
 const STATE: &str = "hardware.json";
 /// The comparison's folder within the other.
 const COMPARISON: &str = "comparison";
+/// What a run and a comparison tell people.
+const SUMMARY: &str = "summary.md";
 /// Most bytes of the file of what has ended.
 const MOST_STATE: u64 = 1 << 20;
 /// A run ends by itself so long before its piece does, or by this share of the piece.
@@ -74,6 +76,15 @@ impl Step {
     /// What it has measured stays when it is ended.
     fn goes_on(self) -> bool {
         matches!(self, Self::Run | Self::Compare)
+    }
+
+    /// The file of the folder that says most about how it ended.
+    fn answer(self) -> String {
+        match self {
+            Self::Run => SUMMARY.to_owned(),
+            Self::Compare => format!("{COMPARISON}/{SUMMARY}"),
+            Self::Doctor | Self::Audit | Self::Verify | Self::Ceilings => format!("{self}.json"),
+        }
     }
 }
 
@@ -250,16 +261,15 @@ impl<'a> Hardware<'a> {
         let Ended { status, answer, complaint } = ended;
         let could_run = status.code() != Some(super::COULD_NOT_RUN.into());
         if !step.goes_on() && !answer.is_empty() {
-            self.folder.write(format!("{step}.json"), answer.as_bytes())?;
+            self.folder.write(step.answer(), answer.as_bytes())?;
         }
         let left = step == Step::Run && self.cells()?.any(|cell| is_left(&cell));
-        let last = complaint.lines().next_back().filter(|_| !could_run);
-        Ok(Piece {
-            status: status.code(),
-            is_over: could_run && !left,
-            is_new,
-            reason: last.unwrap_or_default(),
-        })
+        let reason = match status.code() {
+            Some(0) => String::new(),
+            _ if could_run => format!("{} says why", step.answer()),
+            _ => complaint.lines().next_back().unwrap_or_default(),
+        };
+        Ok(Piece { status: status.code(), is_over: could_run && !left, is_new, reason })
     }
 
     /// It grows while a step brings something new.

@@ -94,6 +94,22 @@ fn what_could_not_run_is_tried_twice_and_its_reason_kept() {
 }
 
 #[test]
+fn what_ends_with_a_fault_names_the_file_that_says_which() {
+    let (_, state, status) = measured("exit 1", |_| ());
+    assert_eq!(status, ExitCode::from(SOMETHING_FAILED));
+    let reasons: Vec<&str> = state.steps.iter().map(|taken| taken.reason.as_str()).collect();
+    let files = [
+        "doctor.json",
+        "audit.json",
+        "verify.json",
+        "ceilings.json",
+        "summary.md",
+        "comparison/summary.md",
+    ];
+    assert_eq!(reasons, files.map(|file| format!("{file} says why")));
+}
+
+#[test]
 fn without_time_nothing_is_begun_and_something_is_left() {
     let (_, state, status) = measured("exit 0", |args| args.total = Some(Duration::from_nanos(1)));
     assert_eq!(status, ExitCode::from(LEFT));
