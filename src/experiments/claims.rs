@@ -28,7 +28,7 @@ use super::expand::label_text;
 use super::measure::{self, Measure, Reading};
 use super::schema::{Balance, Cause, Claim, Experiment, FIXED_SHARE, RISING_SHARE, Test};
 use fathom_base::statistics;
-use fathom_record::Cell;
+use fathom_record::{Cell, NoteKind};
 
 pub use balance::Scale;
 pub use comparison::{NO_VISIT, RuledFigure};
@@ -203,6 +203,7 @@ impl Experiment {
         let mut scales = Vec::new();
         let (mut comparisons, mut not_run) = (Vec::new(), Vec::new());
         for Group { prefix, cells } in groups {
+            let missing = not_computed(&claim.test, &cells);
             let balanced = match claim.balance {
                 Some(Balance::Published) => balance::of(&self.balance, &claim.test, cells),
                 Some(Balance::Free(_)) | None => Ok((cells, None)),
@@ -214,7 +215,7 @@ impl Experiment {
                     scales.extend(scale);
                     comparisons.extend(more.into_iter().map(|c| c.prefixed(&prefix)));
                 }
-                Err(reason) => not_run.push(prefix + &reason),
+                Err(reason) => not_run.push(prefix + missing.as_ref().unwrap_or(&reason)),
             }
         }
         let n = comparisons.iter().filter_map(Comparison::n).min();
@@ -230,6 +231,18 @@ impl Experiment {
             _ => Ruling { n, ..Ruling::not_run(claim, not_run.join("; ")) },
         }
     }
+}
+
+/// Why a cell that was measured has no figure for the test, where its record says so. Times are not computed.
+fn not_computed(test: &Test, cells: &[&Cell]) -> Option<String> {
+    if test.y().reads_times() {
+        return None;
+    }
+    cells.iter().filter(|cell| read_positive(test.y(), cell).is_none()).find_map(|cell| {
+        let notes = &cell.measured()?.notes;
+        let note = notes.iter().find(|note| note.kind == NoteKind::NotComputed)?;
+        Some(format!("{}: {}", cell.cell, note.text))
+    })
 }
 
 /// Why a contradicted claim does not hold, where that is known of this kind of adapter.

@@ -328,12 +328,12 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
             let found = repetitions::noise_and_bias(gpu, timer, references, planned, &asked.output);
             let found = findings.noted(NoteKind::NotComputed, "noise and bias not computed", found);
-            for (output, NoiseAndBias { noise, bias }) in
-                asked.output.iter().zip(found.into_iter().flatten())
-            {
-                findings.repeated.insert(output.noise.clone(), noise);
-                findings.quantities.insert(output.bias.clone(), bias);
-            }
+            let Some(NoiseAndBias { noise, bias }) = found else { return };
+            let bias = findings.noted(NoteKind::NotComputed, "bias not computed", bias);
+            let names = || asked.output.iter();
+            findings.repeated.extend(names().map(|output| output.noise.clone()).zip(noise));
+            let biases = names().map(|output| output.bias.clone()).zip(bias.into_iter().flatten());
+            findings.quantities.extend(biases);
         }
     }
 

@@ -1,7 +1,8 @@
 //! Noise and bias of a cell's result apart: its frame is drawn several times with the photon grids at other places, and once
 //! densely. UW §4.2.
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
+use itertools::Itertools as _;
 
 use super::difference::{References, image};
 use super::subject::Subject;
@@ -15,14 +16,13 @@ pub struct PlannedRepetitions {
     pub limit: Subject,
 }
 
-/// Noise and bias of an output, relative to its mean level.
-#[derive(Clone, Debug, PartialEq)]
+/// Of each output, relative to its mean level.
 pub struct NoiseAndBias {
     /// RMS over the pixels of the difference of each repetition from the mean over the repetitions.
-    pub noise: Vec<f64>,
+    pub noise: Vec<Vec<f64>>,
     /// RMS of the difference of that mean from the dense limit, less the share that the noise of the mean explains. 0 where
-    /// noise explains all of it.
-    pub bias: f64,
+    /// noise explains all of it. The dense limit may be beyond the adapter.
+    pub bias: Result<Vec<f64>>,
 }
 
 /// Draws every repetition once, and gives what is asked of each output.
@@ -32,7 +32,7 @@ pub fn noise_and_bias(
     references: &mut References,
     planned: &PlannedRepetitions,
     outputs: &[RepeatedOutput],
-) -> Result<Vec<NoiseAndBias>> {
+) -> Result<NoiseAndBias> {
     let mut images: Vec<Vec<Pixels>> = outputs.iter().map(|_| Vec::new()).collect();
     // One pipeline at a time: only the outputs are kept.
     for subject in &planned.repeated {
@@ -42,35 +42,57 @@ pub fn noise_and_bias(
             images.push(image(gpu, pipeline.as_ref(), &output.stages)?);
         }
     }
+    let repeated: Vec<Repeated> =
+        images.iter().map(|images| Repeated::of(images)).collect::<Result<_>>()?;
     let stages: Vec<&[String]> = outputs.iter().map(|output| output.stages.as_slice()).collect();
-    let limits = references.images(gpu, timer, &planned.limit, &stages)?;
-    images.iter().zip(limits).map(|(images, limit)| NoiseAndBias::of(images, limit)).collect()
+    let bias = references.images(gpu, timer, &planned.limit, &stages).and_then(|limits| {
+        repeated.iter().zip(limits).map(|(repeated, limit)| repeated.bias(limit)).collect()
+    });
+    Ok(NoiseAndBias { noise: repeated.into_iter().map(|repeated| repeated.noise).collect(), bias })
 }
 
-impl NoiseAndBias {
-    fn of(images: &[Pixels], limit: &Pixels) -> Result<Self> {
-        let alike = |image: &Pixels| image.data.len() == limit.data.len();
-        ensure!(images.iter().all(alike), "the repetitions' images differ in size");
+/// The repetitions of an output.
+struct Repeated {
+    middle: Vec<f64>,
+    level: f64,
+    noise: Vec<f64>,
+    /// Mean square of the noise of the mean.
+    of_mean: f64,
+}
+
+impl Repeated {
+    fn of(images: &[Pixels]) -> Result<Self> {
+        ensure!(
+            images.iter().map(|image| image.data.len()).all_equal(),
+            "the repetitions' images differ in size"
+        );
         let count = images.len() as f64;
         // Means over every other repetition, each of which is spread evenly over the unit square.
         let half = |first: usize| middle(images.iter().skip(first).step_by(2));
         let (halves, whole) = ([half(0), half(1)], middle(images.iter()));
         let level = mean(whole.iter().copied());
-        if level <= 0.0 {
-            bail!("the image is black");
-        }
-        let from_whole =
-            |image: &Pixels| mean_square(image.data.iter().map(|v| f64::from(*v)), &whole);
+        ensure!(level > 0.0, "the image is black");
         // A repetition is part of the mean that it is held against, so that its difference from it is too small by this factor.
         // Places that are spread evenly make it up to √(n / (n − 1)) too large, in every cell alike.
         let own = count / (count - 1.0);
+        let noise = images.iter().map(|image| (own * from(image, &whole)).sqrt() / level).collect();
         // Half the difference of the halves errs as their mean does.
         let of_mean = mean_square(halves[0].iter().copied(), &halves[1]) / 4.0;
-        Ok(Self {
-            noise: images.iter().map(|image| (own * from_whole(image)).sqrt() / level).collect(),
-            bias: (from_whole(limit) - of_mean).max(0.0).sqrt() / level,
-        })
+        Ok(Self { middle: whole, level, noise, of_mean })
     }
+
+    fn bias(&self, limit: &Pixels) -> Result<f64> {
+        ensure!(
+            limit.data.len() == self.middle.len(),
+            "the dense limit's image differs in size from the repetitions'"
+        );
+        Ok((from(limit, &self.middle) - self.of_mean).max(0.0).sqrt() / self.level)
+    }
+}
+
+/// Mean square of the difference.
+fn from(image: &Pixels, middle: &[f64]) -> f64 {
+    mean_square(image.data.iter().map(|v| f64::from(*v)), middle)
 }
 
 /// Mean of images, texel by texel.
@@ -107,41 +129,47 @@ mod tests {
     }
 
     /// Repetitions of level 2 with noise of a standard deviation of `noise`, about a limit that lies `bias` beside their mean.
-    fn found(noise: f64, bias: f64) -> NoiseAndBias {
+    fn found(noise: f64, bias: f64) -> (Vec<f64>, f64) {
         let mut random = Pcg64::seed_from_u64(3);
         // A uniform number of standard deviation 1.
         let mut unit = || (random.random::<f64>() - 0.5) * 12f64.sqrt();
         let images: Vec<Pixels> = (0..8).map(|_| picture(|| 2.0 + 2.0 * noise * unit())).collect();
-        NoiseAndBias::of(&images, &picture(|| 2.0 + 2.0 * bias)).unwrap()
+        let repeated = Repeated::of(&images).unwrap();
+        let bias = repeated.bias(&picture(|| 2.0 + 2.0 * bias)).unwrap();
+        (repeated.noise, bias)
     }
 
     #[test]
     fn noise_is_told_from_bias() {
         for (noise, bias) in [(0.2, 0.0), (0.2, 0.1), (0.01, 0.1), (0.4, 0.05)] {
-            let found = found(noise, bias);
-            assert_eq!(found.noise.len(), 8);
-            for of_one in &found.noise {
-                assert!((of_one / noise - 1.0).abs() < 0.05, "{noise} {bias}: {found:?}");
+            let (noises, found) = found(noise, bias);
+            assert_eq!(noises.len(), 8);
+            for of_one in &noises {
+                assert!((of_one / noise - 1.0).abs() < 0.05, "{noise} {bias}: {noises:?}");
             }
             // The noise of the mean, 0.35 of that of one, hides bias of less than about a tenth of it.
-            assert!((found.bias - bias).abs() < 0.02 * noise + 0.01, "{noise} {bias}: {found:?}");
+            assert!((found - bias).abs() < 0.02 * noise + 0.01, "{noise} {bias}: {found}");
         }
     }
 
     #[test]
     fn equal_repetitions_have_no_noise() {
-        let found = found(0.0, 0.3);
-        assert!(found.noise.iter().all(|noise| *noise == 0.0));
-        assert!((found.bias - 0.3).abs() < 1e-6);
+        let (noises, bias) = found(0.0, 0.3);
+        assert!(noises.iter().all(|noise| *noise == 0.0));
+        assert!((bias - 0.3).abs() < 1e-6);
     }
 
     #[test]
     fn images_of_other_sizes_and_black_ones_are_refused() {
         let of = |value: f64| picture(|| value);
-        let small = Pixels { width: 1, height: 1, channels: 1, data: vec![1.0] };
-        for (value, limit, told) in [(1.0, small, "differ in size"), (0.0, of(1.0), "is black")] {
-            let error = NoiseAndBias::of(&[of(value), of(value)], &limit).unwrap_err().to_string();
+        let small = || Pixels { width: 1, height: 1, channels: 1, data: vec![1.0] };
+        let refused = |images: &[Pixels], told: &str| {
+            let error = Repeated::of(images).err().unwrap().to_string();
             assert!(error.ends_with(told), "{error}");
-        }
+        };
+        refused(&[of(1.0), small()], "differ in size");
+        refused(&[of(0.0), of(0.0)], "is black");
+        let error = Repeated::of(&[of(1.0), of(1.0)]).unwrap().bias(&small()).unwrap_err();
+        assert!(error.to_string().contains("differs in size"), "{error}");
     }
 }

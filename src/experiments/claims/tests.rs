@@ -8,7 +8,7 @@ use super::Verdict::{Contradicted, Inconclusive, NotRun, Supported};
 use super::*;
 use crate::fixtures::{noisy, timed};
 use fathom_base::statistics;
-use fathom_record::{Clock, Fenced, FrameRecord, Measured, Outcome, Work};
+use fathom_record::{Clock, Fenced, FrameRecord, Measured, Note, Outcome, Work};
 
 /// A cell with one axis, one stage and one quantity; the frame takes as long as the stage.
 fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
@@ -157,6 +157,27 @@ fn ratios_lie_within_their_band_or_do_not() {
             ("above", at(2.4), Contradicted, ""),
             ("at the edge", at(1.05), Inconclusive, "the bound"),
             ("one cell", at(1.5)[..1].to_vec(), NotRun, ""),
+        ],
+    );
+}
+
+#[test]
+fn a_figure_that_could_not_be_computed_says_why() {
+    let test = r#"ratio = { y = "quantity:error", over = "n", numerator = 2, denominator = 1, low = 1.0, high = 3.0 }"#;
+    let cells = swept(&[1.0, 2.0], |n| n);
+    let mut lacking = cells.clone();
+    lacking[1].cell = "n=2".to_owned();
+    let measured = lacking[1].measured_mut().unwrap();
+    measured.quantities = BTreeMap::new().into();
+    let unknown = lacking.clone();
+    let note = Note::new(NoteKind::NotComputed, "error not computed: too large");
+    lacking[1].measured_mut().unwrap().notes.push(note);
+    all_ruled(
+        test,
+        [
+            ("computed", cells, Supported, ""),
+            ("lacking", lacking, NotRun, "^n=2: error not computed: too large$"),
+            ("for no known reason", unknown, NotRun, "^`2` and `1` were not both measured$"),
         ],
     );
 }
