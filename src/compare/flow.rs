@@ -306,8 +306,8 @@ impl ComparisonRun<'_> {
         if self.checks && self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
             let stages = common.iter().flat_map(|configuration| &configuration.stages);
             let stages = stages.filter(|name| CellSubject::of(name).is_stage());
-            let stages = stages.sorted().dedup().cloned().collect();
-            self.keep(survey::checks(builds, stages))?;
+            let stages: Vec<String> = stages.sorted().dedup().cloned().collect();
+            self.keep(survey::checks(builds, &stages))?;
         }
         Ok(common)
     }

@@ -1,7 +1,7 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
 use super::launch::{Waiting, WorkerFault, WorkerProcess, WorkerStart};
-use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
+use super::protocol::{CheckReading, GateConfiguration, Greeting, Reply, WorkerRequest};
 use fathom_record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
@@ -74,27 +74,34 @@ pub fn exact(
     sides.flat_map(|(side, reply)| exact_lines(side, configuration, reply)).collect()
 }
 
-/// The checks of these stages on both sides.
-pub fn checks(builds: &mut [SurveyedBuild<'_>; 2], stages: Vec<String>) -> Vec<Compared> {
-    let replies = both(builds, &WorkerRequest::Checks { stages });
+/// The checks of these stages on both sides, or why a side gave none. Each stage has its own request and so its own time: all checks
+/// together may take longer than a worker is waited for.
+pub fn checks(builds: &mut [SurveyedBuild<'_>; 2], stages: &[String]) -> Vec<Compared> {
     let mut lines = Vec::new();
-    for (side, reply) in Side::BOTH.into_iter().zip(replies) {
-        match reply {
-            Ok(Reply::Checks { checks }) => lines.extend(checks.into_iter().map(|check| {
-                Compared::Check(CheckFigure {
-                    side,
-                    stage: check.stage,
-                    what: check.what,
-                    unit: check.unit,
-                    measured: check.measured,
-                    tolerance: check.tolerance,
-                    sound: check.sound,
-                })
-            })),
-            other => lines.push(fault(side, None, false, &format!("checks: {}", reason(&other)))),
+    for stage in stages {
+        let request = WorkerRequest::Checks { stages: vec![stage.clone()] };
+        let mut faults = Vec::new();
+        for (side, reply) in Side::BOTH.into_iter().zip(both(builds, &request)) {
+            match reply {
+                Ok(Reply::Checks { checks }) => {
+                    lines.extend(checks.into_iter().map(|check| checked(side, check)));
+                }
+                other => {
+                    let reason = format!("checks of {stage}: {}", reason(&other));
+                    faults.push(fault(side, None, false, &reason));
+                }
+            }
+        }
+        if !faults.is_empty() {
+            return faults;
         }
     }
     lines
+}
+
+fn checked(side: Side, check: CheckReading) -> Compared {
+    let CheckReading { stage, what, unit, measured, tolerance, sound } = check;
+    Compared::Check(CheckFigure { side, stage, what, unit, measured, tolerance, sound })
 }
 
 /// Asks both sides at once: nothing is timed here.
