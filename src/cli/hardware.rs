@@ -263,8 +263,10 @@ impl<'a> Hardware<'a> {
         if !step.goes_on() && !answer.is_empty() {
             self.folder.write(step.answer(), answer.as_bytes())?;
         }
-        let left = step == Step::Run && self.cells()?.any(|cell| is_left(&cell));
+        let cells = if step == Step::Run { self.cells()?.filter(is_left).count() } else { 0 };
+        let left = cells > 0;
         let reason = match status.code() {
+            Some(0) if left && !is_new => format!("cells that fit into no piece: {cells}"),
             Some(0) => String::new(),
             _ if could_run => format!("{} says why", step.answer()),
             _ => complaint.lines().next_back().unwrap_or_default(),
@@ -347,8 +349,10 @@ impl<'a> Hardware<'a> {
     }
 
     fn status(&self) -> u8 {
-        let ends_well =
-            |step: &Step| self.taken(*step).is_some_and(|taken| taken.status == Some(0));
+        let ends_well = |step: &Step| {
+            self.taken(*step)
+                .is_some_and(|taken| taken.status == Some(0) && taken.reason.is_empty())
+        };
         if !self.left().is_empty() {
             LEFT
         } else if self.state.given_up.is_empty() && self.args.steps.iter().all(ends_well) {

@@ -266,7 +266,7 @@ fn schedule(
     });
     let (cells, units) = (states.collect(), units.collect());
     let first = plan::first_cells(planned);
-    Schedule { cells, units, first, open: Vec::new(), precision }
+    Schedule { cells, units, first, precision, ..Schedule::default() }
 }
 
 /// A folder is gone on with as the part of the run that it was begun as.

@@ -95,14 +95,17 @@ pub struct Schedule {
     pub open: Vec<OpenClaim>,
     /// Of the frame time, half the width of the interval over the median.
     pub precision: f64,
+    /// The most time that was ever left.
+    pub whole_s: f64,
 }
 
 impl Schedule {
     /// The next batch that fits into the time. A run that has measured nothing takes any time.
-    pub fn next(&self, left_s: f64) -> Option<Batch> {
+    pub fn next(&mut self, left_s: f64) -> Option<Batch> {
+        self.whole_s = self.whole_s.max(left_s);
         let left_s = if self.has_measured() { left_s } else { f64::INFINITY };
         let fits = |(cost_s, _): &(f64, Batch)| *cost_s <= left_s;
-        let passes: [&dyn Fn() -> Option<(f64, Batch)>; 5] = [
+        let passes: [&dyn Fn() -> Option<(f64, Batch)>; 6] = [
             &|| cheapest(self.first_visits().filter(fits)),
             &|| {
                 self.first_looks(
@@ -111,6 +114,7 @@ impl Schedule {
                 )
             },
             &|| self.first_looks(|_, cost_s| Some(cost_s), left_s),
+            &|| cheapest(self.alone().filter(fits)),
             &|| cheapest(self.open_claims().filter(fits)),
             &|| self.widest(left_s),
         ];
@@ -153,20 +157,38 @@ impl Schedule {
         price: impl Fn(&Unit, f64) -> Option<f64>,
         left_s: f64,
     ) -> Option<(f64, Batch)> {
+        let priced = self.due().filter_map(|(unit, batch)| Some((price(unit, batch.0)?, batch)));
+        let fitting = priced.filter(|(_, (cost_s, _))| *cost_s <= left_s);
+        Some(fitting.min_by(|a, b| a.0.total_cmp(&b.0))?.1)
+    }
+
+    /// Units that lack a first look, with what they lack.
+    fn due(&self) -> impl Iterator<Item = (&Unit, (f64, Batch))> {
         let due = self.units.iter().filter(|unit| {
             unit.cells.iter().any(|cell| !self.cells[unit.experiment][*cell].is_looked_at())
         });
-        let priced = due.filter_map(|unit| {
+        due.map(|unit| {
             let is_due = |cell: &usize| {
                 let state = &self.cells[unit.experiment][*cell];
                 !state.is_looked_at() || state.may_go_on()
             };
             let cells = unit.cells.iter().copied().filter(is_due).collect();
-            let batch = self.batch(unit.experiment, cells, Goal::FirstLook);
-            Some((price(unit, batch.0)?, batch))
+            (unit, self.batch(unit.experiment, cells, Goal::FirstLook))
+        })
+    }
+
+    /// Cells without a record, each by itself, of units that would not fit into all the time of this run. No claim compares them, but
+    /// runs that are always as short would never measure them.
+    fn alone(&self) -> impl Iterator<Item = (f64, Batch)> {
+        let too_long = self.due().filter(|(_, (cost_s, _))| *cost_s > self.whole_s);
+        let cells =
+            too_long.flat_map(|(unit, _)| unit.cells.iter().map(|cell| (unit.experiment, *cell)));
+        let without_record = cells.filter(|(experiment, cell)| {
+            let state = &self.cells[*experiment][*cell];
+            !state.recorded && !state.out
         });
-        let fitting = priced.filter(|(_, (cost_s, _))| *cost_s <= left_s);
-        Some(fitting.min_by(|a, b| a.0.total_cmp(&b.0))?.1)
+        without_record
+            .map(|(experiment, cell)| self.batch(experiment, vec![cell], Goal::FirstVisits))
     }
 
     fn open_claims(&self) -> impl Iterator<Item = (f64, Batch)> {

@@ -110,6 +110,18 @@ fn what_ends_with_a_fault_names_the_file_that_says_which() {
 }
 
 #[test]
+fn cells_that_fit_into_no_piece_are_counted_and_not_called_done() {
+    let cell = r#"{"record":"cell","experiment":"e","cell":"c","axes":{},"pipeline":"p","scene":"s","stand_ins":[],"params":{},"outcome":{"status":"over_budget"}}"#;
+    let script =
+        format!("[ \"$2\" = run ] && printf '%s\\n' '{cell}' > \"$8/records.jsonl\"\nexit 0");
+    let (_, state, status) = measured(&script, |_| ());
+    assert_eq!(status, ExitCode::from(SOMETHING_FAILED));
+    let run = state.steps.iter().find(|taken| taken.step == Step::Run).unwrap();
+    assert_eq!((run.status, run.is_over, run.in_vain), (Some(0), true, MOST_ATTEMPTS));
+    assert_eq!(run.reason, "cells that fit into no piece: 1");
+}
+
+#[test]
 fn without_time_nothing_is_begun_and_something_is_left() {
     let (_, state, status) = measured("exit 0", |args| args.total = Some(Duration::from_nanos(1)));
     assert_eq!(status, ExitCode::from(LEFT));

@@ -43,8 +43,8 @@ impl Model {
             cells: costs.iter().enumerate().map(of_experiment).collect(),
             units: costs.iter().enumerate().map(unit).collect(),
             first: vec![(0, 0), (1, 0)],
-            open: Vec::new(),
             precision: 0.02,
+            ..Schedule::default()
         };
         Self { schedule, costs, now_s: 0.0, done: Vec::new() }
     }
@@ -114,10 +114,10 @@ fn open_claims_come_before_wide_cells_and_all_ends_when_nothing_is_open() {
     model.schedule.cells[0][0].half_width = 0.5;
     model.schedule.open = vec![OpenClaim { experiment: 1, cells: vec![0, 1] }];
     assert!(model.schedule.is_open(0, 0) && model.schedule.is_open(1, 1));
-    let next = |model: &Model| model.schedule.next(1e6).unwrap();
-    assert_eq!(next(&model), Batch { experiment: 1, cells: vec![0, 1], goal: Goal::NextLook });
+    let next = |model: &mut Model| model.schedule.next(1e6).unwrap();
+    assert_eq!(next(&mut model), Batch { experiment: 1, cells: vec![0, 1], goal: Goal::NextLook });
     model.schedule.open.clear();
-    assert_eq!(next(&model), Batch { experiment: 0, cells: vec![0], goal: Goal::NextLook });
+    assert_eq!(next(&mut model), Batch { experiment: 0, cells: vec![0], goal: Goal::NextLook });
     model.schedule.cells[0][0].pairs = MAX_PAIRS;
     assert_eq!(model.schedule.next(1e6), None, "it has the most pairs");
 }
@@ -142,6 +142,23 @@ fn a_resumed_run_measures_what_was_not_reached_first() {
     assert!(model.step(1e6) && model.step(1e6));
     assert_eq!(model.order()[0], (2, Goal::FirstLook));
     assert_eq!(model.order()[1].1, Goal::NextLook);
+}
+
+/// Cells that are compared with each other and take longer together than any run has: each is measured by itself, by run after run.
+#[test]
+fn runs_that_are_shorter_than_a_unit_measure_its_cells_one_by_one() {
+    let slow = Cost { frame_s: 1.0, ..USUAL };
+    let mut model = Model::of(vec![vec![USUAL], vec![slow; 8]], &[0, 1]);
+    for run in 0..8 {
+        (model.now_s, model.schedule.whole_s) = (0.0, 0.0);
+        model = model.run(60.0);
+        assert!(model.now_s <= 60.0, "run {run}: {} s", model.now_s);
+    }
+    assert!(model.schedule.all().all(|cell| cell.recorded), "{:?}", model.done);
+    // Where there is time for all of them, they are sampled together.
+    let together = Model::of(vec![vec![USUAL], vec![slow; 8]], &[0, 1]).run(1e4);
+    let second = together.done.iter().filter(|batch| batch.experiment == 1).nth(1).unwrap();
+    assert_eq!((second.cells.len(), second.goal), (8, Goal::FirstLook));
 }
 
 proptest! {
