@@ -75,7 +75,10 @@ impl Repeated {
         // A repetition is part of the mean that it is held against, so that its difference from it is too small by this factor.
         // Places that are spread evenly make it up to √(n / (n − 1)) too large, in every cell alike.
         let own = count / (count - 1.0);
-        let noise = images.iter().map(|image| (own * from(image, &whole)).sqrt() / level).collect();
+        let noise = images
+            .iter()
+            .map(|image| (own * mean_square_difference(image, &whole)).sqrt() / level)
+            .collect();
         // Half the difference of the halves errs as their mean does.
         let of_mean = mean_square(halves[0].iter().copied(), &halves[1]) / 4.0;
         Ok(Self { middle: whole, level, noise, of_mean })
@@ -86,12 +89,12 @@ impl Repeated {
             limit.data.len() == self.middle.len(),
             "the dense limit's image differs in size from the repetitions'"
         );
-        Ok((from(limit, &self.middle) - self.of_mean).max(0.0).sqrt() / self.level)
+        Ok((mean_square_difference(limit, &self.middle) - self.of_mean).max(0.0).sqrt()
+            / self.level)
     }
 }
 
-/// Mean square of the difference.
-fn from(image: &Pixels, middle: &[f64]) -> f64 {
+fn mean_square_difference(image: &Pixels, middle: &[f64]) -> f64 {
     mean_square(image.data.iter().map(|v| f64::from(*v)), middle)
 }
 
