@@ -265,10 +265,12 @@ impl<'a> Hardware<'a> {
         }
         let cells = if step == Step::Run { self.cells()?.filter(is_left).count() } else { 0 };
         let left = cells > 0;
+        // A step that fails early has written no file.
+        let has_answer = step.goes_on() || !answer.is_empty();
         let reason = match status.code() {
-            Some(0) if left && !is_new => format!("cells that fit into no piece: {cells}"),
+            _ if could_run && left && !is_new => format!("cells not measured: {cells}"),
             Some(0) => String::new(),
-            _ if could_run => format!("{} says why", step.answer()),
+            _ if could_run && has_answer => format!("{} says why", step.answer()),
             _ => complaint.lines().next_back().unwrap_or_default(),
         };
         Ok(Piece { status: status.code(), is_over: could_run && !left, is_new, reason })
@@ -341,10 +343,12 @@ impl<'a> Hardware<'a> {
         }
         let left: Vec<String> = self.left().iter().map(Step::to_string).collect();
         let out = self.args.out.display();
-        tell::answer(if left.is_empty() {
+        tell::answer(if !left.is_empty() {
+            format!("left: {}; call it again with -o {out}", left.join(", "))
+        } else if self.status() == 0 {
             format!("all is done: {out} is complete")
         } else {
-            format!("left: {}; call it again with -o {out}", left.join(", "))
+            format!("all is done: not every step of {out} ended well")
         });
     }
 

@@ -39,7 +39,9 @@ def usual(request):
             stages = [WORK | {"name": name} for name in "ab"]
             return {"stages": stages, "allocated_bytes": 8, "errors": {"e": 0.5}, "quantities": {"q": 1.5}, "notes": []}
         case "checks":
-            return {"checks": [CHECK]}
+            # One stage at a time: each has its own time.
+            [stage] = request["stages"]
+            return {"checks": [CHECK | {"stage": stage}]}
         case "sample":
             return {"ns": [2_000_000.0] * request["frames"]}
         case "instructions":

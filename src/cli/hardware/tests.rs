@@ -95,7 +95,7 @@ fn what_could_not_run_is_tried_twice_and_its_reason_kept() {
 
 #[test]
 fn what_ends_with_a_fault_names_the_file_that_says_which() {
-    let (_, state, status) = measured("exit 1", |_| ());
+    let (_, state, status) = measured("echo {}; exit 1", |_| ());
     assert_eq!(status, ExitCode::from(SOMETHING_FAILED));
     let reasons: Vec<&str> = state.steps.iter().map(|taken| taken.reason.as_str()).collect();
     let files = [
@@ -107,10 +107,13 @@ fn what_ends_with_a_fault_names_the_file_that_says_which() {
         "comparison/summary.md",
     ];
     assert_eq!(reasons, files.map(|file| format!("{file} says why")));
+    // Without an answer there is no such file.
+    let (_, state, _) = measured("echo 'error: no window' >&2; exit 1", |_| ());
+    assert_eq!(state.steps[0].reason, "error: no window");
 }
 
 #[test]
-fn cells_that_fit_into_no_piece_are_counted_and_not_called_done() {
+fn cells_that_no_piece_measures_are_counted_and_not_called_done() {
     let cell = r#"{"record":"cell","experiment":"e","cell":"c","axes":{},"pipeline":"p","scene":"s","stand_ins":[],"params":{},"outcome":{"status":"over_budget"}}"#;
     let script =
         format!("[ \"$2\" = run ] && printf '%s\\n' '{cell}' > \"$8/records.jsonl\"\nexit 0");
@@ -118,7 +121,7 @@ fn cells_that_fit_into_no_piece_are_counted_and_not_called_done() {
     assert_eq!(status, ExitCode::from(SOMETHING_FAILED));
     let run = state.steps.iter().find(|taken| taken.step == Step::Run).unwrap();
     assert_eq!((run.status, run.is_over, run.in_vain), (Some(0), true, MOST_ATTEMPTS));
-    assert_eq!(run.reason, "cells that fit into no piece: 1");
+    assert_eq!(run.reason, "cells not measured: 1");
 }
 
 #[test]
