@@ -1,0 +1,13 @@
+//! What promises the same answer by other means, over random settings and scenes: skipping, culling, fitted starts, another rasterizer,
+//! a scene at another scale. `FATHOM_DRAWS` sets the number of draws; each draw's seed is its number, so a failure names what to repeat.
+
+mod ao;
+mod photons;
+mod refraction;
+mod scaled;
+mod underwater;
+
+/// Random draws of each promise.
+fn draws() -> u64 {
+    std::env::var("FATHOM_DRAWS").map_or(10, |text| text.parse().expect("FATHOM_DRAWS: a number"))
+}
