@@ -7,8 +7,8 @@
 
 struct Compose {
     size_px: vec2<f32>,
-    // Irradiance for a unit of the caustics buffer, 1/m² (paper intensity), or the tangent of a pixel's
-    // angle in that buffer (conserving intensity).
+    // Irradiance for a unit of the caustics buffer, 1/m² (paper intensity), or the side at 1 m of a square with
+    // the area of that buffer's pixel (conserving intensity).
     caustics_scale: f32,
     // Radiance for a unit of the godray buffer, 1/m³ · m.
     godrays_scale: f32,
@@ -183,7 +183,10 @@ struct Surface {
 @vertex
 fn water_vertex(@builtin(vertex_index) index: u32) -> Surface {
     let p = water::grid_vertex(index, settings.water_cells);
-    return Surface(frame.camera_view_projection * vec4(p, 1.0), p);
+    let clip = frame.camera_view_projection * vec4(p, 1.0);
+    // Within the clip volume wherever it is before the camera: a camera just under the water sees all of the surface above it, whatever its
+    // near plane.
+    return Surface(vec4(clip.xy, 0.0, clip.w), p);
 }
 
 // What the camera sees mirrored in the water.
@@ -215,6 +218,10 @@ fn refracted(uv: vec2<f32>, direction: vec3<f32>) -> vec3<f32> {
 
 @fragment
 fn water_fragment(in: Surface) -> @location(0) vec4<f32> {
+    let view_m = (frame.camera_view_projection * vec4(in.position_m, 1.0)).w;
+    if view_depth_m(textureLoad(depth, vec2<i32>(in.clip.xy), 0)) <= view_m {
+        discard;
+    }
     let uv = in.clip.xy / settings.size_px;
     let under = frame.camera_under_water != 0u;
     let to_viewer = normalize(frame.camera_position_m - in.position_m);

@@ -6,9 +6,9 @@
 #import fathom::dispatch
 #import fathom::photon::{Photon}
 #import fathom::screen
-#import fathom::splat::{Splat, Square, square}
+#import fathom::splat::{Splat, square}
 #if SURFACE == 1
-#import fathom::uniforms::{device_depth_at, frame, view_depth_m}
+#import fathom::splat::{in_surface}
 #endif
 
 @group(1) @binding(0) var<uniform> settings: Splat;
@@ -26,34 +26,18 @@ const ROWS: u32 = 8u;
 // Host twin: `SPLAT_ROWS`.
 const SPLAT_ROWS: u32 = 32u;
 const UPPER: f32 = 4294967296.0;
-// The largest f32 below 2³².
-const MOST_STEPS: f32 = 4294967040.0;
 
 #if STEP == 1
-fn add(pixel: u32, pixels: u32, steps: u32) {
-    let before = atomicAdd(&sums[pixel], steps);
-    if before > 0xffffffffu - steps {
-        atomicAdd(&sums[pixels + pixel], 1u);
+// Of the steps in `lower` and 2³² times those in `upper`.
+fn add(pixel: u32, pixels: u32, lower: u32, upper: u32) {
+    let before = atomicAdd(&sums[pixel], lower);
+    let carried = upper + select(0u, 1u, before > 0xffffffffu - lower);
+    if carried > 0u {
+        atomicAdd(&sums[pixels + pixel], carried);
     }
 }
 
-// Whether nothing hides a splat in a pixel: `from_center` pixels from its middle, where the camera sees the depth `seen`.
-fn lies_in(splat: Square, from_center: vec2<f32>, seen: f32) -> bool {
-#if SURFACE == 1
-    let rise = dot(splat.slope, from_center);
-    // view(seen) − view(plane) ≤ bias, where view(z) = n f / (f − z (f − n)), multiplied by both denominators.
-    let range = frame.z_far_m - frame.z_near_m;
-    let over_seen = frame.z_far_m - seen * range;
-    let over_plane = frame.z_far_m - clamp(splat.photon_z + rise, 0.0, 1.0) * range;
-    let product = frame.z_near_m * frame.z_far_m;
-    let near = product * over_plane <= over_seen * (product + settings.depth_bias_m * over_plane);
-    return near && clamp(splat.depth + rise, 0.0, 1.0) <= seen;
-#else
-    return splat.depth <= seen;
-#endif
-}
-
-// Adds a photon to the pixels whose middles lie in its square, upper and left edge included, and which nothing hides.
+// Adds a photon to the pixels of its square in which nothing hides it.
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let index = dispatch::place(id, groups);
@@ -62,18 +46,23 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     let splat = square(settings, photons[index], scene_depth);
     let size = vec2<u32>(settings.size_px);
-    let center_px = (splat.center * vec2(0.5, -0.5) + 0.5) * settings.size_px - 0.5;
-    let half_px = 0.5 * splat.side_px;
-    let first = vec2<u32>(clamp(ceil(center_px - half_px), vec2(0.0), settings.size_px));
-    let end = vec2<u32>(clamp(ceil(center_px + half_px), vec2(0.0), settings.size_px));
-    let steps = u32(min(round(splat.intensity * settings.steps), MOST_STEPS));
+    let first = vec2<u32>(splat.first);
+    let end = vec2<u32>(splat.end);
+    let steps = round(splat.intensity * settings.steps);
+    let upper = floor(steps / UPPER);
+    let lower = steps - upper * UPPER;
     let first_row = first.y + SPLAT_ROWS * id.z;
     for (var y = first_row; y < min(first_row + SPLAT_ROWS, end.y); y++) {
         let row = y * size.x;
         for (var pixel = row + first.x; pixel < row + end.x; pixel++) {
-            let from_center = vec2(f32(pixel - row), f32(y)) - center_px;
-            if lies_in(splat, from_center, depths[pixel]) {
-                add(pixel, size.x * size.y, steps);
+#if SURFACE == 1
+            let from_center = vec2(f32(pixel - row), f32(y)) - splat.center_px;
+            let seen = in_surface(settings, vec2(splat.depth, splat.photon_z), splat.slope, from_center, depths[pixel]);
+#else
+            let seen = splat.depth <= depths[pixel];
+#endif
+            if seen {
+                add(pixel, size.x * size.y, u32(lower), u32(upper));
             }
         }
     }
@@ -106,8 +95,11 @@ struct Varying {
     @builtin(position) clip: vec4<f32>,
     @location(0) @interpolate(flat) intensity: f32,
 #if SURFACE == 1
-    // Device depth beyond which what is seen is not the photon's surface.
-    @location(1) last_z: f32,
+    // Place of the splat's middle, and the change of device depth per pixel on its surface. Flat: what is clamped or not linear on the
+    // screen must not be interpolated between the corners.
+    @location(1) @interpolate(flat) plane: vec4<f32>,
+    // Device depths of splat and photon.
+    @location(2) @interpolate(flat) depths: vec2<f32>,
 #endif
 }
 
@@ -123,17 +115,21 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
         return drawn;
     }
     let splat = square(settings, photons[index], scene_depth);
-    if splat.side_px == 0.0 {
+    if any(splat.first >= splat.end) {
         return drawn;
     }
-    let corner = vec2(f32(vertex & 1u), f32((vertex >> 1u) & 1u)) - 0.5;
-    let place = splat.center + corner * splat.side_px * 2.0 / settings.size_px;
+    // The quad covers whole pixels: rasterizers move corners by up to 1/32 of a pixel, and must not decide about a pixel by that.
+    let corner = select(splat.first, splat.end, vec2((vertex & 1u) != 0u, (vertex & 2u) != 0u));
+    let place = (corner / settings.size_px * 2.0 - 1.0) * vec2(1.0, -1.0);
     var depth = splat.depth;
 #if SURFACE == 1
-    let rise = dot(splat.slope, corner * vec2(1.0, -1.0) * splat.side_px);
-    depth = clamp(depth + rise, 0.0, 1.0);
-    let plane_m = view_depth_m(clamp(splat.photon_z + rise, 0.0, 1.0));
-    drawn.last_z = device_depth_at(plane_m + settings.depth_bias_m);
+    // The nearest of the pixels' depths: what is behind it in none is left out early, and the fragment decides about the others.
+    let ahead = splat.slope * (splat.first - splat.center_px);
+    let behind = splat.slope * (splat.end - 1.0 - splat.center_px);
+    let nearest = min(ahead, behind);
+    depth = max(depth + nearest.x + nearest.y, 0.0);
+    drawn.plane = vec4(splat.center_px, splat.slope);
+    drawn.depths = vec2(splat.depth, splat.photon_z);
 #endif
     drawn.clip = vec4(place, depth, 1.0);
     drawn.intensity = splat.intensity;
@@ -144,7 +140,8 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
 fn fragment(in: Varying) -> @location(0) vec4<f32> {
 #if SURFACE == 1
     let seen = screen::depth_at(scene_depth, in.clip.xy, settings.size_px);
-    return vec4(select(in.intensity, 0.0, seen > in.last_z));
+    let from_center = in.clip.xy - 0.5 - in.plane.xy;
+    return vec4(select(0.0, in.intensity, in_surface(settings, in.depths, in.plane.zw, from_center, seen)));
 #else
     return vec4(in.intensity);
 #endif

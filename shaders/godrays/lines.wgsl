@@ -7,6 +7,8 @@
 struct Lines {
     // Pixels of the godray buffer.
     size_px: vec2<f32>,
+    // Its sides in squares of a pixel's area: lines are as wide in all directions, whatever the shape of pixels.
+    square_px: vec2<f32>,
     width_px: f32,
     // Schlick's k: −1 backward … 1 forward scattering.
     phase_k: f32,
@@ -56,10 +58,10 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
 
     let a = mix(start, end, first);
     let b = mix(start, end, last);
-    let along_px = (b.xy / b.w - a.xy / a.w) * 0.5 * settings.size_px;
+    let along_px = (b.xy / b.w - a.xy / a.w) * 0.5 * settings.square_px;
     let length_px = length(along_px);
     let along = select(vec2(0.0, 1.0), along_px / length_px, length_px > 1e-6);
-    let across = vec2(-along.y, along.x) * settings.width_px / settings.size_px;
+    let across = vec2(-along.y, along.x) * settings.width_px / settings.square_px;
     let at_end = (vertex & 1u) != 0u;
     let share = select(first, last, at_end);
     var clip = select(a, b, at_end);

@@ -27,10 +27,12 @@ struct Splat {
 }
 
 struct Square {
-    // In canonical screen space.
-    center: vec2<f32>,
-    // 0 for a photon that adds nothing.
-    side_px: f32,
+    // In pixels of the buffer, whose middles have whole numbers.
+    center_px: vec2<f32>,
+    // Pixels of the buffer whose middles lie in the square, upper and left edge included: from the first one to the one before the end.
+    // None for a photon that adds nothing.
+    first: vec2<f32>,
+    end: vec2<f32>,
     // As the camera's depth buffer has it.
     depth: f32,
     // What each pixel gets.
@@ -62,7 +64,11 @@ fn square(settings: Splat, photon: Photon, scene_depth: texture_depth_2d) -> Squ
     }
     let to_viewer = frame.camera_position_m - photon.hit_m;
     let viewer_distance = length(to_viewer);
-    splat.side_px = settings.size_a_px + settings.size_b_px_m / viewer_distance;
+    let side_px = settings.size_a_px + settings.size_b_px_m / viewer_distance;
+    let place_px = (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * settings.size_px;
+    splat.center_px = place_px - 0.5;
+    splat.first = clamp(ceil(splat.center_px - 0.5 * side_px), vec2(0.0), settings.size_px);
+    splat.end = clamp(ceil(splat.center_px + 0.5 * side_px), vec2(0.0), settings.size_px);
 
     let nearer = photon.hit_m + to_viewer * (settings.depth_bias_m / viewer_distance);
     let biased = frame.camera_view_projection * vec4(nearer, 1.0);
@@ -73,14 +79,27 @@ fn square(settings: Splat, photon: Photon, scene_depth: texture_depth_2d) -> Squ
     intensity *= entered(photon);
 #endif
 #if CONSERVING == 1
-    intensity *= angular_weight(photon.entry_m) / (splat.side_px * splat.side_px);
+    intensity *= angular_weight(photon.entry_m) / (side_px * side_px);
 #endif
     splat.intensity = intensity;
-    splat.center = clip.xy / clip.w;
 #if SURFACE == 1
-    let place_px = (splat.center * vec2(0.5, -0.5) + 0.5) * settings.size_px;
     splat.photon_z = clip.z / clip.w;
     splat.slope = surface_slope(settings, scene_depth, place_px, clip.w);
 #endif
     return splat;
 }
+
+#if SURFACE == 1
+// Whether a splat's plane is seen in a pixel: `from_center` pixels from its middle, where the camera sees the depth `seen`. `planes` has the
+// device depths of splat and photon in the middle.
+fn in_surface(settings: Splat, planes: vec2<f32>, slope: vec2<f32>, from_center: vec2<f32>, seen: f32) -> bool {
+    let rise = dot(slope, from_center);
+    // view(seen) − view(plane) ≤ bias, where view(z) = n f / (f − z (f − n)), multiplied by both denominators.
+    let range = frame.z_far_m - frame.z_near_m;
+    let over_seen = frame.z_far_m - seen * range;
+    let over_plane = frame.z_far_m - clamp(planes.y + rise, 0.0, 1.0) * range;
+    let product = frame.z_near_m * frame.z_far_m;
+    let near = product * over_plane <= over_seen * (product + settings.depth_bias_m * over_plane);
+    return near && planes.x + rise <= seen;
+}
+#endif

@@ -122,7 +122,7 @@ fn shafts(
     params: &Params,
     view: &View,
 ) -> Result<(wgpu::Texture, f64), GpuError> {
-    let pixel_m = view.pixel_tangent(params.view.height) * params.middle_m();
+    let pixel_m = view.pixel_tangent(view.size_px.into()) * params.middle_m();
     let photon_w = photon_w(params, view);
     let length_px = params.floor_depth_m / pixel_m;
     let lines = lines::new(of_view, shared, photons, &seen.depth, (photon_w, length_px))?;
@@ -145,6 +145,6 @@ fn sprite(params: &Params, view: &View) -> Sprite {
         visible_m: params.sprites.visible_m,
         facing: params.sprites.plane == SpritePlane::Screen,
         photon_w: photon_w(params, view),
-        side_px: 2.0 * radius_m / (view.pixel_tangent(params.view.height) * params.middle_m()),
+        side_px: 2.0 * radius_m / (view.pixel_tangent(view.size_px.into()) * params.middle_m()),
     }
 }

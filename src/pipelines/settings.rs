@@ -1,6 +1,6 @@
 //! Settings that several pipelines share.
 
-use glam::{DVec3, UVec2, Vec2};
+use glam::{DVec2, DVec3, UVec2, Vec2};
 use serde::{Deserialize, Serialize};
 
 use fathom_base::choices;
@@ -248,6 +248,7 @@ pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> unifo
         bounds: scene.bounds,
         size_px: UVec2::new(view.width, view.height),
         edge_m: UNUSED_EDGE_M,
+        photon_reach: DVec2::ZERO,
     }
 }
 
@@ -365,7 +366,7 @@ impl Filter {
         BilateralUniforms {
             size_px: view.size_px.as_vec2(),
             source_px: Vec2::from(source_px.map(|side| side as f32)),
-            pixel_tangent: view.pixel_tangent(view.size_px.y) as f32,
+            pixel_tangent: view.pixel_tangent(view.size_px.into()) as f32,
             taps: self.taps,
             radius_px: self.radius_px as f32,
             sigma_px: self.sigma_px as f32,

@@ -9,7 +9,7 @@ mod parameters;
 
 use std::collections::BTreeMap;
 
-use glam::{DVec3, UVec2, Vec2};
+use glam::{UVec2, Vec2};
 use serde_json::Value;
 
 use super::caustics_image::Compared;
@@ -17,8 +17,7 @@ use super::settings::{VIEWPORT, begin, scaled};
 use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
-use fathom_stages::caustics::mesh::{self, MeshUniforms};
-use fathom_stages::caustics::splat::{self, PointSize, SplatUniforms};
+use fathom_stages::caustics::splat::{self, SplatUniforms};
 use fathom_stages::compose::{self, ComposeUniforms, Composed};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::godrays::lines::LinesUniforms;
@@ -32,8 +31,8 @@ use fathom_stages::{Stage, caustics, godrays, scene, shadow, water};
 
 pub use grid::PhotonGrid;
 pub use measure::{blended_fragments, photon_query, photons_at, read_photons};
-pub use parameters::{CausticMethod, Intensity, Params, Splatting, SubdivisionMode};
-use parameters::{CausticsUnit, PhotonPath};
+pub use parameters::{Intensity, Params, Splatting, SubdivisionMode};
+use parameters::PhotonPath;
 
 /// Photons through the water's surface, splats and light shafts.
 pub struct Underwater {
@@ -102,7 +101,7 @@ impl Pipeline for Underwater {
             reflection: &reflection,
             refraction: &refraction,
         };
-        let flux = params.caustics.buffer_holds() == CausticsUnit::Flux;
+        let flux = params.caustics.intensity == Intensity::Conserving;
         let compose = compose::new(of_view, shared, &composed, &plan.compose, flux)?;
         let image = of_view.push(compose);
         Ok(Self { params: params.clone(), view, caustics, godrays, image, plan })
@@ -159,17 +158,9 @@ fn photon_grids(
             let (inputs, settings, side_px) = ((photons, seen), &plan.splat, plan.splat_px);
             let sides_px = [side_px, params.caustics.point_size_max_px];
             let rules = (conserving, params.caustics.coverage);
-            match (params.caustics.method, params.caustics.splatting) {
-                (CausticMethod::Mesh, _) => {
-                    let side = params.caustics.grid_settings().side();
-                    mesh::new(of, shared, inputs, &plan.mesh, side)
-                }
-                (CausticMethod::Splats, Splatting::Compute) => {
-                    splat::scatter(of, shared, inputs, settings, rules, sides_px)
-                }
-                (CausticMethod::Splats, Splatting::Raster) => {
-                    splat::raster(of, shared, inputs, settings, rules, side_px)
-                }
+            match params.caustics.splatting {
+                Splatting::Compute => splat::scatter(of, shared, inputs, settings, rules, sides_px),
+                Splatting::Raster => splat::raster(of, shared, inputs, settings, rules, side_px),
             }
         },
     )?;
@@ -231,6 +222,7 @@ pub fn view(params: &Params, scene: &Scene) -> View {
         bounds: scene.bounds,
         size_px: UVec2::new(params.view.width, params.view.height),
         edge_m: params.shadow.edge_m,
+        photon_reach: params.photon_reach(),
     }
 }
 
@@ -241,7 +233,6 @@ struct Plan {
     splat: SplatUniforms,
     /// Side of a splat in the middle of the scene.
     splat_px: f64,
-    mesh: MeshUniforms,
     lines: LinesUniforms,
     /// Length of a vertical line through all of the water, seen across.
     line_px: f64,
@@ -250,56 +241,47 @@ struct Plan {
 
 impl Plan {
     fn new(params: &Params, view: &View) -> Self {
-        let flux_w = [params.caustics.photon_intensity(), params.godrays.photon_intensity()]
+        let flux_w = [params.caustics.intensity, params.godrays.intensity]
             .map(|intensity| grid_flux_w(view, intensity));
-        let target = DVec3::from(params.camera.target_m);
-        let middle_m = target.distance(DVec3::from(params.camera.position_m));
+        let middle_m = params.middle_m();
         let [caustics, godrays] = [params.caustics_buffer(), params.godrays_buffer()];
-        let pixel = |buffer: [u32; 2]| view.pixel_tangent(buffer[1]) * middle_m;
-        let size = PointSize::new(
-            params.caustics.point_size_min_px,
-            params.caustics.point_size_max_px,
-            params.camera.z_near_m,
-            params.camera.z_far_m,
-        );
+        let pixel = |buffer: [u32; 2]| view.pixel_tangent(buffer) * middle_m;
+        let size = params.point_size();
         let splat_px = size.at(middle_m);
         let grids = [params.caustics.grid_settings(), params.godrays.grid_settings()];
         let photons = [grids[0].photons(), grids[1].photons()];
-        let most = flux_w[0] / photons[0] as f64
-            * match params.caustics.intensity {
-                Intensity::Paper => 1.0,
-                Intensity::Conserving => params.caustics.point_size_min_px.powi(-2),
-            };
+        let sides_px = [params.caustics.point_size_max_px, params.caustics.point_size_min_px];
+        let [near, most] = sides_px.map(|side_px| {
+            flux_w[0] / photons[0] as f64
+                * match params.caustics.intensity {
+                    Intensity::Paper => 1.0,
+                    Intensity::Conserving => side_px.powi(-2),
+                }
+        });
+        let least = near * (-params.water.attenuation_per_m * params.floor_depth_m).exp();
         let splat = SplatUniforms {
             size_px: as_vec2(caustics),
             size_a_px: size.a_px as f32,
             size_b_px_m: size.b_px_m as f32,
             photon_w: (flux_w[0] / photons[0] as f64) as f32,
             depth_bias_m: params.caustics.depth_bias_m as f32,
-            steps: splat::steps(most),
+            steps: splat::steps([least, most]),
             photons: photons[0] as u32,
             photons_per_instance: PHOTONS_PER_INSTANCE,
         };
         let lines = LinesUniforms {
             size_px: as_vec2(godrays),
+            square_px: view.square_px(godrays).as_vec2(),
             width_px: params.godrays.line_width_px as f32,
             phase_k: params.godrays.phase_k as f32,
             photon_w: (flux_w[1] / photons[1] as f64) as f32,
             photons_per_instance: PHOTONS_PER_INSTANCE,
             photons: photons[1] as u32,
         };
-        let caustics_scale = match params.caustics.buffer_holds() {
+        let caustics_scale = match params.caustics.intensity {
             // A splat of side s in the middle of the view covers this area, which turns flux into irradiance there.
-            CausticsUnit::PhotonFlux => 1.0 / (splat_px * pixel(caustics)).powi(2),
-            CausticsUnit::Flux => view.pixel_tangent(caustics[1]),
-            CausticsUnit::Irradiance => 1.0,
-        };
-        let mesh = MeshUniforms {
-            size_px: as_vec2(caustics),
-            grid: params.caustics.grid,
-            strength: params.light.intensity_w_sr as f32,
-            depth_bias_m: params.caustics.depth_bias_m as f32,
-            most_stretch: params.caustics.mesh_stretch as f32,
+            Intensity::Paper => 1.0 / (splat_px * pixel(caustics)).powi(2),
+            Intensity::Conserving => view.pixel_tangent(caustics),
         };
         let width_m = pixel(godrays)
             * match params.godrays.intensity {
@@ -310,7 +292,6 @@ impl Plan {
             traces: grids.map(|grid| grid.uniforms(view, params.shadow.size)),
             splat,
             splat_px,
-            mesh,
             lines,
             line_px: params.floor_depth_m / pixel(godrays),
             compose: ComposeUniforms {

@@ -45,14 +45,13 @@ impl Godray {
 }
 
 /// Area in pixels of a line of this width within an image, in pixels: what it covers, hidden or not.
-pub fn covered_px([from, to]: [DVec2; 2], width_px: f64, size: [u32; 2]) -> f64 {
+pub fn covered_px([from, to]: [DVec2; 2], width_px: f64, size: DVec2) -> f64 {
     let Some(along) = (to - from).try_normalize() else {
         return 0.0;
     };
     let across = along.perp() * (0.5 * width_px);
     let mut corners = vec![from + across, to + across, to - across, from - across];
     // Sutherland and Hodgman, Reentrant Polygon Clipping, 1974: at the four borders of the image.
-    let size = DVec2::new(size[0].into(), size[1].into());
     for (normal, place) in
         [(DVec2::X, 0.0), (DVec2::NEG_X, -size.x), (DVec2::Y, 0.0), (DVec2::NEG_Y, -size.y)]
     {
@@ -72,6 +71,8 @@ pub fn covered_px([from, to]: [DVec2; 2], width_px: f64, size: [u32; 2]) -> f64 
 #[cfg(test)]
 mod tests {
     use std::f64::consts::PI;
+
+    use glam::UVec2;
 
     use super::*;
 
@@ -97,10 +98,11 @@ mod tests {
         ];
         for ([from, to], width_px) in cases {
             let line = [DVec2::from(from), DVec2::from(to)];
-            let (area, count) = (covered_px(line, width_px, size), counted(line, width_px, size));
+            let (area, count) = (covered_px(line, width_px, UVec2::from(size).as_dvec2()), counted(line, width_px, size));
             assert!((area / count - 1.0).abs() < 0.02, "{line:?}: {area} against {count}");
         }
         let outside = [DVec2::new(-40.0, -40.0), DVec2::new(-10.0, 200.0)];
+        let size = UVec2::from(size).as_dvec2();
         assert_eq!(covered_px(outside, 5.0, size), 0.0);
         assert_eq!(covered_px([DVec2::ONE; 2], 5.0, size), 0.0);
     }

@@ -5,7 +5,6 @@
 //! imports nothing of the rest of the crate but [`scene`](fathom_scene).
 
 pub mod bilateral;
-pub mod caustic_mesh;
 pub mod deform;
 pub mod estimator;
 pub mod filter;

@@ -64,7 +64,6 @@ pub fn new(
     let water = RenderSpec {
         vertex: "water_vertex",
         fragment: Some("water_fragment"),
-        depth: Some(Depth::behind(depth)),
         ..screen.clone()
     };
     let water = Raster::new(resources, &water)?;

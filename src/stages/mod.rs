@@ -74,7 +74,6 @@ pub const REGISTRY: &[StageInfo] = &[
     water::refraction::INFO,
     caustics::trace::INFO,
     caustics::splat::INFO,
-    caustics::mesh::INFO,
     caustics::filter::INFO,
     photons::query::INFO,
     godrays::trace::INFO,

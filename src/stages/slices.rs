@@ -80,7 +80,6 @@ mod tests {
         ("voxel/unpack", "eight bits, four bytes"),
         ("voxel/view", "the cells of three edges, 12,288"),
         // Linked with loops that they do not call.
-        ("caustics/mesh", "none"),
         ("godrays/lines", "none"),
         ("planar/points", "none"),
         ("rays/reduce", "none"),

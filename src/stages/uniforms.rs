@@ -67,6 +67,8 @@ pub struct View {
     pub size_px: UVec2,
     /// Difference of depth along the light that counts as an edge of the shadow map, metres.
     pub edge_m: f64,
+    /// Share of the picture, to the right and upwards, from beyond which photons still reach into it: what is drawn of each is that large.
+    pub photon_reach: DVec2,
 }
 
 impl View {
@@ -75,12 +77,28 @@ impl View {
     }
 
     pub fn light_frame(&self) -> LightFrame {
-        self.light.photon_frame(&self.camera, self.aspect(), &self.bounds, &self.water)
+        let wider = 1.0 + self.photon_reach;
+        let mut camera = self.camera.clone();
+        camera.fov_y_deg = 2.0 * (self.half_height() * wider.y).atan().to_degrees();
+        let aspect = self.aspect() * wider.x / wider.y;
+        self.light.photon_frame(&camera, aspect, &self.bounds, &self.water)
     }
 
-    /// Metres that a pixel of a buffer of `height_px` rows spans at 1 m from the camera.
-    pub fn pixel_tangent(&self, height_px: u32) -> f64 {
-        2.0 * (self.camera.fov_y_deg.to_radians() / 2.0).tan() / f64::from(height_px)
+    /// Half the height of the picture at unit distance.
+    fn half_height(&self) -> f64 {
+        (self.camera.fov_y_deg.to_radians() / 2.0).tan()
+    }
+
+    /// Side of the square, in metres, that has the area of a buffer's pixel at 1 m from the camera.
+    pub fn pixel_tangent(&self, [width_px, height_px]: [u32; 2]) -> f64 {
+        let pixels = f64::from(width_px) * f64::from(height_px);
+        2.0 * self.half_height() * (self.aspect() / pixels).sqrt()
+    }
+
+    /// Sides of a buffer in squares of its pixels' area.
+    pub fn square_px(&self, [width_px, height_px]: [u32; 2]) -> DVec2 {
+        let pixels = f64::from(width_px) * f64::from(height_px);
+        DVec2::new((pixels * self.aspect()).sqrt(), (pixels / self.aspect()).sqrt())
     }
 
     /// Irradiance at normal incidence in the middle of the view, W/m²: the intensity itself for a directional

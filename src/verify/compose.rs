@@ -232,7 +232,7 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
     let (stand, depth) = dry(rig, scene)?;
     let dark = Known {
         normal: Vec3::Y,
-        pixel_tangent: Some(stand.view.pixel_tangent(SIZE[1])),
+        pixel_tangent: Some(stand.view.pixel_tangent(SIZE)),
         ..Known::unlit(depth, 0.8)
     };
     let flux = Image::constant(SIZE[0], SIZE[1], FLUX_W);

@@ -39,6 +39,7 @@ fn draw_as(
     let shared = Shared::new(rig, view);
     let settings = LinesUniforms {
         size_px: Vec2::splat(side_px as f32),
+        square_px: Vec2::splat(side_px as f32),
         width_px: width_px as f32,
         phase_k: PHASE_K as f32,
         photon_w: PHOTON_W as f32,

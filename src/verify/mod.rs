@@ -19,7 +19,6 @@ mod hsao;
 mod light;
 mod lines;
 mod luminance;
-mod mesh;
 mod occlusion;
 mod photon_tracing;
 mod photons;
@@ -205,7 +204,6 @@ pub fn cases() -> Vec<Case> {
         glass::cases(),
         starts::cases(),
         splats::cases(),
-        mesh::cases(),
         lines::cases(),
         fresnel::cases(),
         filters::cases(),

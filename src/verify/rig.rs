@@ -2,7 +2,7 @@
 
 use std::ops::Deref;
 
-use glam::{DVec3, UVec2, Vec2};
+use glam::{DVec2, DVec3, UVec2, Vec2};
 
 use super::{Result, VerifyError};
 use fathom_gpu::{
@@ -244,6 +244,7 @@ pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
         bounds: scene.bounds,
         size_px: UVec2::from(size_px),
         edge_m: 0.1,
+        photon_reach: DVec2::ZERO,
     }
 }
 

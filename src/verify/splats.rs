@@ -19,14 +19,10 @@ const PHOTON_W: f64 = 0.02;
 /// Distances of synthetic photons from the viewer, metres: sizes of 20 down to 5 px.
 const NEAREST_M: f64 = 0.15;
 const FARTHEST_M: f64 = 18.0;
-/// Vulkan lets a rasterizer move edges by 1/32 pixel: a splat of side s then gains or loses up to a row
-/// in 1 of 8 cases, 1/(8 s) of its pixels. A compute shader's places are those of f32, to 1e-4 px.
-const fn coverage(splatting: Splatting) -> f64 {
-    match splatting {
-        Splatting::Raster => 0.03,
-        Splatting::Compute => 1e-3,
-    }
-}
+/// Places of splats are those of f32, to 1e-4 px: quads cover whole pixels, so that no rasterizer's rounding of corners counts.
+const COVERAGE: f64 = 1e-3;
+/// In 16-bit floats, which lose half a step in each addition.
+const SHORT_COVERAGE: f64 = 0.03;
 /// Sides of the splats whose squares the buffer's border cuts.
 const EXTREMES_PX: [f64; 2] = [0.4, 400.0];
 /// Cells per side in which isolated splats lie: 64 px each, more than the largest splat.
@@ -128,6 +124,11 @@ impl Rules {
         self.splatting == Splatting::Raster && rig.sums_are_short()
     }
 
+    /// Tolerance of pixels covered and what they add up to.
+    fn coverage(&self, rig: &Rig<'_>) -> f64 {
+        if self.is_short(rig) { SHORT_COVERAGE } else { COVERAGE }
+    }
+
     /// This tolerance, where a value in the buffer is known to it.
     fn exact_to(&self, rig: &Rig<'_>, tolerance: f64) -> f64 {
         if self.is_short(rig) { rig::SHORT_STEP } else { tolerance }
@@ -187,13 +188,15 @@ fn draw(
     let size = PointSize::new(min_px, max_px, view.camera.z_near_m, view.camera.z_far_m);
     // a and b of the size rule from two of its values: s = a + b / d.
     let b = (size.at(1.0) - size.at(2.0)) * 2.0;
+    let most = [max_px, min_px]
+        .map(|side_px| splat_value(rules.intensity, rules.photon_w, 0.0, 0.0, side_px));
     let settings = SplatUniforms {
         size_px: UVec2::from(SIZE).as_vec2(),
         size_a_px: (size.at(1.0) - b) as f32,
         size_b_px_m: b as f32,
         photon_w: rules.photon_w as f32,
         depth_bias_m: rules.bias_m as f32,
-        steps: splat::steps(splat_value(rules.intensity, rules.photon_w, 0.0, 0.0, min_px)),
+        steps: splat::steps(most),
         photons: photons.len() as u32,
         photons_per_instance: PHOTONS_PER_INSTANCE,
     };
@@ -259,7 +262,7 @@ fn isolated(rig: &Rig<'_>, rules: Rules) -> Checks {
     let what = |of| format!("isolated splats, {}: {of}", name(rules.splatting));
     Ok(vec![
         Check::of(rig, what("covered pixels unlike the twin's, of all covered"))
-            .within((coverage(rules.splatting), "1"), coverage_error(&rules)?)
+            .within((COVERAGE, "1"), coverage_error(&rules)?)
             .control("s_max 25 px", coverage_error(&wide)?),
         Check::of(rig, what("largest relative error of intensity"))
             .within((rules.exact_to(rig, 1e-4), "1"), center_error(&rules)?)
@@ -334,7 +337,7 @@ fn within_surface(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
     let what = format!("splats within one surface, {}", name(rules.splatting));
     // A plane's depth at a pixel is a difference of depths in f32: at 10 m it decides about pixels to within a millimetre.
     Ok(Check::of(rig, format!("{what}: sum of |difference from the twin|, of the sum"))
-        .within((coverage(Splatting::Raster), "1"), difference(&image, &twin))
+        .within((rules.coverage(rig), "1"), difference(&image, &twin))
         .control("squares over silhouettes", difference(&image, &squares))
         .with("sum_over_that_of_squares", twin.sum() / squares.sum()))
 }
@@ -412,7 +415,7 @@ fn extremes(
     };
     let wide = Rules { sizes_px: [EXTREMES_PX[0], 1.25 * EXTREMES_PX[1]], ..rules };
     Ok(Check::of(rig, format!("{what}, {}: Σ |difference| / Σ", name(rules.splatting)))
-        .within((coverage(rules.splatting), "1"), error(&rules)?)
+        .within((rules.coverage(rig), "1"), error(&rules)?)
         .control("s_max 500 px", error(&wide)?))
 }
 
@@ -431,8 +434,9 @@ fn alike(rig: &Rig<'_>) -> Result<Check> {
     };
     let raster = drawn(Splatting::Raster, 1.0)?;
     let scattered = drawn(Splatting::Compute, 1.0)?;
+    let by_raster = Rules { splatting: Splatting::Raster, ..RULES };
     Ok(Check::of(rig, "scene tank, compute against the rasterizer: Σ |difference| / Σ")
-        .within((coverage(Splatting::Raster), "1"), difference(&scattered, &raster))
+        .within((by_raster.coverage(rig), "1"), difference(&scattered, &raster))
         .control("twice the depth bias", difference(&drawn(Splatting::Compute, 2.0)?, &raster))
         .with("relative_difference_of_sums", scattered.sum() / raster.sum() - 1.0))
 }

@@ -3,8 +3,7 @@
 use glam::{DMat4, DVec3};
 use serde_json::{Value, json};
 
-use super::parameters::CausticsUnit;
-use super::{CausticMethod, Intensity, PhotonGrid, Underwater};
+use super::{Intensity, PhotonGrid, Underwater};
 use fathom_scene::LightFrame;
 use fathom_stages::caustics::splat::SplatCoverage;
 
@@ -19,12 +18,9 @@ impl Underwater {
         match stage.split('/').next() {
             Some("caustics") => {
                 let settings = &self.params.caustics;
-                let (grid, intensity) = (settings.grid_settings(), settings.photon_intensity());
+                let (grid, intensity) = (settings.grid_settings(), settings.intensity);
                 about["photons"] = self.photons(&grid, intensity, self.plan.splat.photon_w);
-                match self.params.caustics.method {
-                    CausticMethod::Splats => about["splat"] = self.splat(),
-                    CausticMethod::Mesh => about["mesh"] = self.mesh(),
-                }
+                about["splat"] = self.splat();
                 about["irradiance"] = self.irradiance();
             }
             Some("godrays") => {
@@ -98,23 +94,6 @@ impl Underwater {
         })
     }
 
-    fn mesh(&self) -> Value {
-        let mesh = &self.plan.mesh;
-        json!({
-            "columns": mesh.grid * self.params.caustics.grid_settings().side(),
-            "strength": mesh.strength,
-            "depth_bias_m": mesh.depth_bias_m,
-            "most_stretch": mesh.most_stretch,
-            "buffer_px": mesh.size_px.as_uvec2().to_array(),
-            "triangles": "each square of neighbours (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1) of the light's grid, cut between its \
-                second and third; none with a negative residual, none whose longest edge is over most_stretch times its longest edge \
-                between the entries",
-            "value": "strength * cross-section of the entries' triangle along the light (a point light: its solid angle) / area of the \
-                hits' triangle * weight and attenuation, interpolated from the corners; on pixels whose depth along the view is within \
-                depth_bias_m of the triangle's",
-        })
-    }
-
     fn line(&self) -> Value {
         let lines = &self.plan.lines;
         let divided = match self.params.godrays.intensity {
@@ -133,19 +112,14 @@ impl Underwater {
 
     fn irradiance(&self) -> Value {
         let scale = self.plan.compose.caustics_scale;
-        match self.params.caustics.buffer_holds() {
-            CausticsUnit::Irradiance => json!({
-                "scale": scale,
-                "unit": "1",
-                "meaning": "irradiance, W/m², is the texel",
-            }),
-            CausticsUnit::PhotonFlux => json!({
+        match self.params.caustics.intensity {
+            Intensity::Paper => json!({
                 "scale": scale,
                 "unit": "1/m²",
                 "meaning": "irradiance, W/m², is the texel times the scale: 1 / the area that a splat in the middle of the view \
                     covers; right in the middle of the view only",
             }),
-            CausticsUnit::Flux => json!({
+            Intensity::Conserving => json!({
                 "scale": scale,
                 "unit": "1, a pixel's extent at 1 m from the camera, m/m",
                 "meaning": "irradiance, W/m², is the texel * max(cos, 0.1) * d / (scale² * z³): d from the camera to the surface, z along \

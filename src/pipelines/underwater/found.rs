@@ -1,7 +1,6 @@
 //! Irradiance that a frame's caustics bring to what each of their pixels shows.
 
-use super::Underwater;
-use super::parameters::CausticsUnit;
+use super::{Intensity, Underwater};
 use crate::caustics_image::{FoundCaustics, channel};
 use crate::settings::Animation;
 use crate::{Judge, JudgeError};
@@ -20,11 +19,9 @@ impl Underwater {
     ) -> Result<FoundCaustics, JudgeError> {
         let texels = channel(&read_texture(judge.gpu, self.caustics.texture())?, 0);
         let scale = f64::from(self.plan.compose.caustics_scale);
-        let irradiance = match self.params.caustics.buffer_holds() {
-            CausticsUnit::PhotonFlux | CausticsUnit::Irradiance => {
-                texels.map(|value| value * scale)
-            }
-            CausticsUnit::Flux => {
+        let irradiance = match self.params.caustics.intensity {
+            Intensity::Paper => texels.map(|value| value * scale),
+            Intensity::Conserving => {
                 let still = Animation::default();
                 let tracer = judge.known.occlusion.tracer(judge.scene, &still);
                 self.per_area(&texels, &tracer)
@@ -38,7 +35,7 @@ impl Underwater {
         let camera = &self.view.camera;
         let [width, height] = flux.size();
         let rays = PixelRays::new(camera, width, height);
-        let side = self.view.pixel_tangent(height);
+        let side = self.view.pixel_tangent(flux.size());
         Image::of(flux.size(), |x, y| {
             let Some((hit, _)) = rays.cast(tracer, x, y) else { return 0.0 };
             let sight = hit.position - camera.position();

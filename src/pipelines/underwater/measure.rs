@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DVec2, DVec4};
 
 use super::grid::largest_contraction;
-use super::{CausticMethod, Intensity, Params, Underwater, view};
+use super::{Intensity, Params, Underwater, view};
 use crate::{Built, Pipeline};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_reference::godray::covered_px;
@@ -20,13 +20,13 @@ use fathom_stages::uniforms::Shared;
 impl Underwater {
     /// Pixels that the lines of godrays cover in their buffer, each line's counted, hidden or not.
     fn covered_px(&self, photons: &[Photon]) -> f64 {
-        let size = self.params.godrays_buffer();
+        let size = self.view.square_px(self.params.godrays_buffer());
         let (near_m, width_px) = (self.view.camera.z_near_m, self.params.godrays.line_width_px);
         let matrix = self.view.camera.view_projection(self.view.aspect());
         let place = |clip: DVec4| {
             let ndc = clip.truncate() / clip.w;
             let share = DVec2::new(ndc.x * 0.5 + 0.5, 0.5 - ndc.y * 0.5);
-            share * DVec2::new(size[0].into(), size[1].into())
+            share * size
         };
         let drawn = photons.iter().filter(|p| p.residual_m >= 0.0 && p.distance_m > 0.0);
         let lines = drawn.filter_map(|photon| {
@@ -106,7 +106,7 @@ pub fn photon_query(
     let mask = shadow::mask::new(&of_light, &shared, &depth, params.surface.cells)?;
     let mask = of_light.push_as(mask, When::Once);
     let settings = params.caustics.grid_settings().uniforms(&view, params.shadow.size);
-    let conserving = params.caustics.photon_intensity() == Intensity::Conserving;
+    let conserving = params.caustics.intensity == Intensity::Conserving;
     let light = (&depth, &mask);
     let query = query::new(resources, &shared, light, starts, &settings, conserving)?;
     Ok(resources.push_as(query, When::Once))
@@ -140,7 +140,6 @@ pub fn blended_fragments(
     let mut params = params.clone();
     params.water.attenuation_per_m = 0.0;
     params.water.fresnel = false;
-    params.caustics.method = CausticMethod::Splats;
     params.caustics.intensity = Intensity::Paper;
     params.godrays.intensity = Intensity::Paper;
     params.godrays.phase_k = 0.0;

@@ -1,5 +1,6 @@
 //! Parameters of the underwater pipeline, their defaults with sources, and their ranges.
 
+use glam::{DVec2, DVec3, UVec2};
 use serde::{Deserialize, Serialize};
 
 use super::grid::PhotonGrid;
@@ -10,7 +11,7 @@ use fathom_base::parameter::{ParamError, within};
 use fathom_base::settings;
 use fathom_gpu::StageInfo;
 use fathom_scene::{Camera, Light, SceneFile, Water};
-use fathom_stages::caustics::splat::SplatCoverage;
+use fathom_stages::caustics::splat::{PointSize, SplatCoverage};
 use fathom_stages::photon::PhotonEstimator;
 use fathom_stages::{caustics, godrays};
 
@@ -81,16 +82,7 @@ pub enum Splatting {
     Raster,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CausticMethod {
-    /// Each photon as a square. UW §3.3.
-    Splats,
-    /// Neighbouring photons as triangles, with irradiance by the ratio of areas. Nishita and Nakamae 1994, Wallace 2010.
-    Mesh,
-}
-
-choices!(CausticMethod, Intensity, Splatting, SubdivisionMode);
+choices!(Intensity, Splatting, SubdivisionMode);
 
 settings! {
     /// How the picture is made.
@@ -184,7 +176,7 @@ macro_rules! photon_settings {
                     buffer_sized_by: concat!(stringify!($name), ".buffer"),
                     trace: &$name::trace::INFO,
                     grid: self.grid_settings(),
-                    conserving: self.photon_intensity() == Intensity::Conserving,
+                    conserving: self.intensity == Intensity::Conserving,
                     filter: self.filter,
                 }
             }
@@ -221,11 +213,6 @@ photon_settings! {
     {
         /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.64. UW §4.1: 512 × 512 at 800 × 800.
         buffer: [u32; 2] = [0, 0] => 0 ..= 1_000_000, "px";
-        /// What the photons are drawn as. Settings of points, coverage, intensity and splatting are those of splats.
-        method: CausticMethod = CausticMethod::Splats;
-        /// Longest edge of a drawn triangle of the mesh over its longest edge on the water's surface: a longer one joins different
-        /// surfaces. In scene port the image error changes by 1 % from 2 to no limit.
-        mesh_stretch: f64 = 8.0 => 1.0 ..= 1e6, "1";
         /// Side of a splat at the far plane. UW §4.1: 5.
         point_size_min_px: f64 = 5.0 => 0.1 ..= 1024.0, "px";
         /// Side of a splat at the near plane, not less than at the far one. UW §4.1: 20.
@@ -233,16 +220,14 @@ photon_settings! {
         /// Where a splat is drawn. UW's squares lie over silhouettes.
         coverage: SplatCoverage = SplatCoverage::Surface;
         /// How far splats are drawn towards the camera before the depth test, so that the floor they lie on does not hide
-        /// half of them; with the coverage `surface` also how far behind a splat its surface may lie. Of a mesh: how far before or behind
-        /// it what is seen may lie. Tuned on scene tank.
+        /// half of them; with the coverage `surface` also how far behind a splat its surface may lie. Tuned on scene tank.
         depth_bias_m: f64 = 0.3 => 0.0 ..= 100.0, "m";
         /// How much a photon adds.
         intensity: Intensity = Intensity::Paper;
         /// What adds photons up. The sums are the same; which is faster depends on the adapter and on the size of splats. On
         /// lavapipe compute takes 0.4 of the time at 5 px and 0.8 at 20 px.
         splatting: Splatting = Splatting::Compute;
-        /// Whether the buffer is smoothed. A mesh has no gaps between photons: the low-pass only softens triangles smaller than a pixel, and
-        /// in scene port at 200 × 150 raises the image error of 65,536 photons from 0.24 to 0.33.
+        /// Whether the buffer is smoothed.
         filter: bool = true;
         /// UW §3.5 gives neither taps nor radius.
         filter_taps: u32 = 16 => 1 ..= 1024, "1";
@@ -282,43 +267,6 @@ photon_settings! {
     }
 }
 
-impl Caustics {
-    /// How photons are weighted: a mesh conserves energy, whatever is set for splats.
-    pub(super) fn photon_intensity(&self) -> Intensity {
-        match self.method {
-            CausticMethod::Splats => self.intensity,
-            CausticMethod::Mesh => Intensity::Conserving,
-        }
-    }
-}
-
-/// What a texel of the caustics buffer holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum CausticsUnit {
-    /// The whole flux of each photon whose splat covers it, W.
-    PhotonFlux,
-    /// The flux that lands in it, W.
-    Flux,
-    /// Irradiance of what it shows, W/m².
-    Irradiance,
-}
-
-impl Caustics {
-    pub(super) fn buffer_holds(&self) -> CausticsUnit {
-        match (self.method, self.intensity) {
-            (CausticMethod::Splats, Intensity::Paper) => CausticsUnit::PhotonFlux,
-            (CausticMethod::Splats, Intensity::Conserving) => CausticsUnit::Flux,
-            (CausticMethod::Mesh, _) => CausticsUnit::Irradiance,
-        }
-    }
-}
-
-impl Godrays {
-    pub(super) fn photon_intensity(&self) -> Intensity {
-        self.intensity
-    }
-}
-
 impl Parameters for Params {
     fn consistent(&self) -> Result<(), ParamError> {
         self.caustics.consistent()?;
@@ -343,5 +291,22 @@ impl Params {
 
     pub fn godrays_buffer(&self) -> [u32; 2] {
         self.godrays.buffer_size(&self.view)
+    }
+
+    pub(super) fn point_size(&self) -> PointSize {
+        let sizes_px = [self.caustics.point_size_min_px, self.caustics.point_size_max_px];
+        PointSize::new(sizes_px[0], sizes_px[1], self.camera.z_near_m, self.camera.z_far_m)
+    }
+
+    /// Distance from the camera to what it looks at.
+    pub(super) fn middle_m(&self) -> f64 {
+        DVec3::from(self.camera.target_m).distance(self.camera.position())
+    }
+
+    /// Shares of the picture that a splat in the middle of the view and a line cover, the larger of the two.
+    pub(super) fn photon_reach(&self) -> DVec2 {
+        let share = |side_px: f64, buffer: [u32; 2]| side_px / UVec2::from(buffer).as_dvec2();
+        let splat = share(self.point_size().at(self.middle_m()), self.caustics_buffer());
+        splat.max(share(self.godrays.line_width_px, self.godrays_buffer()))
     }
 }

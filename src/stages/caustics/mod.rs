@@ -1,4 +1,3 @@
 pub mod filter;
-pub mod mesh;
 pub mod splat;
 pub mod trace;

@@ -97,10 +97,13 @@ fn column(conserving: bool) -> Column {
     }
 }
 
-/// The steps of a fixed-point sum in a unit of intensity, where a photon adds `most` and rarely more: it then adds 2²⁴ steps, as
-/// fine as the fraction of an f32. A photon has room for 2⁸ times that, and a sum for 2⁴⁰ photons.
-pub fn steps(most: f64) -> f32 {
-    (f64::from(1 << 24) / most) as f32
+/// The steps of a fixed-point sum in a unit of intensity, where photons add `least` to `most` and rarely more or less. One that adds `most`
+/// adds 2²⁴ steps, as fine as the fraction of an f32. It adds up to 2⁴⁰ where one that adds `least` would else add less than 2¹²: the sum
+/// has room for 2²⁴ such photons.
+pub fn steps([least, most]: [f64; 2]) -> f32 {
+    let power = |bits: i32| 2f64.powi(bits);
+    let steps = (power(24) / most).max((power(12) / least).min(power(40) / most));
+    steps.min(f32::MAX.into()) as f32
 }
 
 /// A square is drawn as two triangles, and blending adds it up. `typical_px` is the side of a splat in the middle of the view, for the

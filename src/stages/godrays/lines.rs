@@ -16,6 +16,7 @@ shader_struct! {
     /// `Lines` in `shaders/godrays/lines.wgsl`.
     pub struct LinesUniforms {
         pub size_px: Vec2,
+        pub square_px: Vec2,
         pub width_px: f32,
         pub phase_k: f32,
         pub photon_w: f32,
