@@ -31,8 +31,8 @@ use fathom_stages::{Stage, caustics, godrays, scene, shadow, water};
 
 pub use grid::PhotonGrid;
 pub use measure::{blended_fragments, photon_query, photons_at, read_photons};
-pub use parameters::{Intensity, Params, Splatting, SubdivisionMode};
 use parameters::PhotonPath;
+pub use parameters::{Intensity, Params, Splatting, SubdivisionMode};
 
 /// Photons through the water's surface, splats and light shafts.
 pub struct Underwater {

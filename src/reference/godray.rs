@@ -98,7 +98,10 @@ mod tests {
         ];
         for ([from, to], width_px) in cases {
             let line = [DVec2::from(from), DVec2::from(to)];
-            let (area, count) = (covered_px(line, width_px, UVec2::from(size).as_dvec2()), counted(line, width_px, size));
+            let (area, count) = (
+                covered_px(line, width_px, UVec2::from(size).as_dvec2()),
+                counted(line, width_px, size),
+            );
             assert!((area / count - 1.0).abs() < 0.02, "{line:?}: {area} against {count}");
         }
         let outside = [DVec2::new(-40.0, -40.0), DVec2::new(-10.0, 200.0)];

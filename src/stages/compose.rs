@@ -61,11 +61,8 @@ pub fn new(
         depth: Some(Depth { compare: wgpu::CompareFunction::Always, ..Depth::behind(depth) }),
         ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
     };
-    let water = RenderSpec {
-        vertex: "water_vertex",
-        fragment: Some("water_fragment"),
-        ..screen.clone()
-    };
+    let water =
+        RenderSpec { vertex: "water_vertex", fragment: Some("water_fragment"), ..screen.clone() };
     let water = Raster::new(resources, &water)?;
     let size_px = settings.size_px.as_uvec2().to_array();
     let pass = Pass::new(resources, &screen, size_px, wgpu::Color::BLACK)?;
