@@ -93,13 +93,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
-    @location(0) @interpolate(flat) intensity: f32,
 #if SURFACE == 1
-    // Place of the splat's middle, and the change of device depth per pixel on its surface. Flat: what is clamped or not linear on the
-    // screen must not be interpolated between the corners.
+    // What a pixel gets, and device depths of splat and photon. Flat: what is clamped or not linear on the screen must not be interpolated
+    // between the corners.
+    @location(0) @interpolate(flat) intensity: vec3<f32>,
+    // Place of the splat's middle, and the change of device depth per pixel on its surface.
     @location(1) @interpolate(flat) plane: vec4<f32>,
-    // Device depths of splat and photon.
-    @location(2) @interpolate(flat) depths: vec2<f32>,
+#else
+    @location(0) @interpolate(flat) intensity: f32,
 #endif
 }
 
@@ -129,10 +130,11 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     let nearest = min(ahead, behind);
     depth = max(depth + nearest.x + nearest.y, 0.0);
     drawn.plane = vec4(splat.center_px, splat.slope);
-    drawn.depths = vec2(splat.depth, splat.photon_z);
+    drawn.intensity = vec3(splat.intensity, splat.depth, splat.photon_z);
+#else
+    drawn.intensity = splat.intensity;
 #endif
     drawn.clip = vec4(place, depth, 1.0);
-    drawn.intensity = splat.intensity;
     return drawn;
 }
 
@@ -141,7 +143,8 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
 #if SURFACE == 1
     let seen = screen::depth_at(scene_depth, in.clip.xy, settings.size_px);
     let from_center = in.clip.xy - 0.5 - in.plane.xy;
-    return vec4(select(0.0, in.intensity, in_surface(settings, in.depths, in.plane.zw, from_center, seen)));
+    let lit = in_surface(settings, in.intensity.yz, in.plane.zw, from_center, seen);
+    return vec4(select(0.0, in.intensity.x, lit));
 #else
     return vec4(in.intensity);
 #endif

@@ -117,7 +117,7 @@ impl Known {
             exposure: self.exposure as f32,
             occlusion_taps: self.occlusion.taps,
             occlusion_radius_m: self.occlusion.radius_m as f32,
-            water_cells: 8,
+            water_cells: 64,
             depth_share: DEPTH_SHARE as f32,
         };
         let flux = self.pixel_tangent.is_some();
@@ -277,10 +277,11 @@ fn occlusion(rig: &Rig<'_>) -> Result<Check> {
 fn fresnel(rig: &Rig<'_>) -> Checks {
     let unlit = Known::unlit(rig.depth(SIZE, 1.0)?, 1.5);
     let known = Known { albedo: 0.0, reflection: 1.0, ..unlit };
-    let check = |(side, name, target_z): (f64, &str, f64)| {
+    let check = |(height_m, name, target_z): (f64, &str, f64)| {
+        let side = f64::signum(height_m);
         let mut view = rig::synthetic_view(SIZE, 0.0)?;
-        view.camera.position_m = [0.0, 1.5 * side, 2.0];
-        view.camera.target_m = [0.0, 0.0, target_z];
+        view.camera.position_m = [0.0, height_m, 2.0];
+        view.camera.target_m = [0.0, height_m - 1.5 * side, target_z];
         view.camera.fov_y_deg = 30.0;
         let (image, rays) = (known.radiance(rig, &view)?, rig::rays(&view));
         let error = |index: f64| {
@@ -293,6 +294,7 @@ fn fresnel(rig: &Rig<'_>) -> Checks {
             .within((0.02, "1"), error(view.water.refractive_index))
             .control("refractive index 1.40", error(1.40)))
     };
-    // From below the view crosses the critical angle, 48.8° from the vertical.
-    [(1.0, "above", -1.5), (-1.0, "below", 0.8)].into_iter().map(check).collect()
+    // From below the view crosses the critical angle, 48.8° from the vertical. The nearest water is within the near plane's distance.
+    let cases = [(1.5, "above", -1.5), (-1.5, "below", 0.8), (-0.02, "2 cm below", 0.8)];
+    cases.into_iter().map(check).collect()
 }
