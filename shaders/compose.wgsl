@@ -10,7 +10,7 @@ struct Compose {
     // Irradiance for a unit of the caustics buffer, 1/m² (paper intensity), or the side at 1 m of a square with
     // the area of that buffer's pixel (conserving intensity).
     caustics_scale: f32,
-    // Radiance for a unit of the godray buffer, 1/m³ · m.
+    // Radiance for a unit of the godray buffer, 1/m², for lines across the sight at the distance of the camera's target.
     godrays_scale: f32,
     exposure: f32,
     // Taps of the ambient occlusion; 0: none.

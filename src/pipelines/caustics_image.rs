@@ -170,7 +170,8 @@ fn block_px([width, height]: [u32; 2]) -> u32 {
 fn distances_m(judge: &mut Judge<'_>, view: &View, size: [u32; 2], block_px: u32) -> Image {
     let tracer = judge.known.occlusion.tracer(judge.scene, &Animation::default());
     let [width, height] = size;
-    let rays = PixelRays::new(&view.camera, width, height);
+    let matrix = view.camera.view_projection(view.aspect());
+    let rays = PixelRays::of_matrix(matrix, width, height);
     Image::of(size.map(|side| side.div_ceil(block_px)), |x, y| {
         let middle = |block: u32| (f64::from(block) + 0.5) * f64::from(block_px);
         let (origin, direction, length_m) = rays.ray_at(middle(x), middle(y));
@@ -192,8 +193,11 @@ fn map(
     let frame = view.light.frame(&view.camera, view.aspect(), &view.bounds);
     let Known { kept, occlusion, maps } = &mut *judge.known;
     let asked = format!(
-        "{frame:?} {:?} {:?} {:?} {size:?} {block_px} {columns}",
-        view.light, view.water, view.camera
+        "{frame:?} {:?} {:?} {:?} {} {size:?} {block_px} {columns}",
+        view.light,
+        view.water,
+        view.camera,
+        view.aspect()
     );
     let scene = occlusion.digest(judge.scene);
     let content = Content::of("photon map").with(scene.as_bytes()).with(asked.as_bytes());
@@ -207,6 +211,7 @@ fn map(
         water: &view.water,
         tracer: &occlusion.tracer(judge.scene, &Animation::default()),
         camera: &view.camera,
+        aspect: view.aspect(),
     };
     let gather = || PhotonMap::new(&lighting, size, columns).in_blocks(block_px);
     let map = Rc::new(kept.answer(content, gather));

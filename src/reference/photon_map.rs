@@ -32,6 +32,8 @@ pub struct Lighting<'a> {
     pub water: &'a Water,
     pub tracer: &'a Tracer,
     pub camera: &'a Camera,
+    /// Width over height of the picture, whose pixels need not be square.
+    pub aspect: f64,
 }
 
 /// Irradiance by two independent halves of the photons.
@@ -85,7 +87,7 @@ impl Lighting<'_> {
     /// Irradiance of each pixel, and the flux in view, by one grid of photons.
     fn gather(&self, size: [u32; 2], columns: u32, seed: u32) -> (Image, f64) {
         let [width, height] = size;
-        let rays = PixelRays::new(self.camera, width, height);
+        let rays = PixelRays::of_matrix(self.camera.view_projection(self.aspect), width, height);
         let mut irradiance = Image::constant(width, height, 0.0);
         let mut landed_w = 0.0;
         for first in (0..columns).step_by(ROWS_AT_ONCE as usize) {
@@ -125,8 +127,8 @@ impl Lighting<'_> {
         }
         let flux_w = self.flux_w(landed, place) * share;
         let along = sight.dot(self.camera.direction());
-        let pixel = self.pixel_side(size[1]) * at.w;
-        let irradiance = flux_w * hit.normal.dot(sight).abs() / (pixel * pixel * along);
+        let pixel = self.pixel_area(size) * at.w.powi(2);
+        let irradiance = flux_w * hit.normal.dot(sight).abs() / (pixel * along);
         Some(Seen { pixel: [at.x_px as u32, at.y_px as u32], flux_w, irradiance })
     }
 
@@ -147,9 +149,10 @@ impl Lighting<'_> {
         incident.dot(self.frame.forward)
     }
 
-    /// Extent of a pixel at unit distance along the view; pixels are square.
-    fn pixel_side(&self, height: u32) -> f64 {
-        2.0 * (self.camera.fov_y_deg.to_radians() / 2.0).tan() / f64::from(height)
+    /// Area of a pixel at unit distance along the view.
+    fn pixel_area(&self, [width, height]: [u32; 2]) -> f64 {
+        let side = 2.0 * (self.camera.fov_y_deg.to_radians() / 2.0).tan();
+        side * side * self.aspect / (f64::from(width) * f64::from(height))
     }
 }
 
@@ -171,6 +174,8 @@ mod tests {
     use fathom_scene::{Bounds, Light, Mesh, Object};
 
     const SIZE: [u32; 2] = [24, 18];
+    /// Pixels are not square.
+    const ASPECT: f64 = 1.0;
     const DEPTH_M: f64 = 3.0;
 
     struct Stand {
@@ -198,14 +203,14 @@ mod tests {
         fn map(&self, size: [u32; 2], columns: u32) -> PhotonMap {
             let bounds =
                 Bounds { min: DVec3::new(-40.0, -3.0, -40.0), max: DVec3::new(40.0, 1.0, 40.0) };
-            let aspect = f64::from(size[0]) / f64::from(size[1]);
             let tracer = Tracer::new(&self.objects);
             let lighting = Lighting {
-                frame: &self.light.frame(&self.camera, aspect, &bounds),
+                frame: &self.light.frame(&self.camera, ASPECT, &bounds),
                 intensity_w_sr: self.light.intensity_w_sr,
                 water: &self.water,
                 tracer: &tracer,
                 camera: &self.camera,
+                aspect: ASPECT,
             };
             PhotonMap::new(&lighting, size, columns)
         }
@@ -247,7 +252,8 @@ mod tests {
         (stand.water.refractive_index, stand.water.attenuation_per_m) = (1.0, 0.0);
         stand.light.half_extent_m = 9.0;
         let irradiance = stand.map(SIZE, 900).irradiance();
-        let rays = PixelRays::new(&stand.camera, SIZE[0], SIZE[1]);
+        let matrix = stand.camera.view_projection(ASPECT);
+        let rays = PixelRays::of_matrix(matrix, SIZE[0], SIZE[1]);
         let light = DVec3::from(stand.light.position_m);
         // Intensity × cos θ / r², and the same without the cosine.
         let furthest = |power: i32| {
@@ -291,7 +297,8 @@ mod tests {
     fn the_flux_in_view_is_irradiance_times_area() {
         let stand = stand();
         let map = stand.map(SIZE, 400);
-        let rays = PixelRays::new(&stand.camera, SIZE[0], SIZE[1]);
+        let matrix = stand.camera.view_projection(ASPECT);
+        let rays = PixelRays::of_matrix(matrix, SIZE[0], SIZE[1]);
         let on_floor = |x_px: u32, y_px: u32| {
             let (origin, direction, _) = rays.ray_at(f64::from(x_px), f64::from(y_px));
             origin + direction * ((-DEPTH_M - origin.y) / direction.y)

@@ -1,6 +1,9 @@
 //! `godrays/lines`: intensity along lines, their width, and the phase function, against closed forms.
 
+use super::photons::run_until;
 use crate::prelude::*;
+use fathom_pipelines::Drawing;
+use fathom_pipelines::underwater::{Params, Underwater};
 use fathom_reference::godray::{Godray, Medium};
 use fathom_stages::godrays::lines::{self, LinesUniforms};
 
@@ -21,6 +24,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, "intensity and width along isolated lines", isolated),
         Case::new(STAGE, "conserved energy of lines", conserved),
         Case::new(STAGE, "integral of the phase function", phase_integral),
+        Case::new(STAGE, "light scattered in along a line, by the words of its dump", scattered),
     ]
 }
 
@@ -166,6 +170,54 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
     Ok(Check::of(rig, what)
         .within((0.02, "1"), worst(true)?)
         .control("the paper's rule", worst(false)?))
+}
+
+/// One photon's line under cameras at several angles, in pixels that are not square: radiance by what the dump says, times the area across
+/// the sight, adds up to scattering coefficient × flux × length over 4π.
+fn scattered(rig: &Rig<'_>) -> Result<Check> {
+    const BUFFERS: [[u32; 2]; 3] = [[384, 288], [160, 800], [800, 180]];
+    const EYES: [[f64; 3]; 3] = [[0.0, -1.5, 6.0], [1.5, 3.5, 3.0], [-3.0, -0.5, 4.0]];
+    let file = SceneFile::load("plane")?;
+    let errors = |(buffer, eye)| -> Result<[f64; 2]> {
+        let mut params = Params::from(&file);
+        params.camera = Camera::new(eye, [0.0, -1.5, 0.0], 60.0, [0.1, 12.0]);
+        (params.light.direction, params.light.half_extent_m) = ([0.4, -1.0, 0.25], 1.0);
+        (params.water.amplitude_m, params.water.attenuation_per_m) = (0.0, 0.0);
+        (params.caustics.grid, params.godrays.grid, params.godrays.subdivision) = (1, 1, 1);
+        (params.godrays.phase_k, params.godrays.buffer) = (0.0, buffer);
+        params.godrays.line_width_px = 6.0;
+        let pipeline = Built::<Underwater>::new(rig.gpu, &Scene::build(&file)?, &params)?;
+        run_until(rig, &pipeline, STAGE)?;
+        let about = pipeline.context(STAGE);
+        let number = |of: &str, name: &str| about[of][name].as_f64().unwrap_or(f64::NAN);
+        let (view, photon) = (&pipeline.view, &rig.read_photons(&pipeline.godrays.photons)?[0]);
+        let matrix = params.camera.view_projection(view.aspect());
+        let rays = PixelRays::of_matrix(matrix, buffer[0], buffer[1]);
+        let ends = [photon.entry, photon.hit];
+        let line = Segment::new(ends, &rays).ok_or_else(|| rig.empty("scattered light"))?;
+        let (way, pixel) = (ends[1] - ends[0], view.pixel_tangent(buffer).powi(2));
+        let image = rig.channel(&pipeline.godrays.drawn.texture, 0)?;
+        let brought = |(x, y): (u32, u32)| {
+            let (start, ..) = line.place(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
+            let place = ends[0] + way * line.share(start / line.length_px());
+            let [at, next] = [place, place + way.normalize() * 1e-4]
+                .map(|place| params.camera.view().transform_point3(place));
+            let turn = (at.truncate() / at.z).distance(next.truncate() / next.z) / 1e-4;
+            let (z, cos) = (-at.z, -at.z / at.length());
+            let radiance = image.at((x, y)) * number("radiance", "scale");
+            let along = number("radiance", "distance_m") / (z * z * cos * turn);
+            [radiance * along, radiance].map(|radiance| radiance * pixel * z * z * cos)
+        };
+        let lit = || pixels(buffer).filter(|at| image.at(*at) > 0.0).map(brought);
+        let flux_w = number("photons", "flux_w");
+        let exact = params.godrays.scattering_per_m * flux_w * way.length() / (4.0 * PI);
+        Ok([0, 1].map(|rule| relative_error(lit().map(|both| both[rule]).sum(), exact)))
+    };
+    let errors: Vec<_> = BUFFERS.into_iter().zip(EYES).map(errors).collect::<Result<_>>()?;
+    let worst = |rule: usize| largest(errors.iter().map(|of| of[rule]));
+    Ok(Check::of(rig, "light scattered in along a line by its texels: largest relative error")
+        .within((0.02, "1"), worst(0))
+        .control("neither distance nor angle", worst(1)))
 }
 
 struct LineErrors {

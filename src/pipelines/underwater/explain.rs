@@ -31,7 +31,11 @@ impl Underwater {
                 about["radiance"] = json!({
                     "scale": self.plan.compose.godrays_scale,
                     "unit": "1/m² for a texel in the unit of its column",
-                    "meaning": "in-scattered radiance, W/(m² sr), is the texel times the scale",
+                    "distance_m": self.params.middle_m(),
+                    "meaning": "radiance that is composed, W/(m² sr): the texel times the scale, which takes each line as seen at \
+                        distance_m and at right angles. What is scattered in along a line is that times distance_m / (z² * cos * turn): \
+                        z of a point of the line along the view, cos between the sight and the view's direction, turn how far \
+                        (x / z, y / z) in the camera's space moves in a metre of the line",
                 });
             }
             _ => {}
@@ -102,6 +106,8 @@ impl Underwater {
         };
         json!({
             "width_px": lines.width_px,
+            "width": "in pixels of a buffer of square_px, in which pixels are squares of the same area",
+            "square_px": lines.square_px.to_array(),
             "phase_k": lines.phase_k,
             "buffer_px": lines.size_px.as_uvec2().to_array(),
             "value": format!("flux_w * weight * phase * exp(-attenuation_per_m * (distance from the point to the camera + from \
@@ -116,12 +122,12 @@ impl Underwater {
             Intensity::Paper => json!({
                 "scale": scale,
                 "unit": "1/m²",
-                "meaning": "irradiance, W/m², is the texel times the scale: 1 / the area that a splat in the middle of the view \
-                    covers; right in the middle of the view only",
+                "meaning": "irradiance, W/m², is the texel times the scale: 1 / the area across the view that a splat covers at the \
+                    distance of the camera's target; right for what faces the camera there, and nowhere else",
             }),
             Intensity::Conserving => json!({
                 "scale": scale,
-                "unit": "1, a pixel's extent at 1 m from the camera, m/m",
+                "unit": "1, side at 1 m from the camera of a square with a pixel's area, m/m",
                 "meaning": "irradiance, W/m², is the texel * max(cos, 0.1) * d / (scale² * z³): d from the camera to the surface, z along \
                     the view, cos between its normal and the direction to the camera",
             }),

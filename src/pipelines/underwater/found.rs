@@ -34,7 +34,7 @@ impl Underwater {
     fn per_area(&self, flux: &Image, tracer: &Tracer) -> Image {
         let camera = &self.view.camera;
         let [width, height] = flux.size();
-        let rays = PixelRays::new(camera, width, height);
+        let rays = PixelRays::of_matrix(camera.view_projection(self.view.aspect()), width, height);
         let side = self.view.pixel_tangent(flux.size());
         Image::of(flux.size(), |x, y| {
             let Some((hit, _)) = rays.cast(tracer, x, y) else { return 0.0 };

@@ -87,7 +87,7 @@ fn column(conserving: bool) -> Column {
         return Column {
             name: "flux",
             unit: "W/px",
-            meaning: "flux of the photons that land in the pixel: each photon's, attenuated, over the area of its splat in pixels; the sum over the buffer is the flux that lands in view, W",
+            meaning: "sum over the splats seen in the pixel of their photons' attenuated flux over the splat's area in pixels; the sum over the buffer is the flux that lands in view, W, less what splats carry out of the picture or onto other surfaces, and with what they carry into it",
         };
     }
     Column {
