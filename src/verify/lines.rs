@@ -186,6 +186,7 @@ fn scattered(rig: &Rig<'_>) -> Result<Check> {
         (params.caustics.grid, params.godrays.grid, params.godrays.subdivision) = (1, 1, 1);
         (params.godrays.phase_k, params.godrays.buffer) = (0.0, buffer);
         params.godrays.line_width_px = 6.0;
+        (params.view.width, params.view.height, params.shadow.size) = (320, 240, 256);
         let pipeline = Built::<Underwater>::new(rig.gpu, &Scene::build(&file)?, &params)?;
         run_until(rig, &pipeline, STAGE)?;
         let about = pipeline.context(STAGE);
