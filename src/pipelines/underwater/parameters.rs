@@ -60,7 +60,9 @@ pub enum Intensity {
     /// The paper's rule: the intensity of a primitive does not depend on its size, and all photons are alike.
     Paper,
     /// Energy divided by the splat's area (the line's width), so that the sum over the buffer is the energy drawn. A point
-    /// light's photons are weighted by their solid angle.
+    /// light's photons are weighted by their solid angle. Splats carry light over the picture's border: with 5 px in a buffer of 7 × 3 pixels
+    /// the sum is 0.91 of the flux that lands in view of scene plane from above, where light goes on beyond the picture 1.00, and 0.38 where
+    /// the horizon is seen.
     Conserving,
 }
 
