@@ -4,11 +4,12 @@
 //
 // Defs: SURFACE 0 compares depths texel by texel, as the paper does; SURFACE 1 holds the ray against the tangent planes of the layers.
 #import fathom::uniforms::{frame, view_depth_m, world_at}
-#import fathom::layers::{surface_at}
+#import fathom::layers::{NO_SURFACE, surface_at}
 #import fathom::optics
 #import fathom::refraction::{Exit, NO_EXIT}
 #import fathom::screen
 #import fathom::screen_ray::{Segment, Walk, distance_at, place_px, segment, share_at}
+#import fathom::surface_texel::{Surface}
 #import fathom::transfer::{FIRST, Transfer}
 
 struct Trace {
@@ -37,10 +38,10 @@ fn past(place_m: vec3<f32>, view_m: f32, texel: vec2<i32>, z: f32, layer: u32, s
 #if SURFACE == 0
     return sign * (view_m - view_depth_m(z));
 #else
-    let surface = surface_at(surfaces, texel, layer);
+    let normal = surface_at(surfaces, texel, layer).geometric_normal;
     let at_m = world_at((vec2<f32>(texel) + 0.5) / walk.size_px, z);
-    let away = select(-1.0, 1.0, dot(at_m - frame.camera_position_m, surface.xyz) > 0.0);
-    return sign * away * dot(place_m - at_m, surface.xyz);
+    let away = select(-1.0, 1.0, dot(at_m - frame.camera_position_m, normal) > 0.0);
+    return sign * away * dot(place_m - at_m, normal);
 #endif
 }
 
@@ -62,8 +63,8 @@ fn against(ray: Transfer, at_m: f32, view_m: f32, texel: vec2<i32>, next: u32) -
 // Where a ray ends that has started on layer `next` − 1.
 struct End {
     at_m: f32,
-    // Without direction where the ray ends nowhere.
-    surface: vec4<f32>,
+    // Without a normal where the ray ends nowhere.
+    surface: Surface,
 }
 
 fn end_of(ray: Transfer, next: u32) -> End {
@@ -90,7 +91,7 @@ fn end_of(ray: Transfer, next: u32) -> End {
         }
     }
     if found.beyond_m >= FAR {
-        return End(at_m, vec4(0.0));
+        return End(at_m, NO_SURFACE);
     }
     return End(at_m, surface_at(surfaces, found.texel, found.layer));
 }
@@ -114,16 +115,17 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> Exit {
     for (var number = 0u; number < settings.refractions; number++) {
         if number > 0u {
             let end = end_of(ray, number);
-            if all(end.surface.xyz == vec3(0.0)) {
+            if all(end.surface.shading_normal == vec3(0.0)) {
                 break;
             }
             ray.position_m += end.at_m * ray.direction;
             surface = end.surface;
         }
-        let index = optics::refractive_index(surface.w);
+        let index = optics::refractive_index(surface.optics);
+        let normal = surface.shading_normal;
         let before = ray.direction;
-        ray.direction = optics::refracted(before, surface.xyz, select(1.0 / index, index, inside));
-        let passed = dot(before, surface.xyz) * dot(ray.direction, surface.xyz) > 0.0;
+        ray.direction = optics::refracted(before, normal, select(1.0 / index, index, inside));
+        let passed = dot(before, normal) * dot(ray.direction, normal) > 0.0;
         inside = inside != passed;
     }
     return Exit(vec4(ray.position_m, 1.0), vec4(ray.direction, select(0.0, 1.0, inside)));

@@ -6,7 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::screen_tracing::{self, Composition, LayeredDepth};
+use super::screen_tracing::{Composition, LayeredDepth};
 use super::settings::{self, VIEWPORT};
 use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
 use super::{even_step, named, objects_of, share};
@@ -25,7 +25,7 @@ use fathom_stages::refraction::trace::{self, Surface};
 use fathom_stages::refraction::two_interface;
 use fathom_stages::screen_ray::{WalkUniforms, walk_uniforms};
 use fathom_stages::uniforms::{Shared, View};
-use fathom_stages::{refraction, scene};
+use fathom_stages::{ldi, refraction, scene};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -164,7 +164,8 @@ fn traced(
 ) -> Result<Exits, GpuError> {
     let of_layers = &resources.sized_by("view × ldi.layers");
     let glass = (geometry, Part::Glass);
-    let (layers, _) = screen_tracing::layers(of_layers, shared, glass, size_px, &params.ldi)?;
+    let peel = ldi::peel::new(of_layers, shared, glass, size_px, params.ldi.layers)?;
+    let layers = of_layers.push(peel);
     let walk: WalkUniforms =
         walk_uniforms(&layers, scene.solid_bounds(), params.refraction.least_px);
     let of_view = &resources.sized_by(VIEWPORT);

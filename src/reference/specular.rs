@@ -1,4 +1,5 @@
-//! Light that mirrors and glass pass on: exact ray casting, and Snell's law at the meshes' interpolated normals (SPT §2.3, §4).
+//! Light that mirrors and glass pass on: exact ray casting against triangles, and Snell's law at the meshes' interpolated normals, which stand
+//! for the smooth surface (SPT §2.3, §4).
 
 use glam::DVec3;
 
