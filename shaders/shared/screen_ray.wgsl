@@ -9,7 +9,7 @@
 #define_import_path fathom::screen_ray
 
 #import fathom::uniforms::{frame, world_at, view_depth_m}
-#import fathom::layers::{NO_SURFACE, surface_at}
+#import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
 #import fathom::surface_texel::{Surface}
 #import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_on_its_way}
@@ -221,4 +221,38 @@ fn surface_hit(
         }
     }
     return surface;
+}
+
+// Pixels around a place show its surface where their normals are within 60 degrees of its.
+const ALIKE: f32 = 0.5;
+// Cosine of the angle between a face's plane and its vertices' normals from which on the face is flat: its neighbours are other faces.
+const FLAT: f32 = 1.0 - 1e-6;
+
+fn is_flat(surface: Surface) -> bool {
+    return dot(surface.shading_normal, surface.geometric_normal) > FLAT;
+}
+
+// Shading normal at a place of a surface, interpolated between the four pixels around it, those that show it.
+fn smoothed(
+    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_m: vec3<f32>, surface: Surface
+) -> vec3<f32> {
+    if is_flat(surface) {
+        return surface.shading_normal;
+    }
+    let clip = frame.camera_view_projection * vec4(place_m, 1.0);
+    let place = place_px(walk, clip) - 0.5;
+    let corner = floor(place);
+    let share = place - corner;
+    var sum = vec3(0.0);
+    for (var i = 0u; i < 4u; i++) {
+        let offset = vec2(f32(i & 1u), f32(i >> 1u));
+        let texel = vec2<i32>(clamp(corner + offset, vec2(0.0), walk.size_px - 1.0));
+        let shown = surface_near(depths, surfaces, walk.layers, texel, clip.w);
+        let weight = mix(1.0 - share, share, offset);
+        let is_alike = dot(shown.shading_normal, surface.shading_normal) > ALIKE && !is_flat(shown);
+        if shown.optics == surface.optics && is_alike {
+            sum += weight.x * weight.y * shown.shading_normal;
+        }
+    }
+    return normalize(select(surface.shading_normal, sum, dot(sum, sum) > 0.0));
 }

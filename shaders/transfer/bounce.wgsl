@@ -1,10 +1,10 @@
 // defs: TEST=1, WATER=0
 // Photons that have met a mirror or glass go on from there: SPT §2.3. Those that have met anything else, or nothing, have ended.
 #import fathom::uniforms::{frame}
-#import fathom::layers::{NO_SURFACE, surface_near}
+#import fathom::layers::{NO_SURFACE}
 #import fathom::optics
 #import fathom::photon::{Photon, ON_ITS_WAY}
-#import fathom::screen_ray::{Walk, place_px, surface_hit}
+#import fathom::screen_ray::{Walk, smoothed, surface_hit}
 #import fathom::surface_texel::{Surface}
 #import fathom::transfer::{AGAIN, ENDED, INSIDE, Transfer, is_on_its_way}
 
@@ -23,32 +23,10 @@ struct Bounce {
 @group(1) @binding(4) var depths: texture_2d_array<f32>;
 @group(1) @binding(5) var surfaces: texture_2d_array<u32>;
 
-// Pixels around a hit show the surface that was hit where their normals are within 60 degrees of its.
-const ALIKE: f32 = 0.5;
-
-// Shading normal of the surface that was hit, interpolated between the four pixels around the hit, those that show it.
-fn smoothed(hit_m: vec3<f32>, met: Surface) -> vec3<f32> {
-    let clip = frame.camera_view_projection * vec4(hit_m, 1.0);
-    let place = place_px(walk, clip) - 0.5;
-    let corner = floor(place);
-    let share = place - corner;
-    var sum = vec3(0.0);
-    for (var i = 0u; i < 4u; i++) {
-        let offset = vec2(f32(i & 1u), f32(i >> 1u));
-        let texel = vec2<i32>(clamp(corner + offset, vec2(0.0), walk.size_px - 1.0));
-        let shown = surface_near(depths, surfaces, walk.layers, texel, clip.w);
-        let weight = mix(1.0 - share, share, offset);
-        if shown.optics == met.optics && dot(shown.shading_normal, met.shading_normal) > ALIKE {
-            sum += weight.x * weight.y * shown.shading_normal;
-        }
-    }
-    return normalize(select(met.shading_normal, sum, dot(sum, sum) > 0.0));
-}
-
 // The photon behind a mirror or glass: the geometric normal says from which side it comes, the shading normal how it is bent. Exact
 // reference: src/reference/specular.rs.
 fn onward(ray: Transfer, photon: Photon, surface: Surface) -> Transfer {
-    let normal = smoothed(photon.hit_m, surface);
+    let normal = smoothed(walk, depths, surfaces, photon.hit_m, surface);
     // There is no water in glass.
     let path_m = select(photon.distance_m, ray.path_m, ray.state == INSIDE);
     if optics::is_mirror(surface.optics) {

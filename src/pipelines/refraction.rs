@@ -17,7 +17,7 @@ use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
-use fathom_scene::{Camera, Light, Object, Scene, SceneFile};
+use fathom_scene::{Bounds, Camera, Light, Object, Scene, SceneFile};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
@@ -118,7 +118,9 @@ impl Pipeline for ScreenRefraction {
             }
         };
         let exposure = params.compose.exposure;
-        let compose = refraction::compose::new(of_view, shared, &gbuffer, &exits, exposure)?;
+        let opaque = opaque_bounds(scene);
+        let compose =
+            refraction::compose::new(of_view, shared, &gbuffer, &exits, opaque, exposure)?;
         let image = of_view.push(compose);
         Ok(Self { params: params.clone(), view, exits, image })
     }
@@ -152,6 +154,12 @@ impl Drawing for ScreenRefraction {
         ];
         Ok(Judged::of(stage.name, errors, []))
     }
+}
+
+/// The box of what is seen through glass; none where there is nothing.
+fn opaque_bounds(scene: &Scene) -> Option<Bounds> {
+    let opaque = scene.objects.iter().filter(|object| Part::Opaque.holds(&object.material));
+    opaque.map(|object| object.mesh.bounds()).reduce(Bounds::union)
 }
 
 /// Pushes the stages that trace lines of sight through layers.
@@ -235,7 +243,7 @@ impl ScreenRefraction {
         let seen: Vec<(u32, &Exit)> = seen.step_by(step).collect();
         let angle = |(pixel, exit): &(u32, &Exit)| {
             let (origin, direction, _) = rays.ray(pixel % width, pixel / width);
-            let exact = surfaces.behind(surfaces.ray(origin, direction), count)?;
+            let exact = surfaces.behind(surfaces.sight(origin, direction), count)?;
             Some(exit.direction.angle_between(exact.direction).to_degrees())
         };
         Ok(seen.par_iter().filter_map(angle).collect())

@@ -47,6 +47,15 @@ impl Surfaces<'_> {
         Ray { origin, direction, index: self.outside }
     }
 
+    /// A line of sight: it begins in glass where the first surface that it meets shows its inner side.
+    pub fn sight(&self, origin: DVec3, direction: DVec3) -> Ray {
+        let ray = self.ray(origin, direction);
+        let first = self.meet(&ray).filter(|hit| hit.normal.dot(hit.shading_normal) < 0.0);
+        let inside = first.map(|hit| &self.objects[hit.object].material);
+        let inside = inside.filter(|material| material.optics == Optics::Glass);
+        Ray { index: inside.map_or(self.outside, |glass| glass.refractive_index.into()), ..ray }
+    }
+
     /// What a ray meets first.
     pub fn meet(&self, ray: &Ray) -> Option<Hit> {
         let rise = ray.direction.y;

@@ -155,8 +155,7 @@ pub struct Rays<'a> {
 /// Share of the scene's size by which its box is larger, so that rays end behind what bounds it.
 const ROOM: f64 = 0.01;
 
-fn most_steps(layers: &Layers, least: u32) -> u32 {
-    let [width, height] = layers.size_px();
+fn most_steps([width, height]: [u32; 2], least: u32) -> u32 {
     (width.max(height) + 1).max(least)
 }
 
@@ -167,18 +166,23 @@ pub fn walk_turns(steps: u32, layers: u32) -> u64 {
 
 /// Of rays through layers within a box, of so many steps at least.
 pub fn walk_uniforms(layers: &Layers, bounds: Bounds, least: u32) -> WalkUniforms {
+    WalkUniforms { layers: layers.count(), ..walk_without_layers(layers.size_px(), bounds, least) }
+}
+
+/// The same over so many pixels.
+pub fn walk_without_layers(size_px: [u32; 2], bounds: Bounds, least: u32) -> WalkUniforms {
     let room = bounds.size().max_element() * ROOM;
-    let [width, height] = layers.size_px();
+    let [width, height] = size_px;
     WalkUniforms {
         low_m: (bounds.min - room).as_vec3(),
         tolerance_m: 0.0,
         high_m: (bounds.max + room).as_vec3(),
         start_m: 0.0,
         size_px: Vec2::new(width as f32, height as f32),
-        layers: layers.count(),
+        layers: 0,
         photons: 0,
         least,
-        most: most_steps(layers, least),
+        most: most_steps(size_px, least),
         rows: 0,
     }
 }
@@ -196,7 +200,7 @@ impl Rays<'_> {
 
     /// Most pixels that a ray covers along one axis of the screen.
     pub fn most(&self) -> u32 {
-        most_steps(self.layers, self.walking.least)
+        most_steps(self.layers.size_px(), self.walking.least)
     }
 
     pub fn uniforms(&self) -> WalkUniforms {
