@@ -1,8 +1,13 @@
-// The picture: what the camera sees, through glass by its exit rays. A ray is looked up in an environment: SPT §4, "this information in
-// turn can either be used to look up an environment map or to retrace the refracted view-rays".
+// defs: TEST=1, WATER=0
+// The picture: what the camera sees, through glass by its exit rays. SPT §4: these "can either be used to look up an environment map or to
+// retrace the refracted view-rays. If a layered depth image of the surrounding scene exists, intersections between the exiting ray and the
+// scene can be detected as well". That of one layer is the G-buffer: a ray that meets what the camera does not see shows the environment.
 #import fathom::uniforms::{frame, world_at}
 #import fathom::screen
+#import fathom::screen_ray::{Walk, distance_at, place_px, segment}
 #import fathom::shading::{SKY_SHARE, display, lambert, to_light}
+#import fathom::surface_plane::{plane_at}
+#import fathom::transfer::{FIRST, NO_HIT, Transfer}
 
 struct Compose {
     size_px: vec2<f32>,
@@ -15,6 +20,12 @@ struct Compose {
 @group(1) @binding(3) var depths: texture_depth_2d;
 @group(1) @binding(4) var positions: texture_2d<f32>;
 @group(1) @binding(5) var directions: texture_2d<f32>;
+@group(1) @binding(6) var<uniform> walk: Walk;
+
+// A step of a ray reaches this far beyond its pixel, in pixels.
+const OVERLAP: f32 = 0.5;
+// A ray that starts on a surface starts before it: glass that stands on it touches it. Share of the distance.
+const CONTACT: f32 = 1e-4;
 
 // Tiles of a side of the environment's cube.
 const TILES: f32 = 12.0;
@@ -46,6 +57,39 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
     return screen::corner(index);
 }
 
+// The pixel that shows what a ray meets first within a distance; negative where the camera sees nothing there.
+fn seen_along(position_m: vec3<f32>, direction: vec3<f32>, far_m: f32) -> vec2<i32> {
+    let seg = segment(walk, Transfer(position_m, FIRST, direction, 0.0));
+    let start = vec3(place_px(walk, seg.near), seg.near.z / seg.near.w);
+    let end = vec3(place_px(walk, seg.far), seg.far.z / seg.far.w);
+    for (var number = 0.0; number < seg.steps; number += 1.0) {
+        let texel = vec2<i32>(clamp(mix(start.xy, end.xy, (number + 0.5) / seg.steps), vec2(0.0), walk.size_px - 1.0));
+        let plane = plane_at(depths, texel);
+        if plane.z >= 1.0 {
+            continue;
+        }
+        // Device depth is linear along the ray on the screen, and on the plane.
+        let shares = clamp((number + vec2(-OVERLAP, 1.0 + OVERLAP)) / seg.steps, vec2(0.0), vec2(1.0));
+        let before = mix(start, end, shares.x) - vec3(vec2<f32>(texel) + 0.5, plane.z);
+        let behind = mix(start, end, shares.y) - vec3(vec2<f32>(texel) + 0.5, plane.z);
+        let before_z = before.z - dot(plane.slope, before.xy) - CONTACT * (1.0 - plane.z);
+        let behind_z = behind.z - dot(plane.slope, behind.xy);
+        let at = mix(shares.x, shares.y, saturate(before_z / (before_z - behind_z)));
+        if before_z <= 0.0 && behind_z > 0.0 {
+            return select(vec2(-1), texel, distance_at(seg, at) <= far_m);
+        }
+    }
+    return vec2(-1);
+}
+
+// What the camera sees at a pixel.
+fn shown(texel: vec2<i32>) -> vec4<f32> {
+    let place_m = world_at((vec2<f32>(texel) + 0.5) / settings.size_px, textureLoad(depths, texel, 0));
+    let normal = textureLoad(normal_texels, texel, 0).xyz;
+    let irradiance = frame.light_irradiance * (SKY_SHARE + saturate(dot(normal, to_light(place_m))));
+    return display(lambert(textureLoad(albedo_texels, texel, 0).xyz, vec3(irradiance)), settings.exposure);
+}
+
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let texel = vec2<i32>(pixel.xy);
@@ -53,14 +97,26 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let z = textureLoad(depths, texel, 0);
     let place_m = world_at(pixel.xy / settings.size_px, z);
     let sight = normalize(place_m - frame.camera_position_m);
-    let hides = z < 1.0 && distance(place_m, frame.camera_position_m) < distance(exit.xyz, frame.camera_position_m);
-    if exit.w > 0.0 && !hides {
-        return display(environment(textureLoad(directions, texel, 0).xyz), settings.exposure);
+    let has_glass = exit.w > 0.0 && (z >= 1.0 || exit.w < distance(place_m, frame.camera_position_m));
+    if !has_glass && z < 1.0 {
+        return shown(texel);
     }
-    if z >= 1.0 {
-        return display(environment(sight), settings.exposure);
+    var direction = sight;
+    if has_glass {
+        direction = textureLoad(directions, texel, 0).xyz;
+        let entry_m = frame.camera_position_m + exit.w * sight;
+        let inside_m = distance(entry_m, exit.xyz);
+        // The way through the glass as a straight one, as it is between two surfaces; then the way behind it.
+        var seen = vec2(-1);
+        if inside_m > 0.0 {
+            seen = seen_along(entry_m, (exit.xyz - entry_m) / inside_m, inside_m);
+        }
+        if seen.x < 0 {
+            seen = seen_along(exit.xyz, direction, NO_HIT);
+        }
+        if seen.x >= 0 {
+            return shown(seen);
+        }
     }
-    let normal = textureLoad(normal_texels, texel, 0).xyz;
-    let irradiance = frame.light_irradiance * (SKY_SHARE + saturate(dot(normal, to_light(place_m))));
-    return display(lambert(textureLoad(albedo_texels, texel, 0).xyz, vec3(irradiance)), settings.exposure);
+    return display(environment(direction), settings.exposure);
 }

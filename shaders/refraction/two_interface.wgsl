@@ -68,6 +68,6 @@ fn fragment(in: Varying) -> Exit {
     let far = far_normal(out_m, sight, normal);
     let direction = optics::refracted(inside, far, index);
     let stays = dot(inside, far) * dot(direction, far) < 0.0;
-    return Exit(vec4(out_m, 1.0), vec4(direction, select(0.0, 1.0, stays)));
+    return Exit(vec4(out_m, distance(in.position_m, frame.camera_position_m)), vec4(direction, select(0.0, 1.0, stays)));
 }
 #endif

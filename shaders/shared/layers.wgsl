@@ -2,19 +2,20 @@
 #define_import_path fathom::layers
 
 #import fathom::uniforms::{frame, view_depth_m}
-#import fathom::surface_texel::{unpacked}
+#import fathom::surface_texel::{Surface, unpacked}
 
-// Unit normal and optics of a layer's texel.
-fn surface_at(surfaces: texture_2d_array<u32>, texel: vec2<i32>, layer: u32) -> vec4<f32> {
+const NO_SURFACE: Surface = Surface(vec3<f32>(0.0), 0.0, vec3<f32>(0.0));
+
+fn surface_at(surfaces: texture_2d_array<u32>, texel: vec2<i32>, layer: u32) -> Surface {
     return unpacked(textureLoad(surfaces, texel, layer, 0));
 }
 
-// Normal and optics of the layer that lies nearest to a view depth.
+// The surface of the layer that lies nearest to a view depth.
 fn surface_near(
     depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, layers: u32, texel: vec2<i32>, view_m: f32
-) -> vec4<f32> {
+) -> Surface {
     var nearest = 1e30;
-    var surface = vec4(0.0);
+    var surface = NO_SURFACE;
     for (var layer = 0u; layer < layers; layer++) {
         let z = textureLoad(depths, texel, layer, 0).x;
         if z >= 1.0 {

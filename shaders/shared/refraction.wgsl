@@ -3,7 +3,7 @@
 
 // The ray of a pixel behind glass.
 struct Exit {
-    // In w 1; 0: the pixel shows no glass.
+    // In w how far from the camera the line of sight enters the glass; 0: the pixel shows none.
     @location(0) position_m: vec4<f32>,
     // Unit. In w 1 where it is still inside, totally reflected.
     @location(1) direction: vec4<f32>,

@@ -9,8 +9,9 @@
 #define_import_path fathom::screen_ray
 
 #import fathom::uniforms::{frame, world_at, view_depth_m}
-#import fathom::layers::{surface_at}
+#import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
+#import fathom::surface_texel::{Surface}
 #import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_on_its_way}
 
 struct Walk {
@@ -121,22 +122,21 @@ fn screen_at(seg: Segment, at_m: f32) -> f32 {
 }
 
 // Whether a ray can hit a surface from the side from which it comes: normals point outwards.
-fn can_hit(ray: Transfer, surface: vec4<f32>) -> bool {
+fn can_hit(ray: Transfer, surface: Surface) -> bool {
     if ray.state == FIRST {
         return true;
     }
-    let from_outside = dot(ray.direction, surface.xyz) < 0.0;
-    return from_outside != (ray.state == INSIDE && optics::is_glass(surface.w));
+    let from_outside = dot(ray.direction, surface.geometric_normal) < 0.0;
+    return from_outside != (ray.state == INSIDE && optics::is_glass(surface.optics));
 }
 
 struct Hit {
     // Distance along the ray, or NO_HIT.
     at_m: f32,
-    // Normal and optics.
-    surface: vec4<f32>,
+    surface: Surface,
 }
 
-const NONE_HIT: Hit = Hit(NO_HIT, vec4<f32>(0.0));
+const NONE_HIT: Hit = Hit(NO_HIT, NO_SURFACE);
 
 // The surface that step `number` hits.
 fn hit(
@@ -185,7 +185,7 @@ fn hit(
         }
         let surface_m = world_at(uv, z);
         let surface = surface_at(surfaces, texel, layer);
-        let normal = surface.xyz;
+        let normal = surface.geometric_normal;
         let before = dot(ray.position_m + from_m * ray.direction - surface_m, normal);
         let behind = dot(ray.position_m + to_m * ray.direction - surface_m, normal);
         if before * behind > 0.0 || before == behind || !can_hit(ray, surface) {
@@ -208,11 +208,11 @@ fn hit(
 // shows the place may show another surface there, beside a silhouette.
 fn surface_hit(
     walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, at_m: f32
-) -> vec4<f32> {
+) -> Surface {
     let seg = segment(walk, ray);
     let middle = floor(screen_at(seg, at_m) * seg.steps);
     var off_m = NO_HIT;
-    var surface = vec4(0.0);
+    var surface = NO_SURFACE;
     for (var number = max(middle - 1.0, 0.0); number < min(middle + 2.0, seg.steps); number += 1.0) {
         let found = hit(walk, depths, surfaces, ray, seg, number);
         if abs(found.at_m - at_m) < off_m {
@@ -221,4 +221,38 @@ fn surface_hit(
         }
     }
     return surface;
+}
+
+// Pixels around a place show its surface where their normals are within 60 degrees of its.
+const ALIKE: f32 = 0.5;
+// Cosine of the angle between a face's plane and its vertices' normals from which on the face is flat: its neighbours are other faces.
+const FLAT: f32 = 1.0 - 1e-6;
+
+fn is_flat(surface: Surface) -> bool {
+    return dot(surface.shading_normal, surface.geometric_normal) > FLAT;
+}
+
+// Shading normal at a place of a surface, interpolated between the four pixels around it, those that show it.
+fn smoothed(
+    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_m: vec3<f32>, surface: Surface
+) -> vec3<f32> {
+    if is_flat(surface) {
+        return surface.shading_normal;
+    }
+    let clip = frame.camera_view_projection * vec4(place_m, 1.0);
+    let place = place_px(walk, clip) - 0.5;
+    let corner = floor(place);
+    let share = place - corner;
+    var sum = vec3(0.0);
+    for (var i = 0u; i < 4u; i++) {
+        let offset = vec2(f32(i & 1u), f32(i >> 1u));
+        let texel = vec2<i32>(clamp(corner + offset, vec2(0.0), walk.size_px - 1.0));
+        let shown = surface_near(depths, surfaces, walk.layers, texel, clip.w);
+        let weight = mix(1.0 - share, share, offset);
+        let is_alike = dot(shown.shading_normal, surface.shading_normal) > ALIKE && !is_flat(shown);
+        if shown.optics == surface.optics && is_alike {
+            sum += weight.x * weight.y * shown.shading_normal;
+        }
+    }
+    return normalize(select(surface.shading_normal, sum, dot(sum, sum) > 0.0));
 }

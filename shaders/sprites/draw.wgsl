@@ -47,7 +47,7 @@ fn normal_at(ndc: vec2<f32>, depth_m: f32) -> vec3<f32> {
 #else
 fn normal_at(ndc: vec2<f32>, depth_m: f32) -> vec3<f32> {
     let texel = texel_of(ndc, settings.size_px);
-    return surface_near(depths, surfaces, settings.layers, texel, depth_m).xyz;
+    return surface_near(depths, surfaces, settings.layers, texel, depth_m).geometric_normal;
 }
 #endif
 

@@ -13,11 +13,12 @@ use fathom_scene::{Bounds, Scene};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
+use fathom_stages::ldi::peel;
 use fathom_stages::photon::Photons;
 use fathom_stages::refraction::surface::{self, Dry};
 use fathom_stages::scene;
 use fathom_stages::screen_picture::Shafts;
-use fathom_stages::screen_ray::{FragmentLists, Rays, WalkUniforms, walk_uniforms};
+use fathom_stages::screen_ray::{Rays, WalkUniforms, walk_uniforms};
 use fathom_stages::shafts::blur;
 use fathom_stages::shafts::lines;
 use fathom_stages::sprites::compose::{self, Composed};
@@ -33,7 +34,6 @@ pub struct PhotonTracing {
     params: Params,
     pub view: View,
     pub photons: Photons,
-    lists: Option<FragmentLists>,
     /// W/m² on what each pixel shows.
     irradiance: wgpu::Texture,
     image: wgpu::Texture,
@@ -60,8 +60,8 @@ impl Pipeline for PhotonTracing {
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.sized_by("view × ldi.layers");
         let solid = (geometry, Part::Solid);
-        let (layers, lists) =
-            screen_tracing::layers(of_layers, shared, solid, size_px, &params.ldi)?;
+        let peel = peel::new(of_layers, shared, solid, size_px, params.ldi.layers)?;
+        let layers = of_layers.push(peel);
 
         let traced = Rays {
             transfers: &map.transfers,
@@ -99,7 +99,7 @@ impl Pipeline for PhotonTracing {
         } else {
             compose(&Composed::Picture { shafts: light.0, exposure: light.1 })?
         };
-        Ok(Self { params: params.clone(), view, photons, lists, irradiance, image })
+        Ok(Self { params: params.clone(), view, photons, irradiance, image })
     }
 }
 

@@ -6,7 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::screen_tracing::{self, Composition, LayeredDepth};
+use super::screen_tracing::{Composition, LayeredDepth};
 use super::settings::{self, VIEWPORT};
 use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
 use super::{even_step, named, objects_of, share};
@@ -17,7 +17,7 @@ use fathom_gpu::{Gpu, GpuError, read_texture};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_reference::specular::Surfaces;
-use fathom_scene::{Camera, Light, Object, Scene, SceneFile};
+use fathom_scene::{Bounds, Camera, Light, Object, Scene, SceneFile};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
@@ -25,7 +25,7 @@ use fathom_stages::refraction::trace::{self, Surface};
 use fathom_stages::refraction::two_interface;
 use fathom_stages::screen_ray::{WalkUniforms, walk_uniforms};
 use fathom_stages::uniforms::{Shared, View};
-use fathom_stages::{refraction, scene};
+use fathom_stages::{ldi, refraction, scene};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -118,7 +118,9 @@ impl Pipeline for ScreenRefraction {
             }
         };
         let exposure = params.compose.exposure;
-        let compose = refraction::compose::new(of_view, shared, &gbuffer, &exits, exposure)?;
+        let opaque = opaque_bounds(scene);
+        let compose =
+            refraction::compose::new(of_view, shared, &gbuffer, &exits, opaque, exposure)?;
         let image = of_view.push(compose);
         Ok(Self { params: params.clone(), view, exits, image })
     }
@@ -154,6 +156,12 @@ impl Drawing for ScreenRefraction {
     }
 }
 
+/// The box of what is seen through glass; none where there is nothing.
+fn opaque_bounds(scene: &Scene) -> Option<Bounds> {
+    let opaque = scene.objects.iter().filter(|object| Part::Opaque.holds(&object.material));
+    opaque.map(|object| object.mesh.bounds()).reduce(Bounds::union)
+}
+
 /// Pushes the stages that trace lines of sight through layers.
 fn traced(
     resources: &Resources<'_>,
@@ -164,7 +172,8 @@ fn traced(
 ) -> Result<Exits, GpuError> {
     let of_layers = &resources.sized_by("view × ldi.layers");
     let glass = (geometry, Part::Glass);
-    let (layers, _) = screen_tracing::layers(of_layers, shared, glass, size_px, &params.ldi)?;
+    let peel = ldi::peel::new(of_layers, shared, glass, size_px, params.ldi.layers)?;
+    let layers = of_layers.push(peel);
     let walk: WalkUniforms =
         walk_uniforms(&layers, scene.solid_bounds(), params.refraction.least_px);
     let of_view = &resources.sized_by(VIEWPORT);
@@ -234,7 +243,7 @@ impl ScreenRefraction {
         let seen: Vec<(u32, &Exit)> = seen.step_by(step).collect();
         let angle = |(pixel, exit): &(u32, &Exit)| {
             let (origin, direction, _) = rays.ray(pixel % width, pixel / width);
-            let exact = surfaces.behind(surfaces.ray(origin, direction), count)?;
+            let exact = surfaces.behind(surfaces.sight(origin, direction), count)?;
             Some(exit.direction.angle_between(exact.direction).to_degrees())
         };
         Ok(seen.par_iter().filter_map(angle).collect())

@@ -8,14 +8,14 @@ use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError};
-use fathom_stages::geometry::{Geometry, Part};
-use fathom_stages::kit::{Resources, linear_workgroups};
+use fathom_stages::geometry::Geometry;
+use fathom_stages::kit::Resources;
 use fathom_stages::photon::Photons;
-use fathom_stages::screen_ray::{self, FragmentLists, HitTest, Layers, Rays, Walking, group_each};
+use fathom_stages::screen_ray::{HitTest, Rays, Walking};
 use fathom_stages::transfer::bounce;
 use fathom_stages::transfer::map::{self, Map};
 use fathom_stages::uniforms::Shared;
-use fathom_stages::{StageInfo, ldi, rays, shadow};
+use fathom_stages::{StageInfo, rays, shadow};
 
 settings! {
     /// How the picture is made.
@@ -25,22 +25,9 @@ settings! {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum LayerMethod {
-    /// A pass for each layer. SPT §2.2.
-    Peel,
-    /// One pass into lists, sorted pixel by pixel.
-    Lists,
-}
-
 settings! {
     /// The layered depth image. SPT §2.2.
     pub struct LayeredDepth {
-        /// What finds the layers. Both find the same, as long as the lists have room.
-        method: LayerMethod = LayerMethod::Peel;
-        /// Room of the lists, fragments a pixel on average. What finds none is lost, and told.
-        fragments_per_pixel: u32 = 8 => 1 ..= 256, "1";
         /// Layers. SPT §2.2: "usually sufficient to only consider up to eight depth layers".
         layers: u32 = 8 => 1 ..= 64, "1";
     }
@@ -53,11 +40,9 @@ pub enum Method {
     Lines,
     /// An invocation walks each ray. SPT §2.1: about half as fast in 2006.
     March,
-    /// A workgroup walks each ray.
-    Group,
 }
 
-choices!(Method, LayerMethod);
+choices!(Method);
 
 impl Method {
     /// The stage that finds hits.
@@ -65,7 +50,6 @@ impl Method {
         match self {
             Self::Lines => &rays::rasterize::INFO,
             Self::March => &rays::march::INFO,
-            Self::Group => &rays::group::INFO,
         }
     }
 }
@@ -73,7 +57,7 @@ impl Method {
 settings! {
     /// How rays are followed. SPT §2.1.
     pub struct RaySettings {
-        /// What walks the rays. All find the same hits.
+        /// What walks the rays. Both find the same hits.
         method: Method = Method::Lines;
         /// What counts as a hit. `tolerance` is the paper's, and loses rays whose depth changes by more than twice the tolerance
         /// from pixel to pixel.
@@ -143,30 +127,6 @@ pub fn transfers(
     Ok(of_grid.push(map))
 }
 
-/// Pushes the stages that find the layers of a part of the scene; the lists, where there are any.
-pub fn layers(
-    resources: &Resources<'_>,
-    shared: &Shared,
-    (geometry, part): (&Geometry, Part),
-    size_px: [u32; 2],
-    settings: &LayeredDepth,
-) -> Result<(Layers, Option<FragmentLists>), GpuError> {
-    let count = settings.layers;
-    match settings.method {
-        LayerMethod::Peel => {
-            let peel = ldi::peel::new(resources, shared, (geometry, part), size_px, count)?;
-            Ok((resources.push(peel), None))
-        }
-        LayerMethod::Lists => {
-            let room = settings.fragments_per_pixel;
-            let lists = ldi::lists::new(resources, shared, (geometry, part), size_px, room)?;
-            let lists = resources.push(lists);
-            let sort = ldi::sort::new(resources, &lists, count)?;
-            Ok((resources.push(sort), Some(lists)))
-        }
-    }
-}
-
 /// Pushes the stages that find where rays end, and those behind mirrors and glass where rays have several ways.
 pub fn trace(
     of_rays: &Resources<'_>,
@@ -174,11 +134,6 @@ pub fn trace(
     traced: &Rays<'_>,
     method: Method,
 ) -> Result<Photons, GpuError> {
-    let count = traced.transfers.count;
-    let walked = |info, workgroups| -> Result<Photons, GpuError> {
-        let stage = screen_ray::walked(of_rays, info, shared, traced, workgroups)?;
-        Ok(of_rays.push(stage))
-    };
     let (photons, tiles) = match method {
         Method::Lines => {
             let of_tile = &of_rays.sized_by("view × rays.rows");
@@ -187,8 +142,7 @@ pub fn trace(
             let reduce = rays::reduce::new(of_tile, &drawn, traced)?;
             (of_tile.push(reduce), traced.tiles())
         }
-        Method::March => (walked(&rays::march::INFO, linear_workgroups(count.into()))?, 1),
-        Method::Group => (walked(&rays::group::INFO, group_each(count))?, 1),
+        Method::March => (of_rays.push(rays::march::new(of_rays, shared, traced)?), 1),
     };
     if traced.walking.ways > 1 {
         of_rays.push(bounce::new(of_rays, shared, traced, &photons, tiles)?);

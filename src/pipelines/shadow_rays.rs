@@ -19,7 +19,7 @@ use fathom_stages::kit::Resources;
 use fathom_stages::photon::{MISSED, Photons};
 use fathom_stages::screen_ray::Rays;
 use fathom_stages::uniforms::View;
-use fathom_stages::{scene, shadow, transfer};
+use fathom_stages::{ldi, scene, shadow, transfer};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -70,7 +70,8 @@ impl Pipeline for ShadowRays {
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.sized_by("view × ldi.layers");
         let opaque = (geometry, Part::Opaque);
-        let (layers, _) = screen_tracing::layers(of_layers, shared, opaque, size_px, &params.ldi)?;
+        let peel = ldi::peel::new(of_layers, shared, opaque, size_px, params.ldi.layers)?;
+        let layers = of_layers.push(peel);
         let starts = of_view.push(transfer::shadow::new(of_view, shared, &gbuffer)?);
         let traced = Rays {
             transfers: &starts,

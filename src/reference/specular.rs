@@ -1,4 +1,5 @@
-//! Light that mirrors and glass pass on: exact ray casting, and Snell's law at the meshes' interpolated normals (SPT §2.3, §4).
+//! Light that mirrors and glass pass on: exact ray casting against triangles, and Snell's law at the meshes' interpolated normals, which stand
+//! for the smooth surface (SPT §2.3, §4).
 
 use glam::DVec3;
 
@@ -44,6 +45,15 @@ pub struct Surfaces<'a> {
 impl Surfaces<'_> {
     pub fn ray(&self, origin: DVec3, direction: DVec3) -> Ray {
         Ray { origin, direction, index: self.outside }
+    }
+
+    /// A line of sight: it begins in glass where the first surface that it meets shows its inner side.
+    pub fn sight(&self, origin: DVec3, direction: DVec3) -> Ray {
+        let ray = self.ray(origin, direction);
+        let first = self.meet(&ray).filter(|hit| hit.normal.dot(hit.shading_normal) < 0.0);
+        let inside = first.map(|hit| &self.objects[hit.object].material);
+        let inside = inside.filter(|material| material.optics == Optics::Glass);
+        Ray { index: inside.map_or(self.outside, |glass| glass.refractive_index.into()), ..ray }
     }
 
     /// What a ray meets first.

@@ -66,28 +66,20 @@ impl Bind for Transfers {
 /// A layered depth image: the surfaces behind each pixel, the nearest first.
 #[derive(Clone)]
 pub struct Layers {
-    /// Device depth, 1 where there is no surface; a layer each. A depth texture where they were drawn, else 32-bit floats: shaders
-    /// read both alike.
+    /// Device depth, 1 where there is no surface; a layer each.
     pub depths: wgpu::Texture,
-    /// Unit normals in the world's axes, and what becomes of light there: `shaders/shared/surface_texel.wgsl`.
+    /// Shading and geometric unit normals in the world's axes, and what becomes of light there: `shaders/shared/surface_texel.wgsl`.
     pub surfaces: wgpu::Texture,
 }
 
 impl Layers {
     /// Format of surfaces. Every adapter can draw and store it.
-    pub const SURFACES: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Uint;
+    pub const SURFACES: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Uint;
 
     /// Drawn into, a layer a pass: depths are what passes test against.
     pub fn drawn(resources: &Resources<'_>, label: &str, size_px: [u32; 2], layers: u32) -> Self {
         let [depths, surfaces] = [kit::DEPTH_FORMAT, Self::SURFACES]
             .map(|format| resources.layers(label, size_px, format, layers));
-        Self { depths, surfaces }
-    }
-
-    /// Written by a compute shader.
-    pub fn stored(resources: &Resources<'_>, label: &str, size_px: [u32; 2], layers: u32) -> Self {
-        let [depths, surfaces] = [wgpu::TextureFormat::R32Float, Self::SURFACES]
-            .map(|format| resources.stored_layers(label, size_px, format, layers));
         Self { depths, surfaces }
     }
 
@@ -105,17 +97,6 @@ impl Layers {
     pub fn count(&self) -> u32 {
         self.depths.depth_or_array_layers()
     }
-}
-
-/// Fragments in the lists of their pixels.
-#[derive(Clone)]
-pub struct FragmentLists {
-    /// How many there are, those without room included; then the number of each pixel's latest, from 1 on.
-    pub heads: Buffer,
-    pub nodes: Buffer,
-    pub size_px: [u32; 2],
-    /// Room for so many.
-    pub capacity: u32,
 }
 
 /// What counts as a hit.
@@ -174,8 +155,7 @@ pub struct Rays<'a> {
 /// Share of the scene's size by which its box is larger, so that rays end behind what bounds it.
 const ROOM: f64 = 0.01;
 
-fn most_steps(layers: &Layers, least: u32) -> u32 {
-    let [width, height] = layers.size_px();
+fn most_steps([width, height]: [u32; 2], least: u32) -> u32 {
     (width.max(height) + 1).max(least)
 }
 
@@ -186,18 +166,23 @@ pub fn walk_turns(steps: u32, layers: u32) -> u64 {
 
 /// Of rays through layers within a box, of so many steps at least.
 pub fn walk_uniforms(layers: &Layers, bounds: Bounds, least: u32) -> WalkUniforms {
+    WalkUniforms { layers: layers.count(), ..walk_without_layers(layers.size_px(), bounds, least) }
+}
+
+/// The same over so many pixels.
+pub fn walk_without_layers(size_px: [u32; 2], bounds: Bounds, least: u32) -> WalkUniforms {
     let room = bounds.size().max_element() * ROOM;
-    let [width, height] = layers.size_px();
+    let [width, height] = size_px;
     WalkUniforms {
         low_m: (bounds.min - room).as_vec3(),
         tolerance_m: 0.0,
         high_m: (bounds.max + room).as_vec3(),
         start_m: 0.0,
         size_px: Vec2::new(width as f32, height as f32),
-        layers: layers.count(),
+        layers: 0,
         photons: 0,
         least,
-        most: most_steps(layers, least),
+        most: most_steps(size_px, least),
         rows: 0,
     }
 }
@@ -215,7 +200,7 @@ impl Rays<'_> {
 
     /// Most pixels that a ray covers along one axis of the screen.
     pub fn most(&self) -> u32 {
-        most_steps(self.layers, self.walking.least)
+        most_steps(self.layers.size_px(), self.walking.least)
     }
 
     pub fn uniforms(&self) -> WalkUniforms {
@@ -283,31 +268,4 @@ pub fn output(photons: &Photons) -> Output {
     let meaning = "photons and the first surface of the layers that each ray meets";
     let rows = (&*photons.buffer, size_of::<Photon>() / 4, photons.count);
     Output::rows("photons", meaning, columns, rows, <[f32]>::to_vec)
-}
-
-/// What `rays/march` and `rays/group` are: a dispatch over all photons. The stage `info`, whose shader has its path.
-pub fn walked(
-    resources: &Resources<'_>,
-    info: &'static StageInfo,
-    shared: &Shared,
-    rays: &Rays<'_>,
-    workgroups: [u32; 3],
-) -> Result<Stage<Photons>, GpuError> {
-    let photons = Photons::new(resources, info.name, rays.transfers.count);
-    resources.turns("view × ldi.layers", walk_turns(rays.most(), rays.layers.count()));
-    let own = rays.group(resources, info.name, Some(&photons));
-    let groups = [&shared.group, &own];
-    let dispatch = Dispatch::new(resources, (info.name, &rays.defs()), &groups, workgroups)?;
-    // Rays end early, and a photon that has ended is passed over on its later ways.
-    let stage = Dispatch::stage([dispatch], info, rays.work()).at_least(Work::default());
-    let stage = stage.in_turns(rays.walking.ways).spending_inputs(rays.walking.ways > 1);
-    Ok(stage.output(output(&photons)).leaving(photons))
-}
-
-/// Most workgroups along one axis of a dispatch, within every adapter's limit.
-const MOST_GROUPS: u32 = 32_768;
-
-/// A workgroup for each photon, over two dimensions.
-pub fn group_each(photons: u32) -> [u32; 3] {
-    [photons.clamp(1, MOST_GROUPS), photons.div_ceil(MOST_GROUPS).max(1), 1]
 }

@@ -24,7 +24,7 @@ mod photon_tracing;
 mod photons;
 mod planar;
 mod prelude;
-mod refraction;
+pub mod refraction;
 pub mod rig;
 mod scalar;
 mod shadow_rays;

@@ -5,7 +5,6 @@ mod bounces;
 use crate::prelude::*;
 use fathom_pipelines::screen_tracing::{self, Method};
 use fathom_stages::kit::Resources;
-use fathom_stages::ldi::{lists, sort};
 use fathom_stages::rays::reduce;
 use std::iter::successors;
 
@@ -22,8 +21,6 @@ const TOLERANCE_M: f64 = 0.01;
 const WRONG_M: f64 = 0.1;
 /// Rows of the forced small target: three tiles and a rest.
 const FEW_ROWS: u32 = 600;
-/// Fragments a pixel for which lists have room: more than any of these scenes has.
-const ROOM: u32 = 32;
 /// A ray cast from a stored position starts this far from it, metres.
 const OFF_M: f64 = 1e-6;
 
@@ -33,11 +30,6 @@ pub fn cases() -> Vec<Case> {
     let what = |kind| format!("weights, {kind:?} light");
     cases.extend(Case::each(map::INFO.name, kinds, what, weights));
     cases.extend(Case::each(peel::INFO.name, SCENES, |name| format!("scene {name}"), layers));
-    for name in SCENES {
-        let what = format!("scene {name}");
-        cases.push(Case::new(lists::INFO.name, what.clone(), move |rig| listed(rig, name)));
-        cases.push(Case::new(sort::INFO.name, what, move |rig| sorted(rig, name)));
-    }
     for name in SCENES {
         for how in METHODS {
             let what = format!("scene {name}");
@@ -55,7 +47,7 @@ pub fn cases() -> Vec<Case> {
 type How = (Method, u32);
 
 const MARCH: How = (Method::March, 1);
-const METHODS: [How; 3] = [(Method::Lines, FEW_ROWS), MARCH, (Method::Group, 1)];
+const METHODS: [How; 2] = [(Method::Lines, FEW_ROWS), MARCH];
 
 /// A scene with its layers and the photons behind its water.
 struct Setup {
@@ -238,55 +230,6 @@ fn layers(rig: &Rig<'_>, name: &str) -> Result<Check> {
         .control("each layer held against the next", errors(1)))
 }
 
-/// Lengths of the lists against the surfaces along each pixel's ray.
-fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
-    /// 32-bit words of a node, and the place of the next one's number among them.
-    const NODE: [usize; 2] = [4, 1];
-    let setup = Setup::new(rig, name, 1)?;
-    let Stand { shared, geometry, .. } = &setup.stand;
-    let stage = lists::new(rig, shared, (geometry, Part::Solid), SIZE, ROOM)?;
-    // Twice, as the second frame finds what the first has left.
-    rig.run(&[&stage])?;
-    rig.run(&[&stage])?;
-    let heads = rig.read::<u32>(&stage.heads)?;
-    let nodes = rig.read::<u32>(&stage.nodes)?;
-    let next = |number: u32| nodes[(number as usize - 1) * NODE[0] + NODE[1]];
-    let length = |(x, y): (u32, u32)| {
-        let first = heads[1 + (x + y * SIZE[0]) as usize];
-        let some = |number: u32| (number > 0).then_some(number);
-        successors(some(first), |number| some(next(*number))).count()
-    };
-    let counts: Vec<[usize; 2]> = sparse_pixels()
-        .map(|at| {
-            let exact = all_depths(&setup.stand, at).filter(|depth| *depth < 1.0).count();
-            [length(at).min(LAYERS as usize + 1), exact]
-        })
-        .collect();
-    let unlike = |more: usize| share(counts.iter().map(|[listed, exact]| listed + more != *exact));
-    // At silhouettes, and where surfaces touch, a ray meets one more or fewer.
-    Ok(Check::of(rig, format!("scene {name}: share of lists unlike the surfaces behind the pixel"))
-        .within((0.1, "1"), unlike(0))
-        .control("each list one longer", unlike(1))
-        .with("fragments_per_pixel", mean(counts.iter().map(|[listed, _]| *listed as f64))))
-}
-
-/// Layers from lists against peeled ones.
-fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
-    let setup = Setup::new(rig, name, LAYERS)?;
-    let Stand { shared, geometry, .. } = &setup.stand;
-    let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?.data;
-    let unlike = |room: u32| -> Result<f64> {
-        let lists = lists::new(rig, shared, (geometry, Part::Solid), SIZE, room)?;
-        let sort = sort::new(rig, &lists, LAYERS)?;
-        rig.run(&[&lists, &sort])?;
-        let sorted = read_volume(rig.gpu, &sort.depths, 0)?.data;
-        Ok(differing(&peeled, &sorted) / peeled.len() as f64)
-    };
-    Ok(Check::of(rig, format!("scene {name}: share of texels unlike the peeled ones"))
-        .within((1e-3, "1"), unlike(ROOM)?)
-        .control("room for one fragment a pixel", unlike(1)?))
-}
-
 /// Where a method ends the photons against rays cast from the same places in the same directions, and by the paper's tolerance
 /// against the surfaces behind each pixel.
 fn ends(rig: &Rig<'_>, name: &str, how: How) -> Checks {
@@ -342,7 +285,7 @@ fn from_surfaces_m(stand: &Stand, place: DVec3) -> f64 {
     off.fold(f64::INFINITY, f64::min) * place.distance(camera.position()) / view_m(place)
 }
 
-/// Rows and reduction, in one tile and in several, and workgroups, against marching.
+/// Rows and reduction, in one tile and in several, against marching.
 fn alike(rig: &Rig<'_>, name: &str) -> Checks {
     let setup = Setup::new(rig, name, LAYERS)?;
     let mut checks = Vec::new();
@@ -351,7 +294,6 @@ fn alike(rig: &Rig<'_>, name: &str) -> Checks {
         let others = [
             ("rows of one tile", (Method::Lines, 8192)),
             ("rows of several tiles", (Method::Lines, FEW_ROWS)),
-            ("workgroups", (Method::Group, 1)),
         ];
         for (other, how) in others {
             let found = setup.trace(rig, how, test)?;

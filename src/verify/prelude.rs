@@ -20,7 +20,6 @@ pub use fathom_scene::{
 };
 pub use fathom_stages::gbuffer::GbufferTextures;
 pub use fathom_stages::geometry::{Geometry, Part};
-pub use fathom_stages::kit::linear_workgroups;
 pub use fathom_stages::ldi::peel;
 pub use fathom_stages::photon::{MISSED, Photon, PhotonEstimator, Photons, TraceUniforms};
 pub use fathom_stages::screen_ray::*;

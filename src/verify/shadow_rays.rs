@@ -121,8 +121,7 @@ fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Re
     };
     let rays =
         Rays { transfers: &setup.starts, layers: &peel, bounds: scene.solid_bounds(), walking };
-    let workgroups = linear_workgroups(rays.transfers.count.into());
-    let march = walked(rig, &march::INFO, shared, &rays, workgroups)?;
+    let march = march::new(rig, shared, &rays)?;
     rig.run(&[&peel, &setup.starts, &march])?;
     let ends = rig.read_photons(&march)?;
     let stored = setup.stored(rig)?;

@@ -85,27 +85,18 @@ impl Drawing for PhotonTracing {
         &self.image
     }
 
-    /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass; fragments in lists, and those without room.
+    /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let photons = self.stored(gpu)?;
         let rate = |residual_m: f32| {
             let alike = photons.iter().filter(|p| p.residual_m == f64::from(residual_m));
             share(alike.count(), photons.len())
         };
-        let mut figures = named([
+        Ok(named([
             ("missed_water_rate", rate(MISSED)),
             ("photon_no_hit_rate", rate(OUTSIDE)),
             ("photon_on_its_way_rate", rate(ON_ITS_WAY)),
-        ]);
-        if let Some(lists) = &self.lists {
-            let heads: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &lists.heads)?);
-            let fragments = heads.first().copied().unwrap_or(0);
-            let pixels = (heads.len() - 1).max(1) as f64;
-            figures.insert("ldi_fragments_per_pixel".to_owned(), f64::from(fragments) / pixels);
-            let lost = fragments.saturating_sub(lists.capacity);
-            figures.insert("ldi_lost_fragments".to_owned(), lost.into());
-        }
-        Ok(figures)
+        ]))
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {

@@ -199,34 +199,13 @@ impl<'g> Resources<'g> {
     pub fn layers(
         &self,
         label: &str,
-        size_px: [u32; 2],
-        format: wgpu::TextureFormat,
-        layers: u32,
-    ) -> wgpu::Texture {
-        self.layered(label, size_px, format, layers, wgpu::TextureUsages::RENDER_ATTACHMENT)
-    }
-
-    /// The same, written by compute shaders.
-    pub fn stored_layers(
-        &self,
-        label: &str,
-        size_px: [u32; 2],
-        format: wgpu::TextureFormat,
-        layers: u32,
-    ) -> wgpu::Texture {
-        self.layered(label, size_px, format, layers, wgpu::TextureUsages::STORAGE_BINDING)
-    }
-
-    fn layered(
-        &self,
-        label: &str,
         [width, height]: [u32; 2],
         format: wgpu::TextureFormat,
         layers: u32,
-        written_as: wgpu::TextureUsages,
     ) -> wgpu::Texture {
-        let usage =
-            written_as | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC;
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC;
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: layers };
         self.texture(label, (wgpu::TextureDimension::D2, size), format, usage, 1)
     }

@@ -1,3 +1,1 @@
-pub mod lists;
 pub mod peel;
-pub mod sort;

@@ -1,4 +1,4 @@
-//! `ldi/peel`: layers of depth and normals from the camera, one after the other. SPT §2.2.
+//! `ldi/peel`: layers of depth, normals of triangles and interpolated normals from the camera, one after the other. SPT §2.2.
 
 use crate::geometry::{Geometry, Part};
 use crate::kit::Layer;
@@ -21,12 +21,12 @@ pub fn new(
 ) -> Result<Stage<Layers>, GpuError> {
     let layers = Layers::drawn(resources, INFO.name, size_px, count.max(1));
     let targets = [kit::opaque(Layers::SURFACES)];
+    let own: [&dyn Bind; 3] = [&geometry.materials, &geometry.vertices, &geometry.indices];
     let peel = |layer: u32| {
         let before = layer.checked_sub(1).map(|before| Layer(&layers.depths, before));
-        let groups = [&shared.group, &Group::new(&[&geometry.materials]).and(&before)];
+        let groups = [&shared.group, &Group::new(&own).and(&before)];
         let defs = [("FIRST", i32::from(layer == 0))];
         let spec = RenderSpec {
-            buffers: &[Geometry::layout(false)],
             depth: Some(Depth { layer, ..Depth::nearest(&layers.depths) }),
             ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
         };
@@ -38,7 +38,7 @@ pub fn new(
     let work = Work {
         triangles: drawn * geometry.triangles_of(part),
         bytes_read: drawn * geometry.bytes(),
-        bytes_written: drawn * kit::pixels(&layers.depths) * (4 + 8),
+        bytes_written: drawn * kit::pixels(&layers.depths) * (4 + 16),
         ..Work::default()
     };
     // Of the geometry only one part is drawn, and its bytes are read once for each layer.
@@ -46,7 +46,7 @@ pub fn new(
     let geometry = geometry.clone();
     let stage = Stage::new(&INFO, work, move |scope| {
         for peel in &peels {
-            peel.render(scope, |pass| geometry.draw(pass, part));
+            peel.render(scope, |pass| geometry.draw_corners(pass, part));
         }
     });
     Ok(stage.at_least(least).output(layers.output()).leaving(layers))

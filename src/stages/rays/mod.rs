@@ -1,4 +1,3 @@
-pub mod group;
 pub mod march;
 pub mod rasterize;
 pub mod reduce;

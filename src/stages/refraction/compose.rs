@@ -1,9 +1,13 @@
 //! `refraction/compose`: the picture, through glass by its exit rays. SPT §4.
 
+use glam::DVec3;
+
 use super::Exits;
 use crate::gbuffer::GbufferTextures;
 use crate::prelude::*;
 use crate::screen_picture;
+use crate::screen_ray::{WalkUniforms, walk_turns, walk_without_layers};
+use fathom_scene::Bounds;
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/compose",
@@ -11,14 +15,30 @@ pub const INFO: StageInfo = StageInfo {
     source: "SPT §4",
 };
 
+/// Fewest steps of a ray: a straight one stays in its pixel.
+const LEAST_STEPS: u32 = 8;
+/// Depths that a step reads: its pixel's and those around it.
+const FETCHES: u64 = 5;
+
+/// `opaque` are the bounds of what the G-buffer shows, none where that is nothing.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     gbuffer: &GbufferTextures,
     exits: &Exits,
+    opaque: Option<Bounds>,
     exposure: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
-    let rays: [&dyn Bind; 2] = [&exits.positions, &exits.directions];
-    let of_pixel = Work { texel_fetches: 2, ..Work::default() };
+    let size_px = kit::size_px(&gbuffer.depth);
+    let bounds = opaque.unwrap_or(Bounds::around([DVec3::ZERO]));
+    let mut walk = walk_without_layers(size_px, bounds, LEAST_STEPS);
+    if opaque.is_none() {
+        walk = WalkUniforms { least: 0, most: 0, ..walk };
+    }
+    resources.turns("view", 2 * walk_turns(walk.most, 0));
+    let steps = 2 * u64::from(walk.most);
+    let walk = resources.uniform(INFO.name, &walk);
+    let rays: [&dyn Bind; 3] = [&exits.positions, &exits.directions, &walk];
+    let of_pixel = Work { texel_fetches: 2 + FETCHES * steps, ..Work::default() };
     screen_picture::new(resources, shared, &INFO, (gbuffer, &rays), exposure, of_pixel)
 }

@@ -10,7 +10,7 @@ use crate::prelude::*;
 /// The rays behind glass, a pixel each: `Exit` in `shaders/shared/refraction.wgsl`.
 #[derive(Clone)]
 pub struct Exits {
-    /// World position; 1 in the fourth channel where the pixel shows glass.
+    /// World position; in the fourth channel how far from the camera the line of sight enters the glass, 0 where the pixel shows none.
     pub positions: wgpu::Texture,
     /// Unit direction; 1 in the fourth channel where the ray is still inside.
     pub directions: wgpu::Texture,
@@ -31,7 +31,7 @@ impl Exits {
         let (place, along) =
             ("where the line of sight leaves the glass", "unit direction in which it goes on");
         let mut positions = Column::alike(["x_m", "y_m", "z_m"], "m", place);
-        positions.push(Column::new("glass", "1", "1 where the pixel shows glass"));
+        positions.push(Column::new("entry_m", "m", "distance to the glass, 0 without"));
         let mut directions = Column::alike(["x", "y", "z"], "1", along);
         directions.push(Column::new("inside", "1", "1 where it is still inside"));
         [
