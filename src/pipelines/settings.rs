@@ -247,7 +247,7 @@ pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> unifo
         water: scene.water.clone(),
         bounds: scene.bounds,
         size_px: UVec2::new(view.width, view.height),
-        edge_m: UNUSED_EDGE_M,
+        edge_m: 0.0,
     }
 }
 
@@ -262,9 +262,6 @@ pub fn begin(resources: &Resources<'_>, view: &uniforms::View) -> uniforms::Shar
 pub fn scaled(viewport: [u32; 2], scale: f64) -> [u32; 2] {
     viewport.map(|side| ((f64::from(side) * scale).round() as u32).max(1))
 }
-
-/// Step between neighbouring texels of the light's depth, for pipelines whose stages do not read it.
-const UNUSED_EDGE_M: f64 = 0.1;
 
 settings! {
     /// The light's depth, for shadows.
