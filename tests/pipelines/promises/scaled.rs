@@ -1,12 +1,12 @@
 //! No length is absolute: a scene whose lengths are a power of two times as long gives the same picture. Such a factor changes no digit
-//! of a 32-bit float, so that code which computes with shares and ratios computes the same.
+//! of a 32-bit float, so code that computes with shares and ratios finds the very same pixels.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use fathom::gpu::{Gpu, read_texture};
 use fathom::parameter;
-use fathom::pipelines::{KINDS, PipelineKind, staged};
+use fathom::pipelines::{KINDS, staged};
 use fathom::scene::{LightKind, Mesh, ObjectFile, Scene, SceneFile, Stand, Transform};
 use serde_json::Value;
 
@@ -17,159 +17,109 @@ const FACTORS: [f64; 4] = [0.125, 8.0, 1.0 / 128.0, 128.0];
 /// Share of the pixels that may differ, by rounding.
 const ROUNDED: f64 = 1e-3;
 
-/// A pipeline, scenes of its kind, the first of few triangles, settings that make it cheap, and others that a draw takes or not.
-struct Case(&'static str, &'static [&'static str], &'static str, &'static [&'static str]);
-
-const CASES: [Case; 9] = [
-    Case(
+/// A pipeline; its scenes; settings that make it cheap; and others, of which each round of draws takes the next.
+const CASES: [[&str; 4]; 9] = [
+    [
         "underwater",
-        &["pool", "plane", "tank", "dolphin", "bunny", "port"],
+        "pool plane tank dolphin bunny port",
         "shadow.size=192 surface.cells=24 caustics.grid=24 caustics.buffer=[48,36] godrays.grid=12 godrays.buffer=[24,18]",
-        &[
-            "compose.occlusion_taps=8",
-            "caustics.method=mesh",
-            "caustics.intensity=conserving godrays.intensity=conserving",
-            "caustics.coverage=square",
-            "caustics.estimator=paper godrays.estimator=paper",
-            "water.fresnel=true",
-        ],
-    ),
-    Case(
+        "compose.occlusion_taps=8 | caustics.method=mesh | caustics.intensity=conserving godrays.intensity=conserving \
+         | caustics.coverage=square | caustics.estimator=paper godrays.estimator=paper | water.fresnel=true",
+    ],
+    [
         "photon_tracing",
-        &["pool", "specular", "cornell", "tank", "port"],
+        "pool specular cornell tank port",
         "shadow.size=128 surface.cells=24 transfer.grid=[32,32] ldi.layers=4",
-        &[
-            "rays.test=tolerance",
-            "rays.method=march",
-            "specular.follow=true",
-            "sprites.plane=screen",
-            "surface.draw=false",
-            "rays.test=in_out",
-        ],
-    ),
-    Case(
+        "rays.method=march | rays.test=tolerance | specular.follow=true | sprites.plane=screen | rays.test=in_out",
+    ],
+    [
         "planar",
-        &["planar_pool"],
-        "shadow.size=128 surface.cells=24 planar.texels=32 transfer.grid=[64,64]",
-        &[],
-    ),
-    Case(
+        "planar_pool",
+        "surface.cells=24 planar.texels=32 transfer.grid=[64,64]",
+        "shadow.size=128",
+    ],
+    [
         "shadow_rays",
-        &["crates", "tree_shadow", "bunny_shadow", "cornell", "corner"],
+        "crates tree_shadow bunny_shadow cornell",
         "ldi.layers=4",
-        &["rays.test=tolerance", "rays.method=march", "rays.test=in_out", "ldi.method=lists"],
-    ),
-    Case(
+        "rays.method=march | rays.test=tolerance | rays.test=in_out | ldi.method=lists",
+    ],
+    [
         "refraction",
-        &["glass_teapot_small", "glass", "glass_bunny"],
-        "",
-        &["refraction.method=two_interface", "refraction.surface=depth"],
-    ),
-    Case(
+        "glass_teapot_small specular glass_bunny",
+        "ldi.layers=2",
+        "refraction.method=trace | refraction.method=two_interface | refraction.surface=depth",
+    ],
+    [
         "volume_ao",
-        &["crates", "room", "corner", "glass", "level"],
+        "crates room corner glass level",
         "voxel.resolution=32 ao.rays=8 shadow.size=128",
-        &[
-            "voxel.method=slicemap",
-            "voxel.method=max_alpha ao.occluder=opacity",
-            "ao.skipping=true",
-            "animation.deform=wave animation.time_s=0.4",
-        ],
-    ),
-    Case(
+        "ao.attenuation=hard | voxel.method=slicemap | voxel.method=max_alpha ao.occluder=opacity | ao.skipping=true \
+         | animation.deform=wave animation.time_s=0.4",
+    ],
+    [
         "hsao",
-        &["crates", "room", "corner", "slab"],
+        "crates room corner slab",
         "hsao.directions=6 hsao.steps=6 shadow.size=128",
-        &["hsao.scale=0.5", "animation.deform=twist animation.time_s=0.4"],
-    ),
-    Case(
+        "hsao.attenuation=hard | hsao.scale=0.5 | animation.deform=twist animation.time_s=0.4",
+    ],
+    [
         "scalar_ao",
-        &["smoke", "engine", "bonsai"],
-        "volume.cells=[24,16,24] scalar.rays=6",
-        &[
-            "scalar.mode=direct",
-            "scalar.mode=positional",
-            "scalar.law=beer",
-            "scalar.gather=opacity",
-        ],
-    ),
-    Case(
+        "smoke engine bonsai",
+        "volume.reduce=8 scalar.rays=6",
+        "scalar.mode=isosurface | scalar.mode=direct | scalar.mode=positional scalar.law=beer | scalar.gather=opacity",
+    ],
+    [
         "voxelize",
-        &["crates", "room", "bricks"],
+        "crates room bricks",
         "voxel.resolution=32",
-        &[
-            "voxel.method=slice",
-            "voxel.method=overlap_thin",
-            "animation.deform=spin animation.time_s=0.3",
-        ],
-    ),
+        "voxel.method=slice | voxel.method=overlap_thin | animation.deform=spin animation.time_s=0.3",
+    ],
 ];
 
-/// A scene file with lengths `by` times as long, intensities and coefficients so that radiances stay, and its meshes in `folder`.
+/// The scene with lengths `by` times as long and coefficients per metre as many times smaller; its meshes are written into `folder`.
 fn scaled(scene: &str, by: f64, folder: &Path) -> SceneFile {
     let mut file = SceneFile::load(scene).unwrap();
     let built = Scene::build(&SceneFile { volume: None, ..file.clone() });
-    let objects = built.map_or(Vec::new(), |scene| scene.objects);
-    let lengths = |lengths: &mut [f64]| lengths.iter_mut().for_each(|m| *m *= by);
-    file.objects = objects
-        .iter()
-        .enumerate()
-        .map(|(index, object)| {
-            let name = format!("{index}.obj");
-            std::fs::write(folder.join(&name), obj(&object.mesh, by as f32)).unwrap();
-            let mut material = object.material.clone();
-            material.tile_m *= by as f32;
-            ObjectFile {
-                name: object.name.clone(),
-                generator: None,
-                asset: None,
-                file: Some(name.into()),
-                params: [].into(),
-                transform: Transform { on: Stand::Surface, ..Transform::default() },
-                material,
-            }
-        })
-        .collect();
-    file.folder = folder.into();
-    if let Some(volume) = &mut file.volume {
-        volume.fit_m = by * if volume.fit_m == 0.0 { 1.0 } else { volume.fit_m };
-        lengths(&mut volume.translate_m);
+    for (object, built) in
+        file.objects.iter_mut().zip(built.iter().flat_map(|scene| &scene.objects))
+    {
+        let name = format!("{}.obj", built.name);
+        std::fs::write(folder.join(&name), obj(&built.mesh, by as f32)).unwrap();
+        let transform = Transform { on: Stand::Surface, ..Transform::default() };
+        let (name, file) = (object.name.clone(), Some(name.into()));
+        let (generator, asset, params) = (None, None, [].into());
+        let material = object.material.clone();
+        *object = ObjectFile { name, generator, asset, file, params, transform, material };
     }
-    file.floor_depth_m *= by;
-    let camera = &mut file.camera;
-    lengths(&mut camera.position_m);
-    lengths(&mut camera.target_m);
-    lengths(&mut [&mut camera.z_near_m, &mut camera.z_far_m].map(|m| {
-        *m *= by;
-        *m
-    }));
-    let light = &mut file.light;
-    lengths(&mut light.position_m);
-    light.distance_m *= by;
-    light.half_extent_m *= by;
-    if light.kind == LightKind::Point {
-        light.intensity_w_sr *= by * by;
+    let mut tree = serde_json::to_value(&file).unwrap();
+    scale("", &mut tree, by);
+    file = serde_json::from_value(tree).unwrap();
+    if file.light.kind == LightKind::Point {
+        file.light.intensity_w_sr *= by * by;
     }
-    let water = &mut file.water;
-    for m in [&mut water.amplitude_m, &mut water.wavelength_m, &mut water.noise_tile_m] {
-        *m *= by;
+    SceneFile { folder: folder.into(), ..file }
+}
+
+/// Multiplies what is named as a length, and divides what is per metre.
+fn scale(name: &str, value: &mut Value, by: f64) {
+    match value {
+        Value::Object(map) => map.iter_mut().for_each(|(name, value)| scale(name, value, by)),
+        Value::Array(items) => items.iter_mut().for_each(|item| scale(name, item, by)),
+        Value::Number(number) if name.ends_with("_per_m") || name.ends_with("_rad_m") => {
+            *value = (number.as_f64().unwrap() / by).into();
+        }
+        Value::Number(number) if name.ends_with("_m") => {
+            *value = (number.as_f64().unwrap() * by).into();
+        }
+        _ => {}
     }
-    water.attenuation_per_m /= by;
-    lengths(&mut water.center_m);
-    lengths(&mut water.half_size_m);
-    for wave in &mut water.waves {
-        wave.amplitude_m *= by;
-        wave.wavelength_m.iter_mut().for_each(|m| *m *= by);
-        wave.vector_rad_m.iter_mut().flatten().for_each(|k| *k /= by);
-    }
-    file
 }
 
 fn obj(mesh: &Mesh, by: f32) -> String {
     let mut text = String::new();
-    for ([x, y, z], [i, j, k]) in
-        mesh.positions.iter().map(|p| p.map(|x| x * by)).zip(&mesh.normals)
-    {
+    for (p, [i, j, k]) in mesh.positions.iter().zip(&mesh.normals) {
+        let [x, y, z] = p.map(|x| x * by);
         writeln!(text, "v {x} {y} {z}\nvn {i} {j} {k}").unwrap();
     }
     for corners in mesh.indices.chunks(3) {
@@ -179,55 +129,50 @@ fn obj(mesh: &Mesh, by: f32) -> String {
     text
 }
 
-/// The picture of a scene at a scale; none where the pipeline refuses the settings.
-fn picture(gpu: &Gpu, kind: &PipelineKind, scene: &str, set: &str, by: f64) -> Option<Vec<f32>> {
+fn picture(gpu: &Gpu, pipeline: &str, scene: &str, set: &str, by: f64) -> Vec<f32> {
     let place = Place::new();
     let file = scaled(scene, by, &place.path(""));
+    let kind = KINDS.iter().find(|kind| kind.name == pipeline).unwrap();
     let mut tree = (kind.defaults)(&file);
     for (path, value) in sets(set) {
         parameter::set(&mut tree, &path, value).unwrap();
     }
-    let tree: Value = (kind.checked)(&tree).ok()?;
+    let tree = (kind.checked)(&tree).unwrap();
     let scene = Scene::build(&staged(&tree, &file).unwrap()).unwrap();
-    let built = gpu.scoped(|| (kind.build)(&tree, gpu, &scene)).ok()?;
+    let built = gpu.scoped(|| (kind.build)(&tree, gpu, &scene)).unwrap();
     let mut frame = built.stages();
     frame.extend(built.presenting());
     gpu.run(&frame).unwrap();
-    Some(read_texture(gpu, built.image()).unwrap().data)
+    read_texture(gpu, built.image()).unwrap().data
 }
 
-/// Share of the pixels that differ between two scales.
-fn differing(gpu: &Gpu, kind: &PipelineKind, scene: &str, set: &str, by: f64) -> Option<f64> {
-    let [one, other] = [1.0, by].map(|by| picture(gpu, kind, scene, set, by));
-    let (one, other) = (one?, other?);
+/// Share of the pixels that differ between a scene and the same `by` times as large.
+fn differing(gpu: &Gpu, pipeline: &str, scene: &str, set: &str, by: f64) -> f64 {
+    let set = format!("view.width=64 view.height=48 {set}");
+    let [one, other] = [1.0, by].map(|by| picture(gpu, pipeline, scene, &set, by));
     let differing = one.chunks(4).zip(other.chunks(4)).filter(|(a, b)| a != b).count();
-    Some(differing as f64 * 4.0 / one.len() as f64)
-}
-
-fn kind(name: &str) -> &'static PipelineKind {
-    KINDS.iter().find(|kind| kind.name == name).unwrap()
+    4.0 * differing as f64 / one.len() as f64
 }
 
 #[test]
 fn scenes_of_all_sizes_give_the_same_picture() {
     let gpu = gpu();
-    let mut found = Vec::new();
-    for draw in 0..super::draws() {
-        let Case(name, scenes, cheap, others) = &CASES[draw as usize % CASES.len()];
-        let round = draw as usize / CASES.len();
-        let scene = scenes[round % scenes.len()];
-        let by = FACTORS[(draw as usize + round) % FACTORS.len()];
-        let mut set = format!("view.width=64 view.height=48 {cheap}");
-        if round > 0 && !others.is_empty() {
-            write!(set, " {}", others[round % others.len()]).unwrap();
-        }
-        let share = differing(&gpu, kind(name), scene, &set, by);
-        println!("{draw}: {name} of {scene} × {by}: {share:?} {set}");
-        if share.is_some_and(|share| share > ROUNDED) {
-            found.push(format!(
-                "{draw}: {share:?} of the pixels of {name}, scene {scene} × {by}: {set}"
-            ));
+    let mut found = String::new();
+    for draw in 0..super::draws() as usize {
+        let [pipeline, scenes, cheap, others] = CASES[draw % CASES.len()];
+        let round = draw / CASES.len();
+        let next = |list: &[&'static str]| list[round % list.len()];
+        let scene = next(&scenes.split(' ').collect::<Vec<_>>());
+        let set = format!("{cheap} {}", next(&others.split('|').collect::<Vec<_>>()));
+        let by = FACTORS[(draw + round) % FACTORS.len()];
+        let share = differing(&gpu, pipeline, scene, &set, by);
+        if share > ROUNDED {
+            writeln!(found, "{draw}: {share} of {pipeline}, scene {scene} × {by}: {set}").unwrap();
         }
     }
-    assert!(found.is_empty(), "{found:#?}");
+    assert!(found.is_empty(), "pixels differ by the size of the scene:\n{found}");
+    // A control: sprites of 10 cm whatever the scene.
+    let [pipeline, _, cheap, _] = CASES[1];
+    let absolute = format!("{cheap} sprites.radius_m=0.1");
+    assert!(differing(&gpu, pipeline, "pool", &absolute, 8.0) > 10.0 * ROUNDED);
 }
