@@ -29,19 +29,13 @@ settings! {
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         ldi: LayeredDepth = LayeredDepth::default();
-        rays: RaySettings = {
-            let times = file.times_tank() / TREE_TIMES_TANK;
-            RaySettings { start_m: START_M * times, tolerance_m: TOLERANCE_M * times, ..RaySettings::from(file) }
-        };
+        rays: RaySettings =
+            RaySettings { start_m: START_M * file.times_tank(), ..RaySettings::from(file) };
         compose: Composition = Composition::default();
     }
 }
 
-/// Of scene tree_shadow, on which the next two were tuned; they are shares of the scene.
-const TREE_TIMES_TANK: f64 = 3.25;
-/// SPT §5: 0.01.
-const TOLERANCE_M: f64 = 0.01;
-/// Rays start on surfaces. Within this distance surfaces do not hide themselves: three times the paper's tolerance.
+/// Rays start on surfaces. Within this distance surfaces do not hide themselves, metres in scene tank: three times the tolerance.
 const START_M: f64 = 0.03;
 /// At most about this many pixels are compared with the reference.
 const MOST_PIXELS: usize = 40_000;

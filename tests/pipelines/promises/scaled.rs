@@ -7,7 +7,7 @@ use std::path::Path;
 use fathom::gpu::{Gpu, read_texture};
 use fathom::parameter;
 use fathom::pipelines::{KINDS, staged};
-use fathom::scene::{LightKind, Mesh, ObjectFile, Scene, SceneFile, Stand, Transform};
+use fathom::scene::{LightKind, Mesh, ObjectFile, Scene, SceneFile, Stand, Transform, Water};
 use serde_json::Value;
 
 use crate::common::{Place, sets};
@@ -92,9 +92,15 @@ fn scaled(scene: &str, by: f64, folder: &Path) -> SceneFile {
         let material = object.material.clone();
         *object = ObjectFile { name, generator, asset, file, params, transform, material };
     }
+    // What the file does not say stays: no frame may depend on it.
+    let (distance_m, water) = (file.light.distance_m, file.water.clone());
     let mut tree = serde_json::to_value(&file).unwrap();
     scale("", &mut tree, by);
     file = serde_json::from_value(tree).unwrap();
+    file.light.distance_m = distance_m;
+    if water == Water::default() {
+        file.water = water;
+    }
     if file.light.kind == LightKind::Point {
         file.light.intensity_w_sr *= by * by;
     }
