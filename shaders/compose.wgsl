@@ -125,7 +125,7 @@ fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
         let tap = world_at(middle, textureLoad(depth, texel, 0)) - position_m;
         let d = length(tap);
         let range = saturate(1.0 - d / settings.occlusion_radius_m);
-        blocked += range * saturate(dot(tap / max(d, 1e-4), normal) - LEAST_COSINE);
+        blocked += range * saturate(dot(tap / max(d, 1e-4 * settings.occlusion_radius_m), normal) - LEAST_COSINE);
     }
     return 1.0 - blocked / f32(settings.occlusion_taps);
 }

@@ -2,6 +2,7 @@
 #define_import_path fathom::lit_scene
 
 #import fathom::shading
+#import fathom::uniforms::{frame}
 #import fathom::surface::{Material, albedo}
 
 struct Varying {
@@ -11,12 +12,12 @@ struct Varying {
     @location(2) @interpolate(flat) material: u32,
 }
 
-// Geometry is kept a little past the water plane, so that waves do not open gaps, metres.
-const OVERLAP_M: f32 = 0.1;
+// Geometry is kept this far past the water plane, so that waves do not open gaps, as a share of half the water's side: 10 cm in scene tank.
+const OVERLAP: f32 = 0.02;
 
 // `side` +1 keeps what lies above the water, −1 what lies below.
 fn kept(position_m: vec3<f32>, side: f32) -> bool {
-    return position_m.y * side >= -OVERLAP_M;
+    return position_m.y * side >= -OVERLAP * frame.water_half_size_m.x;
 }
 
 fn radiance(material: Material, position_m: vec3<f32>, normal: vec3<f32>) -> vec3<f32> {

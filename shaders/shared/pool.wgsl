@@ -21,8 +21,8 @@ const NONE: u32 = 5u;
 const NEVER_M: f32 = 1e30;
 // A component of a unit direction below this never meets its planes.
 const LEAST: f32 = 1e-12;
-// What is seen this near to a plane lies on it, metres: some hundred steps of a 32-bit depth at 20 m.
-const NEAR_M: f32 = 0.01;
+// What is seen this near to a plane lies on it, as a share of half the water's longer side: 1 cm in scene planar_pool.
+const NEAR: f32 = 0.005;
 
 struct Met {
     face: u32,
@@ -83,16 +83,17 @@ fn texel_area_m2(pool: Pool, face: u32) -> f32 {
 fn face_at(pool: Pool, p_m: vec3<f32>, normal: vec3<f32>) -> u32 {
     let from_middle = p_m.xz - frame.water_center_m;
     let half = frame.water_half_size_m;
-    if p_m.y > pool.top_m || any(abs(from_middle) > half + NEAR_M) {
+    let near_m = NEAR * max(half.x, half.y);
+    if p_m.y > pool.top_m || any(abs(from_middle) > half + near_m) {
         return NONE;
     }
-    if normal.y > 0.5 && abs(p_m.y + pool.floor_depth_m) < NEAR_M {
+    if normal.y > 0.5 && abs(p_m.y + pool.floor_depth_m) < near_m {
         return 0u;
     }
-    if abs(normal.x) > 0.5 && abs(from_middle.x + sign(normal.x) * half.x) < NEAR_M {
+    if abs(normal.x) > 0.5 && abs(from_middle.x + sign(normal.x) * half.x) < near_m {
         return select(2u, 1u, normal.x > 0.0);
     }
-    if abs(normal.z) > 0.5 && abs(from_middle.y + sign(normal.z) * half.y) < NEAR_M {
+    if abs(normal.z) > 0.5 && abs(from_middle.y + sign(normal.z) * half.y) < near_m {
         return select(4u, 3u, normal.z > 0.0);
     }
     return NONE;

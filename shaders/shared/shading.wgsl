@@ -51,7 +51,7 @@ fn water_path_m(p: vec3<f32>) -> f32 {
     if camera.y <= 0.0 && p.y <= 0.0 {
         return whole;
     }
-    return whole * (below_camera + below_p) / max(abs(camera.y - p.y), 1e-6);
+    return whole * (below_camera + below_p) / max(abs(camera.y - p.y), 1e-6 * whole);
 }
 
 // Radiance after `path_m` of water: Beer attenuation, and the water's own colour in its place.

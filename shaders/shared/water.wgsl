@@ -27,7 +27,7 @@ fn surface(xz: vec2<f32>) -> vec3<f32> {
     var outward = vec2<f32>(1.0, 0.0);
     if frame.water_model == 0u {
         r = length(from_center);
-        outward = from_center / max(r, 1e-6);
+        outward = select(vec2(0.0), from_center / r, r > 0.0);
     }
     let angle = frame.wavenumber_per_m * r - frame.phase;
     let wave = 1.0 - frame.noise_share;

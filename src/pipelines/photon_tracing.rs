@@ -90,7 +90,7 @@ impl Pipeline for PhotonTracing {
             let radiance = &compose(&Composed::Dry)?;
             let dry = Dry { layers: &layers, depth: &seen.depth, radiance };
             let walk = WalkUniforms {
-                start_m: START_M as f32,
+                start_m: (START_M * scene.solid_bounds().times_tank()) as f32,
                 ..walk_uniforms(&layers, scene.solid_bounds(), params.rays.least_px)
             };
             let walk = (&walk, view.water.bound_m());
@@ -103,7 +103,7 @@ impl Pipeline for PhotonTracing {
     }
 }
 
-/// Lines of sight meet nothing nearer to the water's surface than this.
+/// Lines of sight meet nothing nearer to the water's surface than this, metres in scene tank.
 const START_M: f64 = 1e-3;
 
 /// The box of what photons meet: they stay under water.

@@ -184,12 +184,13 @@ fn traced(
 /// Way through the glass from each vertex against its normal, up to the nearest surface; 0 where there is none. Wyman's d_N, stored once.
 fn thickness(resources: &Resources<'_>, scene: &Scene) -> Buffer {
     let count: usize = scene.objects.iter().map(|object| object.mesh.positions.len()).sum();
+    let off_m = OFF_M * scene.solid_bounds().times_tank();
     let ways = || -> Vec<f32> {
         let tracer = Tracer::new(&objects_of(scene, Part::Glass));
         let way = |(p, n): (&[f32; 3], &[f32; 3])| {
             let [place, normal] = [p, n].map(|v| DVec3::from(v.map(f64::from)));
             let inwards = -normal.normalize_or_zero();
-            tracer.cast(place, inwards, OFF_M, f64::MAX).map_or(0.0, |hit| hit.distance_m as f32)
+            tracer.cast(place, inwards, off_m, f64::MAX).map_or(0.0, |hit| hit.distance_m as f32)
         };
         let of = |object: &Object| -> Vec<f32> {
             let mesh = &object.mesh;
@@ -207,7 +208,7 @@ fn thickness(resources: &Resources<'_>, scene: &Scene) -> Buffer {
     })
 }
 
-/// A ray cast from a vertex starts this far from it, metres.
+/// A ray cast from a vertex starts this far from it, metres in scene tank.
 const OFF_M: f64 = 1e-4;
 
 /// A pixel's ray behind glass.

@@ -8,6 +8,7 @@ use fathom_base::choices;
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError};
+use fathom_scene::SceneFile;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::Photons;
@@ -56,14 +57,14 @@ impl Method {
 
 settings! {
     /// How rays are followed. SPT §2.1.
-    pub struct RaySettings {
+    pub struct RaySettings from file: SceneFile {
         /// What walks the rays. Both find the same hits.
         method: Method = Method::Lines;
         /// What counts as a hit. `tolerance` is the paper's, and loses rays whose depth changes by more than twice the tolerance
         /// from pixel to pixel.
         test: HitTest = HitTest::Crossing;
-        /// Distance that counts as a hit with the test `tolerance`. SPT §5: 0.01.
-        tolerance_m: f64 = 0.01 => 1e-6 ..= 1e3, "m";
+        /// Distance that counts as a hit with the test `tolerance`. SPT §5: 0.01, of an unknown unit. A share of the scene, 1 cm in scene tank.
+        tolerance_m: f64 = 0.01 * file.times_tank() => 1e-6 ..= 1e3, "m";
         /// Nothing is hit nearer to a ray's start than this.
         start_m: f64 = 0.0 => 0.0 ..= 1e3, "m";
         /// Fewest pixels of a ray's line. SPT §2.1 enforces a minimum and does not give it.

@@ -127,9 +127,7 @@ impl Voxel {
             };
             return scene.objects.iter().map(fit).collect();
         }
-        let moving = scene.objects.iter();
-        let moving = moving.map(|o| animation.room(&o.mesh.bounds()));
-        let bounds = moving.fold(scene.solid_bounds(), Bounds::union);
+        let bounds = animation.bounds(scene);
         let grid = if by_hand {
             let grid = Grid {
                 cells: self.cells,
@@ -201,6 +199,12 @@ impl Animation {
         self.rate_hz * self.time_s
     }
 
+    /// The box that a scene without its water stays in at all times.
+    pub fn bounds(&self, scene: &Scene) -> Bounds {
+        let moving = scene.objects.iter().map(|object| self.room(&object.mesh.bounds()));
+        moving.fold(scene.solid_bounds(), Bounds::union)
+    }
+
     /// The box that an object stays in at all times, from its box at rest.
     pub fn room(&self, rest: &Bounds) -> Bounds {
         let half = rest.size() / 2.0;
@@ -239,7 +243,7 @@ pub fn deform(
     deform::new(resources, geometry, scene, motion, amount).map(Some)
 }
 
-/// What a pipeline shows its stages where none of them looks photons up in the light's depth.
+/// What a pipeline shows its stages where none of them looks photons up in the light's depth. Its bounds hold the water.
 pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> uniforms::View {
     uniforms::View {
         camera: camera.clone(),
@@ -247,7 +251,7 @@ pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> unifo
         water: scene.water.clone(),
         bounds: scene.bounds,
         size_px: UVec2::new(view.width, view.height),
-        edge_m: UNUSED_EDGE_M,
+        edge_m: 0.0,
         photon_reach: DVec2::ZERO,
     }
 }
@@ -263,9 +267,6 @@ pub fn begin(resources: &Resources<'_>, view: &uniforms::View) -> uniforms::Shar
 pub fn scaled(viewport: [u32; 2], scale: f64) -> [u32; 2] {
     viewport.map(|side| ((f64::from(side) * scale).round() as u32).max(1))
 }
-
-/// Step between neighbouring texels of the light's depth, for pipelines whose stages do not read it.
-const UNUSED_EDGE_M: f64 = 0.1;
 
 settings! {
     /// The light's depth, for shadows.

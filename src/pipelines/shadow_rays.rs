@@ -29,16 +29,17 @@ settings! {
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         ldi: LayeredDepth = LayeredDepth::default();
-        rays: RaySettings = RaySettings { start_m: START_M, ..RaySettings::default() };
+        rays: RaySettings =
+            RaySettings { start_m: START_M * file.times_tank(), ..RaySettings::from(file) };
         compose: Composition = Composition::default();
     }
 }
 
-/// Rays start on surfaces. Within this distance surfaces do not hide themselves: three times the paper's tolerance.
+/// Rays start on surfaces. Within this distance surfaces do not hide themselves, metres in scene tank: three times the tolerance.
 const START_M: f64 = 0.03;
 /// At most about this many pixels are compared with the reference.
 const MOST_PIXELS: usize = 40_000;
-/// A ray cast from a surface starts this far from it, metres.
+/// A ray cast from a surface starts this far from it, metres in scene tank.
 const OFF_M: f64 = 1e-4;
 
 impl Parameters for Params {
@@ -153,11 +154,12 @@ impl ShadowRays {
         let view = &self.view;
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);
+        let off_m = OFF_M * scene.solid_bounds().times_tank();
         let exact = exact_of(found.len(), MOST_PIXELS, |pixel| {
             let [x, y] = [pixel as u32 % width, pixel as u32 / width];
             let place = rays.cast(&tracer, x, y)?.0.position;
             let to_light = to_light(view, place);
-            Some(tracer.cast(place, to_light, OFF_M, light_m(view, place)).is_some())
+            Some(tracer.cast(place, to_light, off_m, light_m(view, place)).is_some())
         });
         let faces = |pixel: usize| found[pixel].residual_m != f64::from(MISSED);
         let compared = exact.into_iter().filter(|(pixel, _)| faces(*pixel));

@@ -19,8 +19,8 @@ use super::photons::{Landed, entering, land};
 use super::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Water};
 
-/// The camera sees a point where its ray ends so near to it.
-const SAME_POINT_M: f64 = 1e-5;
+/// The camera sees a point where its ray ends so near to it, as a share of the scene.
+const SAME_POINT: f64 = 1e-6;
 /// Rows of the grid whose photons are kept until they are added in their order, so that sums do not depend on threads.
 const ROWS_AT_ONCE: u32 = 128;
 
@@ -122,7 +122,8 @@ impl Lighting<'_> {
         let (origin, sight, length_m) = rays.ray_at(at.x_px, at.y_px);
         let hit = self.tracer.cast(origin, sight, 0.0, length_m)?;
         // The side that is lit is not always the side that is seen.
-        if hit.position.distance(point) > SAME_POINT_M || hit.normal.dot(landed.hit.normal) <= 0.0 {
+        let same_m = SAME_POINT * self.tracer.size_m;
+        if hit.position.distance(point) > same_m || hit.normal.dot(landed.hit.normal) <= 0.0 {
             return None;
         }
         let flux_w = self.flux_w(landed, place) * share;

@@ -9,8 +9,8 @@ use super::rays::{Hit, Tracer};
 use super::surface::{Entry, enter};
 use fathom_scene::{LightFrame, Water};
 
-/// A ray that starts on a surface ignores hits nearer than this, metres.
-const SELF_HIT_M: f64 = 1e-9;
+/// A ray that starts on a surface ignores hits nearer than this share of the scene.
+const SELF_HIT: f64 = 1e-10;
 
 /// A square grid of photons over the light's normalised device coordinates.
 ///
@@ -118,7 +118,7 @@ pub fn land_ray(water: &Water, tracer: &Tracer, origin: DVec3, incident: DVec3) 
     let Some(direction) = refract(incident, entry.normal, 1.0, water.refractive_index) else {
         return Landing::MissesWater;
     };
-    match tracer.cast(entry.position, direction, SELF_HIT_M, f64::MAX) {
+    match tracer.cast(entry.position, direction, SELF_HIT * tracer.size_m, f64::MAX) {
         Some(hit) => Landing::Landed(Landed { entry, direction, hit }),
         None => Landing::Leaves { entry, direction },
     }

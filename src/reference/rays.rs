@@ -38,6 +38,8 @@ type Found = (f64, usize, [f64; 3]);
 pub struct Tracer {
     triangles: Vec<Triangle>,
     nodes: Vec<Node>,
+    /// Largest coordinate, metres: tolerances are shares of it.
+    pub size_m: f64,
 }
 
 impl Tracer {
@@ -46,14 +48,14 @@ impl Tracer {
         let triangles: Vec<Triangle> =
             objects.iter().enumerate().flat_map(|(number, object)| of(object, number)).collect();
         let corners = triangles.iter().flat_map(|t| t.corners);
-        let size = corners.fold(0.0f64, |size, p| size.max(p.abs().max_element()));
-        let padding = BOX_PADDING * size;
+        let size_m = corners.fold(0.0f64, |size, p| size.max(p.abs().max_element()));
+        let padding = BOX_PADDING * size_m;
         let bounds = triangles.iter().map(|triangle| {
             let Bounds { min, max } = Bounds::around(triangle.corners);
             Bounds { min: min - padding, max: max + padding }
         });
         let nodes = hierarchy::nodes(&bounds.collect_vec());
-        Tracer { triangles, nodes }
+        Tracer { triangles, nodes, size_m }
     }
 
     /// Nearest hit at a distance in (`min_m`, `max_m`) from the origin. `direction` has unit length.

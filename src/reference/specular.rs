@@ -7,8 +7,8 @@ use super::optics::refract;
 use super::rays::{Hit, Tracer};
 use fathom_scene::{Object, Optics};
 
-/// A ray that starts on a surface ignores hits nearer than this, metres: meshes hold 32-bit floats.
-const SELF_HIT_M: f64 = 1e-6;
+/// A ray that starts on a surface ignores hits nearer than this share of the scene: meshes hold 32-bit floats.
+const SELF_HIT: f64 = 1e-7;
 
 /// Light on its way.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,7 +60,7 @@ impl Surfaces<'_> {
     pub fn meet(&self, ray: &Ray) -> Option<Hit> {
         let rise = ray.direction.y;
         let most_m = if rise > 0.0 { (self.top_m - ray.origin.y) / rise } else { f64::MAX };
-        self.tracer.cast(ray.origin, ray.direction, SELF_HIT_M, most_m)
+        self.tracer.cast(ray.origin, ray.direction, SELF_HIT * self.tracer.size_m, most_m)
     }
 
     /// The ray behind a hit on a mirror or on glass; none on other surfaces. Totally reflected light stays before the surface.

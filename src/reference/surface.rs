@@ -64,7 +64,7 @@ fn entry_at(water: &Water, p: DVec3, distance_m: f64) -> Entry {
 /// Part of the ray, in metres from its origin, inside the slab that holds every wave.
 fn slab(water: &Water, origin: DVec3, direction: DVec3, max_m: f64) -> Option<(f64, f64)> {
     // Noise is normalised to about ±1: half as much again leaves room for its peaks.
-    let bound = 1.5 * water.bound_m() + 1e-6;
+    let bound = 1.5 * water.bound_m() + 2e-7 * water.half_size_m[0];
     if direction.y == 0.0 {
         return (origin.y.abs() <= bound).then_some((0.0, max_m));
     }

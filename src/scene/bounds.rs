@@ -2,6 +2,9 @@
 
 use glam::DVec3;
 
+/// Diagonal of the box of scene tank's objects, metres.
+const TANK_M: f64 = 17.4218;
+
 /// An axis-aligned box, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
@@ -27,6 +30,14 @@ impl Bounds {
     /// Extent along each axis, metres.
     pub fn size(&self) -> DVec3 {
         self.max - self.min
+    }
+
+    /// How many times as large as scene tank, by the diagonal: lengths that were tuned there are multiplied by it. It is rounded, so that
+    /// they keep their digits, and powers of two times a scene stay such.
+    pub fn times_tank(&self) -> f64 {
+        let times = self.size().length() / TANK_M;
+        let step = (times.log2().floor() - 7.0).exp2();
+        if times.is_finite() && times > 0.0 { (times / step).round() * step } else { 1.0 }
     }
 
     pub fn center(&self) -> DVec3 {

@@ -110,7 +110,7 @@ impl Camera {
             ));
         }
         let gaze = DVec3::from(self.target_m) - self.position();
-        if gaze.length() < 1e-6 {
+        if gaze == DVec3::ZERO {
             return Err("camera.target_m must differ from camera.position_m".into());
         }
         let side = gaze.normalize().cross(DVec3::from(self.up).normalize());

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use glam::{DMat4, DQuat, DVec3, EulerRot};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Camera, Light, Material, Mesh, Object, SceneError, VolumeFile, Water, assets, check,
+    Camera, Light, Material, Mesh, Object, Scene, SceneError, VolumeFile, Water, assets, check,
     generators, read, toml_text,
 };
 use fathom_base::{choices, input, settings};
@@ -153,9 +154,24 @@ impl SceneFile {
         Ok(file)
     }
 
+    /// [`Bounds::times_tank`] of the objects and the volume, 1 where they cannot be made: lengths that nobody set are multiplied by it.
+    pub fn times_tank(&self) -> f64 {
+        static KNOWN: Mutex<BTreeMap<String, f64>> = Mutex::new(BTreeMap::new());
+        let what = (&self.folder, self.floor_depth_m, &self.objects, &self.volume);
+        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+        *known.entry(format!("{what:?}")).or_insert_with(|| {
+            let mut coarse = self.clone();
+            // A generated volume fills the same box with any number of cells.
+            for volume in coarse.volume.iter_mut().filter(|volume| volume.generator.is_some()) {
+                (volume.cells, volume.reduce) = ([8; 3], 1);
+            }
+            Scene::build(&coarse).map_or(1.0, |scene| scene.solid_bounds().times_tank())
+        })
+    }
+
     /// Whether all values can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
-        check::within("floor_depth_m", self.floor_depth_m, 0.01, 1000.0)?;
+        check::within("floor_depth_m", self.floor_depth_m, 1e-5, 1e5)?;
         self.camera.validate()?;
         self.light.validate()?;
         self.water.validate()?;

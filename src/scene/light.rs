@@ -17,11 +17,11 @@ use fathom_base::{choices, settings};
 /// index 1.33 turns a ray by about a quarter of the surface's slope, so this holds slopes to 0.6.
 pub(super) const WAVE_SPREAD: f64 = 0.15;
 
-/// Slack of the near and far planes around the bounds, metres.
-const DEPTH_SLACK_M: f64 = 0.25;
+/// Slack of the near and far planes around the bounds, as a share of their diagonal: 25 cm in scene tank.
+const DEPTH_SLACK: f64 = 0.014_145_4;
 
-/// Nearest depth of a point light's frustum, metres.
-const POINT_NEAR_M: f64 = 0.05;
+/// Nearest depth of a point light's frustum, as a share of the same: 5 cm in scene tank.
+const POINT_NEAR: f64 = 0.002_829_1;
 
 /// Largest tangent of a point light's frustum (79° off its axis).
 const POINT_MAX_TANGENT: f64 = 5.0;
@@ -189,7 +189,8 @@ impl Light {
             h if h > 0.0 => Rectangle::square(h),
             _ => across(seen).within(&across(&bounds.corners())),
         };
-        let (near, far) = (near - DEPTH_SLACK_M, far + DEPTH_SLACK_M);
+        let slack_m = DEPTH_SLACK * bounds.size().length();
+        let (near, far) = (near - slack_m, far + slack_m);
         let projection = directx::orthographic(r.min.x, r.max.x, r.min.y, r.max.y, near, far);
         (projection, r)
     }
@@ -210,8 +211,9 @@ impl Light {
             _ => tangents(seen).within(&tangents(&bounds.corners())),
         };
         let (nearest, farthest) = depth_range(view, &lit_within(bounds, view, &r));
-        let near = (nearest - DEPTH_SLACK_M).max(POINT_NEAR_M);
-        let far = (farthest + DEPTH_SLACK_M).max(2.0 * near);
+        let size_m = bounds.size().length();
+        let near = (nearest - DEPTH_SLACK * size_m).max(POINT_NEAR * size_m);
+        let far = (farthest + DEPTH_SLACK * size_m).max(2.0 * near);
         let (low, high) = (r.min * near, r.max * near);
         let projection = directx::frustum(low.x, high.x, low.y, high.y, near, far);
         (projection, r)
@@ -391,7 +393,8 @@ mod tests {
         };
         // Of these bounds some lies behind the light, and none of that in its frustum.
         assert!(near_m([20.0, 9.0, 2.0]) > 8.0);
-        assert_eq!((near_m([20.0, 0.5, 2.0]) * 1e6).round(), POINT_NEAR_M * 1e6);
+        let least_m = POINT_NEAR * wide.size().length();
+        assert!((near_m([20.0, 0.5, 2.0]) - least_m).abs() < 1e-6);
     }
 
     #[test]

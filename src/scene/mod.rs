@@ -57,7 +57,7 @@ use fathom_base::text::line;
 use fathom_base::{choices, settings};
 use fathom_embedded::SCENES;
 
-/// Room above the water that the scene's bounds include, so that light starts above the waves.
+/// Room above the water that the bounds of scene tank include, so that light starts above the waves.
 const HEADROOM_M: f64 = 1.0;
 
 /// Why a scene cannot be had. Each message says what to do about it.
@@ -195,7 +195,7 @@ impl Scene {
         Ok(Scene {
             name: file.name.clone(),
             description: file.description.clone(),
-            bounds: solid_bounds(&objects, volume.as_ref()).union(above(&water)),
+            bounds: with_water(solid_bounds(&objects, volume.as_ref()), &water),
             objects,
             camera: file.camera.clone(),
             light: file.light.clone(),
@@ -235,13 +235,14 @@ fn solid_bounds(objects: &[Object], volume: Option<&Volume>) -> Bounds {
         .fold(Bounds::EMPTY, Bounds::union)
 }
 
-/// The water's surface with the room above it.
-fn above(water: &Water) -> Bounds {
+/// The bounds with the water's surface and the room above it.
+fn with_water(solid: Bounds, water: &Water) -> Bounds {
+    let headroom_m = HEADROOM_M * solid.times_tank();
     let [x, z] = water.center_m;
     let [half_x, half_z] = water.half_size_m;
     let bound = water.bound_m();
-    Bounds {
+    solid.union(Bounds {
         min: DVec3::new(x - half_x, -bound, z - half_z),
-        max: DVec3::new(x + half_x, bound + HEADROOM_M, z + half_z),
-    }
+        max: DVec3::new(x + half_x, bound + headroom_m, z + half_z),
+    })
 }

@@ -21,8 +21,8 @@ const NORMAL_P90_DEG: f64 = 0.5;
 /// A step of 16-bit floats below 1: drivers may cut off what they cannot store. Silhouettes, where another object may be
 /// seen, are the rest.
 const SPECULAR_P97: f64 = 5e-4;
-/// Geometry this far past the resting water is still drawn by reflection and refraction, metres.
-const OVERLAP_M: f64 = 0.1;
+/// Geometry this far past the resting water is still drawn by reflection and refraction, as a share of half the water's side.
+const OVERLAP: f64 = 0.02;
 
 pub fn cases() -> Vec<Case> {
     vec![
@@ -108,7 +108,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Check> {
         let mirror = |v: DVec3, level: f64| DVec3::new(v.x, 2.0 * level - v.y, v.z);
         shore.unlike(
             |(origin, direction)| (mirror(origin, level), mirror(direction, 0.0)),
-            |y| y >= -OVERLAP_M,
+            |y| y >= -shore.overlap_m(),
         )
     };
     Ok(Check::of(rig, "share of pixels unlike exact rays")
@@ -119,7 +119,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Check> {
 
 fn refraction(rig: &Rig<'_>) -> Result<Check> {
     let shore = Shore::new(rig, &water::refraction::INFO)?;
-    let unlike = |level: f64| shore.unlike(|ray| ray, |y| y <= level + OVERLAP_M);
+    let unlike = |level: f64| shore.unlike(|ray| ray, |y| y <= level + shore.overlap_m());
     Ok(Check::of(rig, "share of pixels unlike exact rays")
         .within((0.01, "1"), unlike(0.0))
         .control("water lowered by 1 m", unlike(-1.0))
@@ -142,6 +142,10 @@ impl Shore {
         let stage = lit_scene::new(rig, info, &stand.shared, &stand.geometry, SIZE)?;
         let covered = rig.drawn(&[&stage], stage.texture(), 3)?;
         Ok(Self { stand, covered })
+    }
+
+    fn overlap_m(&self) -> f64 {
+        OVERLAP * self.stand.scene.water.half_size_m[0]
     }
 
     /// Share of pixels whose coverage differs from that of exact rays, changed by a rule, which pass through geometry at heights that

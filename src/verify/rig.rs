@@ -243,7 +243,7 @@ pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
         water: scene.water.clone(),
         bounds: scene.bounds,
         size_px: UVec2::from(size_px),
-        edge_m: 0.1,
+        edge_m: 0.1 * scene.solid_bounds().times_tank(),
         photon_reach: DVec2::ZERO,
     }
 }

@@ -15,7 +15,7 @@ settings! {
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         /// Depth of the scene's floor under the resting water.
-        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
         /// Objects of the scene file that stand, from the first on; 0: all.
         objects: u32 = 0 => 0 ..= 1_000_000, "1";
         animation: Animation = Animation::default();

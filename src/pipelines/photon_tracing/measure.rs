@@ -19,9 +19,9 @@ use fathom_stages::sprites;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
 const MOST_PHOTONS: usize = 10_000;
-/// A photon that ends farther than this from its exact end lies on another surface: ten times the tolerance of SPT §5.
+/// A photon that ends farther than this from its exact end lies on another surface, metres in scene tank: ten times the tolerance of SPT §5.
 const WRONG_M: f64 = 0.1;
-/// A ray goes on this far behind a surface, so as not to meet it again.
+/// A ray goes on this far behind a surface, so as not to meet it again, metres in scene tank.
 const BEYOND_M: f64 = 1e-6;
 
 /// Photons held against their exact ends.
@@ -67,10 +67,10 @@ impl Ends {
     }
 
     /// Of a photon that ends in view on what stands before another object.
-    fn add_occluded(&mut self, found: &StoredPhoton, exact: DVec3) {
+    fn add_occluded(&mut self, found: &StoredPhoton, exact: DVec3, wrong_m: f64) {
         let way_m = |end: DVec3| end.distance(found.entry);
         self.occluded += 1;
-        self.passed += usize::from(found.landed() && way_m(found.hit) > way_m(exact) + WRONG_M);
+        self.passed += usize::from(found.landed() && way_m(found.hit) > way_m(exact) + wrong_m);
     }
 
     /// Of a photon that ends in view behind a mirror or glass.
@@ -138,7 +138,8 @@ impl PhotonTracing {
             mut specular_errors_m,
         } = ends;
         let in_view = errors_m.len() + lost;
-        let wrong = errors_m.iter().filter(|error_m| **error_m > WRONG_M).count();
+        let wrong_m = WRONG_M * scene.solid_bounds().times_tank();
+        let wrong = errors_m.iter().filter(|error_m| **error_m > wrong_m).count();
         let all = in_view + off_frustum;
         let (median_m, p99_m) = (quantile(&mut errors_m, 0.5), quantile(&mut errors_m, 0.99));
         let errors = [
@@ -171,6 +172,7 @@ impl PhotonTracing {
         let tracer = &Tracer::new(&objects);
         let (frame, water) = (self.view.light_frame(), &self.view.water);
         let bounces = self.params.ways() - 1;
+        let times = scene.solid_bounds().times_tank();
         let surfaces = Surfaces {
             tracer,
             objects: &objects,
@@ -187,7 +189,8 @@ impl PhotonTracing {
             match surfaces.follow(ray, bounces) {
                 End::Diffuse(hit) => Some(Exact {
                     position: hit.position,
-                    occluder: bounces == 0 && stands_before_another(tracer, &hit, landed.direction),
+                    occluder: bounces == 0
+                        && stands_before_another(tracer, &hit, landed.direction, BEYOND_M * times),
                     specular: bounces > 0
                         && objects[landed.hit.object].material.optics != Optics::Diffuse,
                 }),
@@ -206,7 +209,7 @@ impl PhotonTracing {
                 ends.add_specular(&found[index], position);
             }
             if in_view && occluder {
-                ends.add_occluded(&found[index], position);
+                ends.add_occluded(&found[index], position, WRONG_M * times);
             }
         }
         Ok(ends)
@@ -214,11 +217,11 @@ impl PhotonTracing {
 }
 
 /// Whether a ray that ends on a surface would go on to another object.
-fn stands_before_another(tracer: &Tracer, hit: &Hit, direction: DVec3) -> bool {
+fn stands_before_another(tracer: &Tracer, hit: &Hit, direction: DVec3, beyond_m: f64) -> bool {
     let mut origin = hit.position;
     // Surfaces of the same object are passed; a ray meets few of them.
     for _ in 0..16 {
-        match tracer.cast(origin, direction, BEYOND_M, f64::MAX) {
+        match tracer.cast(origin, direction, beyond_m, f64::MAX) {
             Some(next) if next.object == hit.object => origin = next.position,
             next => return next.is_some(),
         }
@@ -244,8 +247,8 @@ mod tests {
         ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, false);
         ends.add(&found(0.0), DVec3::NEG_Y, false);
         // Before another object: one that stops there, and one that goes through.
-        ends.add_occluded(&found(0.0), DVec3::NEG_Y);
-        ends.add_occluded(&found(0.0), DVec3::new(0.0, -0.5, 0.0));
+        ends.add_occluded(&found(0.0), DVec3::NEG_Y, WRONG_M);
+        ends.add_occluded(&found(0.0), DVec3::new(0.0, -0.5, 0.0), WRONG_M);
         let (occluded, passed) = (2, 1);
         let errors_m = vec![0.5];
         // Behind a mirror: one that is found, and one that is not.

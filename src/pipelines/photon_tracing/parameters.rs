@@ -19,15 +19,15 @@ settings! {
         light: Light = file.light.clone();
         water: Water = file.water.clone();
         /// Depth of the scene's floor under the resting water.
-        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
         shadow: Shadow = Shadow::default();
         surface: Surface = Surface::default();
         transfer: Transfer = Transfer::default();
         specular: Specular = Specular::default();
         ldi: LayeredDepth = LayeredDepth::default();
-        rays: RaySettings = RaySettings::default();
-        sprites: SpriteSettings = SpriteSettings::default();
-        shafts: ShaftSettings = ShaftSettings::default();
+        rays: RaySettings = RaySettings::from(file);
+        sprites: SpriteSettings = SpriteSettings::from(file);
+        shafts: ShaftSettings = ShaftSettings::from(file);
         compose: Composition = Composition::default();
     }
 }
@@ -66,27 +66,27 @@ choices!(SpritePlane);
 
 settings! {
     /// Sprites on the receivers. SPT §3.1.
-    pub struct SpriteSettings {
+    pub struct SpriteSettings from file: SceneFile {
         /// The plane in which they lie.
         plane: SpritePlane = SpritePlane::Receiver;
         /// s of Eq. 1: distance from the hit at which nothing is left. SPT gives none. Tuned on scene tank
-        /// at the default grid.
-        radius_m: f64 = 0.1 => 1e-4 ..= 100.0, "m";
+        /// at the default grid, where it is 10 cm, and a share of the scene.
+        radius_m: f64 = 0.1 * file.times_tank() => 1e-6 ..= 1e4, "m";
         /// A pixel is lit when what it shows lies this near to the sprite's plane, along its line of sight. SPT says
-        /// "close together".
-        visible_m: f64 = 0.1 => 1e-6 ..= 1e3, "m";
+        /// "close together". A share of the scene, 10 cm in scene tank.
+        visible_m: f64 = 0.1 * file.times_tank() => 1e-6 ..= 1e3, "m";
     }
 }
 
 settings! {
     /// Shafts of light. SPT §3.2.
-    pub struct ShaftSettings {
+    pub struct ShaftSettings from file: SceneFile {
         /// Whether they are drawn.
         draw: bool = true;
         /// Standard deviation of the blur. SPT gives none.
         sigma_px: f64 = 2.0 => 0.1 ..= 64.0, "px";
-        /// Scattering coefficient that scales the composed shafts: less than the attenuation of the paper on caustics, 0.13.
-        scattering_per_m: f64 = 0.1 => 0.0 ..= 1e3, "1/m";
+        /// Scattering coefficient that scales the composed shafts: less than the attenuation, 0.1 where that is 0.13.
+        scattering_per_m: f64 = 0.1 * (file.water.attenuation_per_m / 0.13) => 0.0 ..= 1e3, "1/m";
     }
 }
 

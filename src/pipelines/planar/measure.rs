@@ -19,8 +19,8 @@ use fathom_stages::transfer;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
 const MOST_PHOTONS: usize = 10_000;
-/// Rounding of a photon's place on a face in 32-bit floats: some ten times the step of numbers near 10 m.
-const ROUNDING_M: f64 = 1e-5;
+/// Rounding of a photon's place on a face in 32-bit floats, as a share of the pool's diagonal: some ten of their steps.
+const ROUNDING: f64 = 1.5e-6;
 
 /// Photons held against their exact ends.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -149,13 +149,15 @@ impl Planar {
         let photon_w = middle_photon_w(&self.view.light, &frame, self.params.transfer.photons());
         let texels = self.params.planar.texels;
         let mut counted = Counted::new(texels);
+        let [x, z] = self.basin.half_size_m;
+        let rounding_m = 2.0 * ROUNDING * x.hypot(z).hypot(0.5 * self.basin.floor_depth_m);
         for photon in photons.iter().filter(|photon| photon.state != NEVER) {
             let (origin, direction) = (photon.position_m.as_dvec3(), photon.direction.as_dvec3());
             let flux_w = |way_m: f64| {
                 photon_w * share_left(&frame, water, origin, f64::from(photon.path_m) + way_m)
             };
             let ray = (origin, direction.normalize());
-            counted.add((&self.basin, texels), ray, ROUNDING_M, flux_w);
+            counted.add((&self.basin, texels), ray, rounding_m, flux_w);
         }
         counted
     }

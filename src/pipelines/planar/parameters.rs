@@ -16,7 +16,7 @@ settings! {
         light: Light = file.light.clone();
         water: Water = file.water.clone();
         /// Depth of the scene's floor under the resting water.
-        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
         shadow: Shadow = Shadow::default();
         surface: WaterGrid = WaterGrid::default();
         transfer: Transfer = Transfer::default();

@@ -5,8 +5,9 @@ use glam::DVec3;
 use fathom_reference::pool::{Basin, Face};
 use fathom_scene::{Bounds, Object, Scene};
 
-/// A triangle this near to a plane lies on it: far above the rounding of 32-bit corners, and too little to be seen.
-const SLACK_M: f64 = 1e-3;
+/// A triangle this near to a plane lies on it, as a share of the pool's shorter side: far above the rounding of 32-bit corners, and too
+/// little to be seen. A millimetre in scene planar_pool.
+const SLACK: f64 = 2.5e-4;
 /// Share of a face that triangles cover at least; the rest is rounding.
 const COVERED: f64 = 0.999;
 
@@ -33,6 +34,11 @@ pub fn check(scene: &Scene, basin: &Basin) -> Result<(), String> {
     }
 }
 
+fn slack_m(basin: &Basin) -> f64 {
+    let [half_x, half_z] = basin.half_size_m;
+    2.0 * SLACK * half_x.min(half_z)
+}
+
 fn triangles(object: &Object) -> impl Iterator<Item = [DVec3; 3]> {
     (0..object.mesh.triangle_count()).map(|index| object.mesh.triangle(index))
 }
@@ -41,7 +47,7 @@ fn triangles(object: &Object) -> impl Iterator<Item = [DVec3; 3]> {
 fn stands_inside(object: &Object, basin: &Basin) -> bool {
     let floor = basin.rectangle(Face::Floor);
     let far = floor.at([1.0, 1.0]).with_y(0.0);
-    let (min, max) = (floor.corner + SLACK_M, far - SLACK_M);
+    let (min, max) = (floor.corner + slack_m(basin), far - slack_m(basin));
     triangles(object).any(|corners| {
         let around = Bounds::around(corners);
         around.min.cmplt(max).all() && around.max.cmpgt(min).all()
@@ -55,7 +61,7 @@ fn is_covered(objects: &[Object], basin: &Basin, face: Face) -> bool {
     let on_plane = objects
         .iter()
         .flat_map(triangles)
-        .filter(|corners| corners.iter().all(|corner| off_m(*corner) < SLACK_M));
+        .filter(|corners| corners.iter().all(|corner| off_m(*corner) < slack_m(basin)));
     let area = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
     on_plane.map(area).sum::<f64>() >= COVERED * rectangle.area_m2()
 }

@@ -13,6 +13,9 @@ use fathom_stages::ray_cast::CastUniforms;
 use fathom_stages::scalar::isosurface::Rays;
 use fathom_stages::scalar_field;
 
+/// Of scene smoke.
+const SMOKE_TIMES_TANK: f64 = 0.177_734_375;
+
 /// View steps along a field's diagonal at most: a frame beyond it takes seconds on any adapter.
 const MAX_VIEW_STEPS: f64 = 8192.0;
 
@@ -23,9 +26,13 @@ settings! {
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         /// Depth of the scene's floor under the resting water.
-        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
         volume: Cells = Cells::from(&file.volume.clone().unwrap_or_default());
-        scalar: Scalar = Scalar::default();
+        scalar: Scalar = {
+            let times = file.times_tank() / SMOKE_TIMES_TANK;
+            let default = Scalar::default();
+            Scalar { density_per_m: default.density_per_m / times, ..default }
+        };
     }
 }
 
@@ -104,7 +111,7 @@ settings! {
         /// V_thres: isosurfaces: value that stops a ray; media: opacity of a voxel beyond which a ray ends, 1: none does.
         /// VAO §6.5: best within 0.2 to 0.8.
         threshold: f64 = 0.4 => 1e-3 ..= 1.0, "1";
-        /// σ at the end of the window where `law` is `beer`. Tuned on scene smoke.
+        /// σ at the end of the window where `law` is `beer`. Tuned on scene smoke; in others so that their diagonals are as opaque.
         density_per_m: f64 = 20.0 => 0.0 ..= 1e6, "1/m";
         /// Values at which opacity begins and is full; V of the paper's equations runs from 0 to 1 between them.
         window: [f64; 2] = [0.0, 1.0] => 0.0 ..= 1.0, "1";

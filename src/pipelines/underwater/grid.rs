@@ -11,12 +11,14 @@ use fathom_stages::uniforms::View;
 /// Steps of regula falsi: enough to find an edge of the light's depth within a quarter of a texel in a step of four.
 const SECANT_ITERATIONS: u32 = 8;
 /// Fewest and most iterations of the paper's estimator that are chosen for it: 6 hold on level floors in steep light under waves as high as
-/// those of the scenes, and 64 reach a millimetre up to 69°.
+/// those of the scenes, and 64 reach a millimetre in 4 m up to 69°.
 const PAPER_ITERATIONS: [u32; 2] = [6, 64];
-/// Error that the paper's estimator is to reach, metres.
-const REACHED_M: f64 = 1e-3;
+/// Error that the paper's estimator is to reach, as a share of the depth.
+const REACHED: f64 = 2.5e-4;
 /// How far below the scene's lowest point a search goes on, as a share of its depth: more than the light's depth is rounded by.
 const BELOW: f64 = 1e-3;
+/// Share of the scene's size that counts as the depth of a shallower one.
+const LEAST_DEPTH: f64 = 0.1;
 /// Turns of loops after which lavapipe ends an invocation.
 const MOST_TURNS: u32 = 65_535;
 
@@ -109,7 +111,7 @@ impl PhotonGrid {
 /// Height below which there is nothing to meet.
 fn bottom_m(view: &View) -> f64 {
     let lowest_m = view.bounds.min.y;
-    lowest_m - BELOW * lowest_m.abs().max(1.0)
+    lowest_m - BELOW * lowest_m.abs().max(LEAST_DEPTH * view.bounds.size().length())
 }
 
 /// Texels of the light's depth that the middle ray covers under level water, down to the scene's bottom.
@@ -144,7 +146,7 @@ pub fn largest_contraction(view: &View) -> f64 {
     factors.fold(0.0, f64::max)
 }
 
-/// As many as bring the error from the first estimate to [`REACHED_M`] over the scene's lowest floor.
+/// As many as bring the error from the first estimate to [`REACHED`] over the scene's lowest floor.
 fn paper_iterations(view: &View, start_m: f64) -> u32 {
     let depth_m = -view.bounds.min.y;
     let n = view.water.refractive_index;
@@ -152,8 +154,9 @@ fn paper_iterations(view: &View, start_m: f64) -> u32 {
     let needed = |cosine: f64| {
         let factor = contraction(cosine, n);
         let fall = (1.0 - (1.0 - cosine * cosine).max(0.0) / (n * n)).max(0.0).sqrt();
-        let error_m = (depth_m / fall - start_m).abs().max(REACHED_M);
-        if factor < 1.0 { (REACHED_M / error_m).ln() / factor.ln() } else { f64::INFINITY }
+        let reached_m = REACHED * depth_m;
+        let error_m = (depth_m / fall - start_m).abs().max(reached_m);
+        if factor < 1.0 { (reached_m / error_m).ln() / factor.ln() } else { f64::INFINITY }
     };
     let needed = cosines(&view.light_frame()).map(needed).fold(0.0, f64::max);
     (needed.ceil() as u32).clamp(fewest, most)

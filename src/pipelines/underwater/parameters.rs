@@ -24,23 +24,23 @@ settings! {
         light: Light = file.light.clone();
         water: Water = file.water.clone();
         /// Depth of the scene's floor under the resting water.
-        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
-        shadow: ShadowMap = ShadowMap::default();
+        floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
+        shadow: ShadowMap = ShadowMap::from(file);
         surface: Surface = Surface::default();
-        caustics: Caustics = Caustics::default();
-        godrays: Godrays = Godrays::default();
-        compose: Composition = Composition::default();
+        caustics: Caustics = Caustics::from(file);
+        godrays: Godrays = Godrays::from(file);
+        compose: Composition = Composition::from(file);
     }
 }
 
 settings! {
     /// The light's depth, which photons look up.
-    pub struct ShadowMap {
+    pub struct ShadowMap from file: SceneFile {
         /// Texels per side. UW gives none; 1024 resolves 1 cm in a 10 m scene.
         size: u32 = 1024 => 1 ..= 1_000_000, "px";
         /// Step of depth between neighbouring texels that counts as an edge: across it the estimator does not interpolate.
-        /// Tuned on scene tank.
-        edge_m: f64 = 0.1 => 0.0 ..= 1e4, "m";
+        /// Tuned on scene tank, where it is 10 cm, and a share of the scene.
+        edge_m: f64 = 0.1 * file.times_tank() => 0.0 ..= 1e4, "m";
     }
 }
 
@@ -88,14 +88,14 @@ choices!(Intensity, Splatting, SubdivisionMode);
 
 settings! {
     /// How the picture is made.
-    pub struct Composition {
+    pub struct Composition from file: SceneFile {
         /// Radiance is mapped by 1 − exp(−exposure × radiance). With 0.4, white in full light of 9.2 W/sr (UW §4.1) is shown at
         /// 85 % and focused light stands above it.
         exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
         /// Taps of the optional screen-space ambient occlusion; 0 turns it off.
         occlusion_taps: u32 = 0 => 0 ..= 256, "1";
-        /// Radius of the taps' disc at the surface.
-        occlusion_radius_m: f64 = 0.5 => 1e-3 ..= 1e3, "m";
+        /// Radius of the taps' disc at the surface: a share of the scene, 50 cm in scene tank.
+        occlusion_radius_m: f64 = 0.5 * file.times_tank() => 1e-6 ..= 1e5, "m";
     }
 }
 
@@ -113,13 +113,13 @@ pub(super) struct PhotonPath {
 macro_rules! photon_settings {
     (
         $(#[doc = $about:tt])*
-        $group:ident of $name:ident, $scale:literal of the viewport;
+        $group:ident of $name:ident from $file:ident, $scale:literal of the viewport;
         { $($grid:tt)* }
         { $($drawn:tt)* }
     ) => {
         settings! {
             $(#[doc = $about])*
-            pub struct $group {
+            pub struct $group from $file: SceneFile {
                 $($grid)*
                 /// Photons per cell, a square number. UW §4.2: 4.
                 subdivision: u32 = 4 => 1 ..= 256, "1";
@@ -134,16 +134,16 @@ macro_rules! photon_settings {
                 estimator: PhotonEstimator = PhotonEstimator::Secant;
                 /// Iterations of the estimator; 0 chooses them. `secant`: steps of regula falsi at a crossing, 8 by default; the first is exact on
                 /// planes. `paper`, which gives none: over a level floor each multiplies the error by sin ρ · sin(θ − ρ) / cos θ, with the light θ
-                /// and the ray ρ off the vertical. 0 takes as many as reach 1 mm in the light's frustum, at least 6 and at most 64. Under 72° is
+                /// and the ray ρ off the vertical. 0 takes as many as reach 1/4000 of the depth in the light's frustum, at least 6 and at most 64. Under 72° is
                 /// the limit at index 1.33: beyond it the factor is above 1, and no number of iterations converges.
                 iterations: u32 = 0 => 0 ..= 1000, "1";
                 /// Of `secant`: longest step of the search along the ray, in texels of the light's depth. What is narrower can be passed. Paths
                 /// longer than 128 steps take longer ones.
                 step_px: f64 = 4.0 => 0.5 ..= 1024.0, "px";
-                /// Of `paper`: first estimate d0 of the path under water. UW gives none.
-                start_m: f64 = 1.0 => 0.0 ..= 1e4, "m";
-                /// Residual below which a photon counts as converged.
-                tolerance_m: f64 = 0.01 => 0.0 ..= 1e3, "m";
+                /// Of `paper`: first estimate d0 of the path under water. UW gives none. A share of the scene, 1 m in scene tank.
+                start_m: f64 = $file.times_tank() => 0.0 ..= 1e4, "m";
+                /// Residual below which a photon counts as converged: a share of the scene, 1 cm in scene tank.
+                tolerance_m: f64 = 0.01 * $file.times_tank() => 0.0 ..= 1e3, "m";
                 /// Whether photons are tested against the water mask. UW §3 step 2b.
                 mask: bool = true;
                 $($drawn)*
@@ -207,7 +207,7 @@ macro_rules! photon_settings {
 
 photon_settings! {
     /// Caustics: a photon grid, drawn as splats. UW §3.3.
-    Caustics of caustics, 0.64 of the viewport;
+    Caustics of caustics from file, 0.64 of the viewport;
     {
         /// Cells per side of the photon grid. UW §4.1: 200.
         grid: u32 = 200 => 1 ..= 16384, "1";
@@ -222,8 +222,9 @@ photon_settings! {
         /// Where a splat is drawn. UW's squares lie over silhouettes.
         coverage: SplatCoverage = SplatCoverage::Surface;
         /// How far splats are drawn towards the camera before the depth test, so that the floor they lie on does not hide
-        /// half of them; with the coverage `surface` also how far behind a splat its surface may lie. Tuned on scene tank.
-        depth_bias_m: f64 = 0.3 => 0.0 ..= 100.0, "m";
+        /// half of them; with the coverage `surface` also how far behind a splat its surface may lie. Tuned on scene tank, where it is 30 cm,
+        /// and a share of the scene.
+        depth_bias_m: f64 = 0.3 * file.times_tank() => 0.0 ..= 1e5, "m";
         /// How much a photon adds.
         intensity: Intensity = Intensity::Paper;
         /// What adds photons up. The sums are the same; which is faster depends on the adapter and on the size of splats. On
@@ -243,7 +244,7 @@ photon_settings! {
 
 photon_settings! {
     /// Godrays: a photon grid, drawn as lines. UW §3.4.
-    Godrays of godrays, 0.16 of the viewport;
+    Godrays of godrays from file, 0.16 of the viewport;
     {
         /// Cells per side of the photon grid. UW §4.1: 100.
         grid: u32 = 100 => 1 ..= 16384, "1";
@@ -256,8 +257,8 @@ photon_settings! {
         line_width_px: f64 = 2.0 => 0.1 ..= 1024.0, "px";
         /// Schlick's k of the phase function. UW gives none; 0.5 scatters forward, yet leaves shafts seen from the side.
         phase_k: f64 = 0.5 => -0.99 ..= 0.99, "1";
-        /// Scattering coefficient that scales the composed godrays: less than the attenuation, 0.13.
-        scattering_per_m: f64 = 0.1 => 0.0 ..= 1e3, "1/m";
+        /// Scattering coefficient that scales the composed godrays: less than the attenuation, 0.1 where that is 0.13.
+        scattering_per_m: f64 = 0.1 * (file.water.attenuation_per_m / 0.13) => 0.0 ..= 1e3, "1/m";
         /// How much a photon adds.
         intensity: Intensity = Intensity::Paper;
         /// Whether the buffer is smoothed.
