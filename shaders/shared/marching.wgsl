@@ -8,8 +8,8 @@
 //   BITS      1: volume read as bits; 0: as a texture
 //   SKIPPING  1: empty cells of the pyramid are left in one go
 //   OPACITY   1: samples are opacities, gathered along the ray (Eq. 7); 0: the first above the threshold ends it
-//   BETWEEN   1: a hit lies where V, linear between two samples, crosses the threshold; 0: at the sample
-//   PEAK      1: where V can exceed the threshold between two samples, it is sampled in fifths of the step between them
+//   PEAK      1: where V can exceed the threshold between two samples, it is sampled in fifths of the step between them, and a hit lies
+//             where V, linear between two of these, crosses the threshold; 0: a hit lies at the sample
 //   JITTER    1: each ray's samples are moved along it by a random share of a step; 0: all rays begin at the guard distance
 //   COUNT     1: counts samples and look-ups of the pyramid
 //   SLICED    1: a pass marches a slice of the rays, as more would exceed the turns that adapters make of an invocation's loops
@@ -62,9 +62,9 @@ var<private> taken: u32 = 0u;
 var<private> looked_up: u32 = 0u;
 #endif
 
-// A pixel's seed. The run's own number moves it; 0 leaves it where it is.
-fn seed_of(pixel: vec2<u32>) -> u32 {
-    return pcg(pixel.x + 65536u * pixel.y + march.seed * GOLDEN);
+// Seed of a point's directions, by its number. The run's own number moves it; 0 leaves it where it is.
+fn seed_of(number: u32) -> u32 {
+    return pcg(number + march.seed * GOLDEN);
 }
 
 // Point of [0, 1)² for a ray.
@@ -187,25 +187,35 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
 #endif
     // Outside the volume V is 0.
     var previous = select(v0, 0.0, k > 0.0);
-#if PEAK == 1
-    // One loop for both lengths of step, so that lanes that look between samples share its turns with those that do not. `left` of
-    // the samples between are still to be taken; `ahead` is V at the one behind them.
-    let part = march.step / f32(PARTS);
+    // Samples between two at the ends of a step that are still to be taken.
     var left = 0u;
+    // Steps from this sample to the next one to take.
+    var jump = 1.0;
+#if PEAK == 1
+    // One loop for both lengths of step, so that lanes that look between samples share its turns with those that do not. `ahead` is V at
+    // the sample behind those between.
+    let part = march.step / f32(PARTS);
     var ahead = 0.0;
+    // Largest change of V over a step: trilinear V changes by at most 1 a voxel along each axis.
+    let most_change = march.step * dot(abs(direction), vec3(1.0));
 #endif
     while d < end {
         let place = origin + d * direction;
+        var v = 0.0;
 #if SKIPPING == 1
-        let empty = empty_steps(place, direction);
-        if empty > 0.0 {
-            k += empty;
-            d = first + k * march.step;
-            previous = 0.0;
-            continue;
+        // In an empty cell V is 0 at this sample, at the others that are left out, and between them. Samples between this one and the one
+        // before lie outside the cell and are taken as they would be without skipping.
+        var empty = 0.0;
+        if left == 0u {
+            empty = empty_steps(place, direction);
+            jump = max(empty, 1.0);
         }
+        if empty == 0.0 {
+            v = density(place);
+        }
+#else
+        v = density(place);
 #endif
-        var v = density(place);
 #if OPACITY == 1
         // Eq. 4: falling V is rejected.
         if v >= previous {
@@ -224,18 +234,16 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
                 v = ahead;
                 d += part;
             }
-        } else if previous < march.threshold && previous + v + march.step >= 2.0 * march.threshold {
-            // Before a wall V changes by at most 1 a voxel, so that most pairs of samples need no look.
+        } else if previous < march.threshold && previous + v + most_change >= 2.0 * march.threshold {
+            // Between other pairs of samples V stays below the threshold.
             ahead = v;
             left = PARTS - 1u;
             d -= f32(left) * part;
             continue;
         }
-#else
-        let gap = march.step;
 #endif
         if v >= march.threshold {
-#if BETWEEN == 1
+#if PEAK == 1
             if previous < march.threshold {
                 d = crossing(d - gap, previous, d, v);
             }
@@ -250,7 +258,7 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
             continue;
         }
 #endif
-        k += 1.0;
+        k += jump;
         d = first + k * march.step;
     }
 #if OPACITY == 1
@@ -260,11 +268,12 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
 #endif
 }
 
-// Sum over these rays of what they meet, from a point with its unit normal; 0 beyond r_max of the volume.
+// Sum over these rays of what they meet, from a point with its unit normal; 0 where none reaches the volume.
 fn gathered(position_m: vec3<f32>, normal: vec3<f32>, seed: u32, first_ray: u32, end_ray: u32) -> f32 {
     let surface = to_cells(grid, position_m);
     let beyond = max(-surface, surface - vec3<f32>(grid.cells));
-    if max(max(beyond.x, beyond.y), beyond.z) > march.r_max {
+    // Rays begin at the offset, and may do so nearer to the volume.
+    if max(max(beyond.x, beyond.y), beyond.z) > march.r_max + march.offset {
         return 0.0;
     }
     let origin = surface + march.offset * normal;

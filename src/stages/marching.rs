@@ -84,10 +84,8 @@ pub enum Occluder {
 pub enum Hit {
     /// At the sample that exceeds the threshold: VAO §5.1.
     Sample,
-    /// Where V, taken as linear between that sample and the one before, crosses the threshold.
-    Between,
-    /// The same between fifths of a step, wherever V can exceed the threshold within the step: a wall one voxel thick exceeds
-    /// a high threshold over less than a step.
+    /// Where V, taken as linear between fifths of a step, crosses the threshold. They are sampled wherever V can exceed the threshold
+    /// within the step: a wall one voxel thick exceeds a high threshold over less than a step.
     Peak,
 }
 
@@ -226,7 +224,6 @@ impl Marching {
             ("BITS", self.storage == Storage::Bits),
             ("SKIPPING", self.skipping),
             ("OPACITY", self.occluder == Occluder::Opacity),
-            ("BETWEEN", self.hit != Hit::Sample),
             ("PEAK", self.hit == Hit::Peak),
             ("JITTER", self.jitter),
         ];

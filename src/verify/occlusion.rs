@@ -109,7 +109,6 @@ fn twin(marching: &Marching, grid: &Grid) -> March {
         random: marching.sampling == Sampling::Random,
         opacity: marching.occluder == Occluder::Opacity,
         exponent: marching.step_in(grid),
-        between: marching.hit != Hit::Sample,
         peak: marching.hit == Hit::Peak,
         jitter: marching.jitter,
     }

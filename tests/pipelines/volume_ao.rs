@@ -94,7 +94,7 @@ fn volumes_of_objects_multiply_and_glass_lets_light_through() {
     let gpu = gpu();
     // The volume of all crates has few voxels: near contacts the default's high threshold would miss most of what there is.
     let crates = "voxel.method=slicemap ao.threshold=0.55 ao.offset_voxels=0.25 \
-        ao.hit=between ao.r_max_m=0.5 objects=4";
+        ao.r_max_m=0.5 objects=4";
     let each = draw_small(&gpu, "crates", &format!("voxel.per_object=true {crates}"));
     assert_eq!(each.pipeline.volumes.len(), 4);
     let all = draw_small(&gpu, "crates", crates);

@@ -24,9 +24,9 @@ const VARIANTS: [(&str, Change); 12] = [
     ("random directions", |m| m.sampling = Sampling::Random),
     ("steps of half a voxel", |m| m.step_voxels = 0.5),
     ("bits", |m| m.storage = Storage::Bits),
-    ("hits between samples", |m| m.hit = Hit::Between),
     ("a low threshold", |m| m.threshold = 0.55),
     ("jitter", |m| m.jitter = true),
+    ("another seed", |m| m.seed = 3),
 ];
 
 fn paper(m: &mut Marching) {
@@ -59,6 +59,8 @@ struct Marched {
     march: March,
     /// How exact V is.
     error: f64,
+    /// Added to a point's number where it seeds directions, as by `seed_of` in shaders/shared/marching.wgsl.
+    seed: u32,
 }
 
 impl Marched {
@@ -69,7 +71,8 @@ impl Marched {
         let found = query(rig, &subject.voxels, &points, settings)?;
         let march = twin(settings, &subject.host.grid);
         let error = density_error(settings.storage);
-        Ok(Self { host: subject.host, points, found, march, error })
+        let seed = settings.seed.wrapping_mul(0x9E37_79B9);
+        Ok(Self { host: subject.host, points, found, march, error, seed })
     }
 
     /// Largest distance of a share of A from the twin's, from points moved along the normals, beyond what rounding of V explains.
@@ -77,7 +80,7 @@ impl Marched {
         let found = (0..).zip(&self.points).zip(&self.found);
         largest(found.map(|((i, (p, n)), value)| {
             beyond(share * value, &self.march, self.error, |march| {
-                march.from(&self.host, *p + *n * nudge_m, *n, i).occlusion
+                march.from(&self.host, *p + *n * nudge_m, *n, self.seed.wrapping_add(i)).occlusion
             })
         }))
     }
