@@ -180,6 +180,9 @@ fn first_sample(cosine: f32, ray: u32, seed: u32) -> f32 {
 fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f32 {
     let range = clip(origin, direction);
     let end = min(range.y, march.r_max);
+    if range.x >= end {
+        return 0.0;
+    }
     var k = max(ceil((range.x - first) / march.step), 0.0);
     var d = first + k * march.step;
 #if OPACITY == 1
@@ -199,22 +202,26 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
     // Largest change of V over a step: trilinear V changes by at most 1 a voxel along each axis.
     let most_change = march.step * dot(abs(direction), vec3(1.0));
 #endif
-    while d < end {
+    // A peak may lie between the volume's border and the sample before or behind it.
+    while d < march.r_max {
         let place = origin + d * direction;
+        let inside = d >= range.x && d < end;
         var v = 0.0;
 #if SKIPPING == 1
         // In an empty cell V is 0 at this sample, at the others that are left out, and between them. Samples between this one and the one
         // before lie outside the cell and are taken as they would be without skipping.
         var empty = 0.0;
-        if left == 0u {
+        if left == 0u && inside {
             empty = empty_steps(place, direction);
             jump = max(empty, 1.0);
         }
-        if empty == 0.0 {
+        if inside && empty == 0.0 {
             v = density(place);
         }
 #else
-        v = density(place);
+        if inside {
+            v = density(place);
+        }
 #endif
 #if OPACITY == 1
         // Eq. 4: falling V is rejected.
@@ -258,6 +265,9 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
             continue;
         }
 #endif
+        if d >= end {
+            break;
+        }
         k += jump;
         d = first + k * march.step;
     }

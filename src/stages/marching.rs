@@ -196,8 +196,8 @@ impl Marching {
 
     /// Turns of the shader's loops for a ray at most, the ones that find a loop's end included.
     pub fn turns_of_ray(&self, grid: &Grid) -> u64 {
-        // Rounding of the ray's ends may add a sample.
-        let samples = self.samples_in(grid) as u64 + 1;
+        // One more lies behind the volume, and rounding of the ray's ends may add another.
+        let samples = self.samples_in(grid) as u64 + 2;
         let within = if self.hit == Hit::Peak { samples.saturating_mul(BETWEEN) } else { 0 };
         1 + (samples + 1).saturating_add(within)
     }
