@@ -1,5 +1,5 @@
 // Volume ambient occlusion at given points: VAO §3 step 3, §5.1.
-// defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, BITS=0, SKIPPING=0, OPACITY=0, PEAK=0, JITTER=0, COUNT=0, SLICED=0
+// defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, SKIPPING=0, OPACITY=0, PEAK=0, JITTER=0, COUNT=0, SLICED=0
 #import fathom::dispatch
 #import fathom::marching
 

@@ -5,7 +5,6 @@
 //   RANDOM    1: independent directions; 0: a lattice, shifted by the seed
 //   HARD      1: ρ = 1; 0: ρ = 1 − d / r_max
 //   GUARD     1: guard distance over the cosine (Eq. 2); 0: constant
-//   BITS      1: volume read as bits; 0: as a texture
 //   SKIPPING  1: empty cells of the pyramid are left in one go
 //   OPACITY   1: samples are opacities, gathered along the ray (Eq. 7); 0: the first above the threshold ends it
 //   PEAK      1: where V can exceed the threshold between two samples, it is sampled in fifths of the step between them, and a hit lies
@@ -18,7 +17,7 @@
 #import fathom::random::{pcg, unit}
 #import fathom::slice::{Slice}
 #import fathom::sphere::{cosine_direction, hemisphere_direction, tangent_frame}
-#import fathom::voxels::{Grid, to_cells, index_of}
+#import fathom::voxels::{Grid, to_cells}
 
 struct March {
     r_max: f32,
@@ -37,12 +36,11 @@ struct March {
 @group(1) @binding(1) var<uniform> grid: Grid;
 @group(1) @binding(2) var volume: texture_3d<f32>;
 @group(1) @binding(3) var trilinear: sampler;
-@group(1) @binding(4) var<storage, read> bits: array<u32>;
 #if SLICED == 1
 // Rays of this pass.
-@group(1) @binding(5) var<storage, read> slice: Slice;
+@group(1) @binding(4) var<storage, read> slice: Slice;
 // Sum over the rays so far, for each point.
-@group(1) @binding(6) var<storage, read_write> sums: array<f32>;
+@group(1) @binding(5) var<storage, read_write> sums: array<f32>;
 #endif
 
 // 2³² / golden ratio: steps of the lattice's second coordinate.
@@ -87,38 +85,12 @@ fn local_direction(ray: u32, seed: u32) -> vec3<f32> {
 #endif
 }
 
-#if BITS == 1
-fn bit(cell: vec3<i32>) -> f32 {
-    let index = index_of(grid, vec3<u32>(cell));
-    return f32((bits[index >> 5u] >> (index & 31u)) & 1u);
-}
-#endif
-
 // V at a place, trilinear between voxel centres; up to half a voxel inside the border the border's.
 fn density(place: vec3<f32>) -> f32 {
 #if COUNT == 1
     taken++;
 #endif
-#if BITS == 1
-    let last = vec3<i32>(grid.cells) - 1;
-    let low_corner = floor(place - 0.5);
-    let f = place - 0.5 - low_corner;
-    let l = clamp(vec3<i32>(low_corner), vec3(0), last);
-    let h = clamp(vec3<i32>(low_corner) + 1, vec3(0), last);
-    let near = mix(
-        mix(bit(l), bit(vec3(h.x, l.y, l.z)), f.x),
-        mix(bit(vec3(l.x, h.y, l.z)), bit(vec3(h.x, h.y, l.z)), f.x),
-        f.y,
-    );
-    let far = mix(
-        mix(bit(vec3(l.x, l.y, h.z)), bit(vec3(h.x, l.y, h.z)), f.x),
-        mix(bit(vec3(l.x, h.y, h.z)), bit(h), f.x),
-        f.y,
-    );
-    return mix(near, far, f.z);
-#else
     return textureSampleLevel(volume, trilinear, place / vec3<f32>(grid.cells), 0.0).r;
-#endif
 }
 
 // Distances at which a ray enters and leaves the grid.

@@ -62,15 +62,6 @@ pub enum Sampling {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Storage {
-    /// R8 texture, filtered by the sampler.
-    Texture,
-    /// One bit a voxel, filtered by hand.
-    Bits,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
 pub enum Occluder {
     /// The first sample above the threshold blocks the ray: VAO §5.1.
     Binary,
@@ -89,7 +80,7 @@ pub enum Hit {
     Peak,
 }
 
-choices!(Attenuation, Estimator, Guard, Step, Sampling, Storage, Occluder, Hit);
+choices!(Attenuation, Estimator, Guard, Step, Sampling, Occluder, Hit);
 
 /// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry, dragon_dry and sponza.
 pub const R_MAX_SHARE: f64 = 0.25;
@@ -134,8 +125,6 @@ settings! {
         sampling: Sampling = Sampling::Stratified;
         /// Draws other directions at every pixel.
         seed: u32 = 0 => 0 ..= 4_294_967_295u32, "1";
-        /// What samples read.
-        storage: Storage = Storage::Texture;
         /// Whether rays leave empty cells of an occupancy pyramid in one go. VAO §6.3.
         skipping: bool = false;
         /// What a sample above the threshold does.
@@ -221,7 +210,6 @@ impl Marching {
             ("RANDOM", self.sampling == Sampling::Random),
             ("HARD", self.attenuation == Attenuation::Hard),
             ("GUARD", self.guard == Guard::Variable),
-            ("BITS", self.storage == Storage::Bits),
             ("SKIPPING", self.skipping),
             ("OPACITY", self.occluder == Occluder::Opacity),
             ("PEAK", self.hit == Hit::Peak),
@@ -258,8 +246,8 @@ impl Marching {
             let sampler = resources.linear_sampler("marching");
             let group = |slice: &Slice| {
                 let slice = sliced.then(|| resources.loop_settings("marching", slice));
-                let Voxels { uniforms: grid, texture, bits, .. } = voxels;
-                Group::new(&[&uniforms, grid, texture, &sampler, bits]).and(&slice).and(&sums)
+                let Voxels { uniforms: grid, texture, .. } = voxels;
+                Group::new(&[&uniforms, grid, texture, &sampler]).and(&slice).and(&sums)
             };
             slices.iter().map(group).collect()
         };
