@@ -11,9 +11,7 @@ use fathom_pipelines::occlusion::exact;
 use fathom_reference::march::{Guard as TwinGuard, HostVolume, March};
 use fathom_reference::occlusion as reference;
 use fathom_stages::ao::query::{self, SurfacePoint};
-use fathom_stages::marching::{
-    Attenuation, Estimator, Guard, Hit, Marching, Occluder, Sampling,
-};
+use fathom_stages::marching::{Attenuation, Estimator, Guard, Hit, Marching, Occluder, Sampling};
 
 pub fn cases() -> Vec<Case> {
     [points::cases(), laws::cases(), orientations::cases(), edges::cases(), pixels::cases()]
