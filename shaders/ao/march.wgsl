@@ -1,5 +1,5 @@
 // Volume ambient occlusion of what the camera sees: VAO §3 step 3, §5.1.
-// defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, BITS=0, SKIPPING=0, OPACITY=0, BETWEEN=0, PEAK=0, JITTER=0, COUNT=0, SLICED=0
+// defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, SKIPPING=0, OPACITY=0, PEAK=0, JITTER=0, COUNT=0, SLICED=0
 #import fathom::uniforms::{world_at}
 #import fathom::marching
 #import fathom::screen
@@ -40,7 +40,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let normal = normalize(textureLoad(normals, texel, 0).xyz);
     let place = vec2<u32>(pixel.xy);
     let index = place.y * u32(settings.size_px.x) + place.x;
-    let occluded = marching::occlusion(world_at(uv, z), normal, marching::seed_of(place), index);
+    let occluded = marching::occlusion(world_at(uv, z), normal, marching::seed_of(place.x + 65536u * place.y), index);
 #if COUNT == 1
     let slot = place.x & 63u;
     atomicAdd(&counters.samples[slot], marching::taken);

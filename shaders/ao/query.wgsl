@@ -1,8 +1,7 @@
 // Volume ambient occlusion at given points: VAO §3 step 3, §5.1.
-// defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, BITS=0, SKIPPING=0, OPACITY=0, BETWEEN=0, PEAK=0, JITTER=0, COUNT=0, SLICED=0
+// defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, SKIPPING=0, OPACITY=0, PEAK=0, JITTER=0, COUNT=0, SLICED=0
 #import fathom::dispatch
 #import fathom::marching
-#import fathom::random::{pcg}
 
 struct Point {
     position_m: vec3<f32>,
@@ -20,5 +19,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let p = points[index];
-    visibility[index] *= 1.0 - marching::occlusion(p.position_m, p.normal, pcg(index), index);
+    visibility[index] *= 1.0 - marching::occlusion(p.position_m, p.normal, marching::seed_of(index), index);
 }

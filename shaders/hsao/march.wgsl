@@ -242,7 +242,8 @@ fn march(point: Point, slice: Slice, x: f32, jitter: f32) -> f32 {
         let texel = vec2<i32>(place);
         let z = sample_depth(texel);
         let behind_m = clip.w - view_depth_m(z);
-        if behind_m <= 0.0 || behind_m > settings.layer_m || all(texel == point.texel) {
+        // Background has no depth: rays that pass the far plane would meet it there.
+        if z >= 1.0 || behind_m <= 0.0 || behind_m > settings.layer_m || all(texel == point.texel) {
             continue;
         }
         // The texel's surface hides the ray where it rises above it, as seen from the shaded point.

@@ -31,35 +31,45 @@ fn first_crossing(ray: Ray) -> f32 {
     for (var k = 1u; k <= steps; k++) {
         let d = min(ray.near_m + f32(k) * march.view_step_m, ray.far_m);
         if value(along(ray, d), 0.0) >= march.iso {
-            return refined(ray, before, d);
+            return crossing(ray.origin_m, ray.direction, before, d, march.iso);
         }
         before = d;
     }
     return -1.0;
 }
 
-// Bisection, then a secant through the ends of what is left.
-fn refined(ray: Ray, outside_m: f32, inside_m: f32) -> f32 {
+// Distance between two along a ray, outside and inside, at which V crosses a level: bisection, then a secant through the ends of what is
+// left.
+fn crossing(origin_m: vec3<f32>, direction: vec3<f32>, outside_m: f32, inside_m: f32, level: f32) -> f32 {
     var low = outside_m;
     var high = inside_m;
     for (var i = 0u; i < HALVINGS; i++) {
         let middle = 0.5 * (low + high);
-        if value(along(ray, middle), 0.0) >= march.iso {
+        if value(origin_m + middle * direction, 0.0) >= level {
             high = middle;
         } else {
             low = middle;
         }
     }
-    let below = value(along(ray, low), 0.0);
-    let above = value(along(ray, high), 0.0);
-    return mix(low, high, saturate((march.iso - below) / max(above - below, 1e-6)));
+    let below = value(origin_m + low * direction, 0.0);
+    let above = value(origin_m + high * direction, 0.0);
+    return mix(low, high, saturate((level - below) / max(above - below, 1e-6)));
+}
+
+// Value of the surface that rays end at.
+fn level() -> f32 {
+#if AT_ISOSURFACE == 1
+    return march.iso;
+#else
+    return march.threshold;
+#endif
 }
 
 fn occluder(v: f32) -> bool {
 #if AT_ISOSURFACE == 1
-    return abs(v - march.iso) < march.tolerance;
+    return abs(v - level()) < march.tolerance;
 #else
-    return v >= march.threshold;
+    return v >= level();
 #endif
 }
 
@@ -99,14 +109,27 @@ fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jit
     let reach = min(march.r_max_m, through_box(position_m, direction).y);
     // VAO Eq. 2 with h of half a cell's diagonal.
     let start = field.guard_m / max(dot(direction, normal), 1e-6);
-    for (var d = start; d < reach; d += march.stratum_m) {
-        if occluder(value(position_m + d * direction, 0.0)) {
+    if start >= reach {
+        return 0.0;
+    }
+    var before = start;
+    // The last stratum may be a shorter one, and ends at the ray's end.
+    for (var k = 0u; before < reach; k++) {
+        let d = min(start + f32(k) * march.stratum_m, reach);
+        let v = value(position_m + d * direction, 0.0);
+        if occluder(v) {
 #if LINEAR == 1
-            return 1.0 - d / march.r_max_m;
+            // A sample lies up to a stratum behind the surface that it finds.
+            var met = d;
+            if d > before && v >= level() {
+                met = crossing(position_m, direction, before, d, level());
+            }
+            return 1.0 - met / march.r_max_m;
 #else
             return 1.0;
 #endif
         }
+        before = d;
     }
     return 0.0;
 }

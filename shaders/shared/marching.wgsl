@@ -5,11 +5,10 @@
 //   RANDOM    1: independent directions; 0: a lattice, shifted by the seed
 //   HARD      1: ρ = 1; 0: ρ = 1 − d / r_max
 //   GUARD     1: guard distance over the cosine (Eq. 2); 0: constant
-//   BITS      1: volume read as bits; 0: as a texture
 //   SKIPPING  1: empty cells of the pyramid are left in one go
 //   OPACITY   1: samples are opacities, gathered along the ray (Eq. 7); 0: the first above the threshold ends it
-//   BETWEEN   1: a hit lies where V, linear between two samples, crosses the threshold; 0: at the sample
-//   PEAK      1: where V can exceed the threshold between two samples, it is sampled in fifths of the step between them
+//   PEAK      1: where V can exceed the threshold between two samples, it is sampled in fifths of the step between them, and a hit lies
+//             where V, linear between two of these, crosses the threshold; 0: a hit lies at the sample
 //   JITTER    1: each ray's samples are moved along it by a random share of a step; 0: all rays begin at the guard distance
 //   COUNT     1: counts samples and look-ups of the pyramid
 //   SLICED    1: a pass marches a slice of the rays, as more would exceed the turns that adapters make of an invocation's loops
@@ -18,7 +17,7 @@
 #import fathom::random::{pcg, unit}
 #import fathom::slice::{Slice}
 #import fathom::sphere::{cosine_direction, hemisphere_direction, tangent_frame}
-#import fathom::voxels::{Grid, to_cells, index_of}
+#import fathom::voxels::{Grid, to_cells}
 
 struct March {
     r_max: f32,
@@ -37,12 +36,11 @@ struct March {
 @group(1) @binding(1) var<uniform> grid: Grid;
 @group(1) @binding(2) var volume: texture_3d<f32>;
 @group(1) @binding(3) var trilinear: sampler;
-@group(1) @binding(4) var<storage, read> bits: array<u32>;
 #if SLICED == 1
 // Rays of this pass.
-@group(1) @binding(5) var<storage, read> slice: Slice;
+@group(1) @binding(4) var<storage, read> slice: Slice;
 // Sum over the rays so far, for each point.
-@group(1) @binding(6) var<storage, read_write> sums: array<f32>;
+@group(1) @binding(5) var<storage, read_write> sums: array<f32>;
 #endif
 
 // 2³² / golden ratio: steps of the lattice's second coordinate.
@@ -62,9 +60,9 @@ var<private> taken: u32 = 0u;
 var<private> looked_up: u32 = 0u;
 #endif
 
-// A pixel's seed. The run's own number moves it; 0 leaves it where it is.
-fn seed_of(pixel: vec2<u32>) -> u32 {
-    return pcg(pixel.x + 65536u * pixel.y + march.seed * GOLDEN);
+// Seed of a point's directions, by its number. The run's own number moves it; 0 leaves it where it is.
+fn seed_of(number: u32) -> u32 {
+    return pcg(number + march.seed * GOLDEN);
 }
 
 // Point of [0, 1)² for a ray.
@@ -87,38 +85,12 @@ fn local_direction(ray: u32, seed: u32) -> vec3<f32> {
 #endif
 }
 
-#if BITS == 1
-fn bit(cell: vec3<i32>) -> f32 {
-    let index = index_of(grid, vec3<u32>(cell));
-    return f32((bits[index >> 5u] >> (index & 31u)) & 1u);
-}
-#endif
-
 // V at a place, trilinear between voxel centres; up to half a voxel inside the border the border's.
 fn density(place: vec3<f32>) -> f32 {
 #if COUNT == 1
     taken++;
 #endif
-#if BITS == 1
-    let last = vec3<i32>(grid.cells) - 1;
-    let low_corner = floor(place - 0.5);
-    let f = place - 0.5 - low_corner;
-    let l = clamp(vec3<i32>(low_corner), vec3(0), last);
-    let h = clamp(vec3<i32>(low_corner) + 1, vec3(0), last);
-    let near = mix(
-        mix(bit(l), bit(vec3(h.x, l.y, l.z)), f.x),
-        mix(bit(vec3(l.x, h.y, l.z)), bit(vec3(h.x, h.y, l.z)), f.x),
-        f.y,
-    );
-    let far = mix(
-        mix(bit(vec3(l.x, l.y, h.z)), bit(vec3(h.x, l.y, h.z)), f.x),
-        mix(bit(vec3(l.x, h.y, h.z)), bit(h), f.x),
-        f.y,
-    );
-    return mix(near, far, f.z);
-#else
     return textureSampleLevel(volume, trilinear, place / vec3<f32>(grid.cells), 0.0).r;
-#endif
 }
 
 // Distances at which a ray enters and leaves the grid.
@@ -180,6 +152,9 @@ fn first_sample(cosine: f32, ray: u32, seed: u32) -> f32 {
 fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f32 {
     let range = clip(origin, direction);
     let end = min(range.y, march.r_max);
+    if range.x >= end {
+        return 0.0;
+    }
     var k = max(ceil((range.x - first) / march.step), 0.0);
     var d = first + k * march.step;
 #if OPACITY == 1
@@ -187,25 +162,39 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
 #endif
     // Outside the volume V is 0.
     var previous = select(v0, 0.0, k > 0.0);
-#if PEAK == 1
-    // One loop for both lengths of step, so that lanes that look between samples share its turns with those that do not. `left` of
-    // the samples between are still to be taken; `ahead` is V at the one behind them.
-    let part = march.step / f32(PARTS);
+    // Samples between two at the ends of a step that are still to be taken.
     var left = 0u;
+    // Steps from this sample to the next one to take.
+    var jump = 1.0;
+#if PEAK == 1
+    // One loop for both lengths of step, so that lanes that look between samples share its turns with those that do not. `ahead` is V at
+    // the sample behind those between.
+    let part = march.step / f32(PARTS);
     var ahead = 0.0;
+    // Largest change of V over a step: trilinear V changes by at most 1 a voxel along each axis.
+    let most_change = march.step * dot(abs(direction), vec3(1.0));
 #endif
-    while d < end {
+    // A peak may lie between the volume's border and the sample before or behind it.
+    while d < march.r_max {
         let place = origin + d * direction;
+        let inside = d >= range.x && d < end;
+        var v = 0.0;
 #if SKIPPING == 1
-        let empty = empty_steps(place, direction);
-        if empty > 0.0 {
-            k += empty;
-            d = first + k * march.step;
-            previous = 0.0;
-            continue;
+        // In an empty cell V is 0 at this sample, at the others that are left out, and between them. Samples between this one and the one
+        // before lie outside the cell and are taken as they would be without skipping.
+        var empty = 0.0;
+        if left == 0u && inside {
+            empty = empty_steps(place, direction);
+            jump = max(empty, 1.0);
+        }
+        if inside && empty == 0.0 {
+            v = density(place);
+        }
+#else
+        if inside {
+            v = density(place);
         }
 #endif
-        var v = density(place);
 #if OPACITY == 1
         // Eq. 4: falling V is rejected.
         if v >= previous {
@@ -224,18 +213,16 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
                 v = ahead;
                 d += part;
             }
-        } else if previous < march.threshold && previous + v + march.step >= 2.0 * march.threshold {
-            // Before a wall V changes by at most 1 a voxel, so that most pairs of samples need no look.
+        } else if previous < march.threshold && previous + v + most_change >= 2.0 * march.threshold {
+            // Between other pairs of samples V stays below the threshold.
             ahead = v;
             left = PARTS - 1u;
             d -= f32(left) * part;
             continue;
         }
-#else
-        let gap = march.step;
 #endif
         if v >= march.threshold {
-#if BETWEEN == 1
+#if PEAK == 1
             if previous < march.threshold {
                 d = crossing(d - gap, previous, d, v);
             }
@@ -250,7 +237,10 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
             continue;
         }
 #endif
-        k += 1.0;
+        if d >= end {
+            break;
+        }
+        k += jump;
         d = first + k * march.step;
     }
 #if OPACITY == 1
@@ -260,11 +250,12 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
 #endif
 }
 
-// Sum over these rays of what they meet, from a point with its unit normal; 0 beyond r_max of the volume.
+// Sum over these rays of what they meet, from a point with its unit normal; 0 where none reaches the volume.
 fn gathered(position_m: vec3<f32>, normal: vec3<f32>, seed: u32, first_ray: u32, end_ray: u32) -> f32 {
     let surface = to_cells(grid, position_m);
     let beyond = max(-surface, surface - vec3<f32>(grid.cells));
-    if max(max(beyond.x, beyond.y), beyond.z) > march.r_max {
+    // Rays begin at the offset, and may do so nearer to the volume.
+    if max(max(beyond.x, beyond.y), beyond.z) > march.r_max + march.offset {
         return 0.0;
     }
     let origin = surface + march.offset * normal;

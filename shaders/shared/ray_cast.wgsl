@@ -35,7 +35,8 @@ struct March {
 
 @group(1) @binding(3) var<uniform> march: March;
 
-// Transmittance below which nothing more shows in 8 bits: rays end there.
+// Transmittance below which nothing more shows in 8 bits: rays end there. A and the opacity of a view ray are less than those of whole rays
+// by at most this.
 const OPAQUE: f32 = 0.00390625;
 // Behind the volume; tuned on scene engine.
 const BACKGROUND_LOW: vec3<f32> = vec3<f32>(0.25, 0.28, 0.33);

@@ -75,7 +75,6 @@ fn parameters_that_do_not_fit_each_other_the_scene_or_the_adapter_are_named() {
         ("voxelize plane", "voxel.resolution=512", "voxel.resolution: asks 512 of max_texture"),
         ("voxelize plane", &far, "voxel.cells"),
         ("voxelize plane", &opacities, "view.width"),
-        ("volume_ao plane", "voxel.method=max_alpha ao.storage=bits", "ao.storage is bits"),
         ("volume_ao plane", "ao.r_max_m=0.01", "ao.r_max_m is 1.000e-2 m, less than a voxel"),
         ("volume_ao plane", "ao.r_max_share=0.001", "ao.r_max_share"),
         ("volume_ao plane", "ao.rays=65536", "ao.rays"),

@@ -225,7 +225,7 @@ impl HorizonSplit {
             let texel = [pixel.x as i64, pixel.y as i64];
             let (z, surface) = seen.surface(texel);
             let behind = clip.w - seen.camera.view_depth_m(z);
-            if texel == point.texel || behind <= 0.0 || behind > self.layer_m {
+            if z >= 1.0 || texel == point.texel || behind <= 0.0 || behind > self.layer_m {
                 continue;
             }
             // The texel's surface hides the ray where it rises above it, as seen from the shaded point.

@@ -62,15 +62,6 @@ pub enum Sampling {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Storage {
-    /// R8 texture, filtered by the sampler.
-    Texture,
-    /// One bit a voxel, filtered by hand.
-    Bits,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
 pub enum Occluder {
     /// The first sample above the threshold blocks the ray: VAO §5.1.
     Binary,
@@ -84,14 +75,12 @@ pub enum Occluder {
 pub enum Hit {
     /// At the sample that exceeds the threshold: VAO §5.1.
     Sample,
-    /// Where V, taken as linear between that sample and the one before, crosses the threshold.
-    Between,
-    /// The same between fifths of a step, wherever V can exceed the threshold within the step: a wall one voxel thick exceeds
-    /// a high threshold over less than a step.
+    /// Where V, taken as linear between fifths of a step, crosses the threshold. They are sampled wherever V can exceed the threshold
+    /// within the step: a wall one voxel thick exceeds a high threshold over less than a step.
     Peak,
 }
 
-choices!(Attenuation, Estimator, Guard, Step, Sampling, Storage, Occluder, Hit);
+choices!(Attenuation, Estimator, Guard, Step, Sampling, Occluder, Hit);
 
 /// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry, dragon_dry and sponza.
 pub const R_MAX_SHARE: f64 = 0.25;
@@ -136,8 +125,6 @@ settings! {
         sampling: Sampling = Sampling::Stratified;
         /// Draws other directions at every pixel.
         seed: u32 = 0 => 0 ..= 4_294_967_295u32, "1";
-        /// What samples read.
-        storage: Storage = Storage::Texture;
         /// Whether rays leave empty cells of an occupancy pyramid in one go. VAO §6.3.
         skipping: bool = false;
         /// What a sample above the threshold does.
@@ -198,8 +185,8 @@ impl Marching {
 
     /// Turns of the shader's loops for a ray at most, the ones that find a loop's end included.
     pub fn turns_of_ray(&self, grid: &Grid) -> u64 {
-        // Rounding of the ray's ends may add a sample.
-        let samples = self.samples_in(grid) as u64 + 1;
+        // One more lies behind the volume, and rounding of the ray's ends may add another.
+        let samples = self.samples_in(grid) as u64 + 2;
         let within = if self.hit == Hit::Peak { samples.saturating_mul(BETWEEN) } else { 0 };
         1 + (samples + 1).saturating_add(within)
     }
@@ -223,10 +210,8 @@ impl Marching {
             ("RANDOM", self.sampling == Sampling::Random),
             ("HARD", self.attenuation == Attenuation::Hard),
             ("GUARD", self.guard == Guard::Variable),
-            ("BITS", self.storage == Storage::Bits),
             ("SKIPPING", self.skipping),
             ("OPACITY", self.occluder == Occluder::Opacity),
-            ("BETWEEN", self.hit != Hit::Sample),
             ("PEAK", self.hit == Hit::Peak),
             ("JITTER", self.jitter),
         ];
@@ -261,8 +246,8 @@ impl Marching {
             let sampler = resources.linear_sampler("marching");
             let group = |slice: &Slice| {
                 let slice = sliced.then(|| resources.loop_settings("marching", slice));
-                let Voxels { uniforms: grid, texture, bits, .. } = voxels;
-                Group::new(&[&uniforms, grid, texture, &sampler, bits]).and(&slice).and(&sums)
+                let Voxels { uniforms: grid, texture, .. } = voxels;
+                Group::new(&[&uniforms, grid, texture, &sampler]).and(&slice).and(&sums)
             };
             slices.iter().map(group).collect()
         };

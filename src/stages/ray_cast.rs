@@ -116,7 +116,9 @@ fn passes(
     let (steps, of_point) = (settings.steps(field), settings.turns_of_point());
     let label = "scalar.rays × scalar.samples";
     if isosurface {
-        resources.turns(label, of_point + u64::from(steps) + HALVINGS + 2);
+        // Each ray may end in a surface that is halved towards too.
+        let halved = (u64::from(settings.rays) + 1) * (HALVINGS + 2);
+        resources.turns(label, of_point + u64::from(steps) + halved);
         return vec![Slice { first: 0, end: steps }];
     }
     let slices = slices(steps, of_point + 1, 0);

@@ -11,9 +11,7 @@ use fathom_pipelines::occlusion::exact;
 use fathom_reference::march::{Guard as TwinGuard, HostVolume, March};
 use fathom_reference::occlusion as reference;
 use fathom_stages::ao::query::{self, SurfacePoint};
-use fathom_stages::marching::{
-    Attenuation, Estimator, Guard, Hit, Marching, Occluder, Sampling, Storage,
-};
+use fathom_stages::marching::{Attenuation, Estimator, Guard, Hit, Marching, Occluder, Sampling};
 
 pub fn cases() -> Vec<Case> {
     [points::cases(), laws::cases(), orientations::cases(), edges::cases(), pixels::cases()]
@@ -109,7 +107,6 @@ fn twin(marching: &Marching, grid: &Grid) -> March {
         random: marching.sampling == Sampling::Random,
         opacity: marching.occluder == Occluder::Opacity,
         exponent: marching.step_in(grid),
-        between: marching.hit != Hit::Sample,
         peak: marching.hit == Hit::Peak,
         jitter: marching.jitter,
     }
@@ -132,14 +129,8 @@ fn query(
     Ok(visibility.iter().map(|v| 1.0 - f64::from(*v)).collect())
 }
 
-/// How exact V is, by the storage: filtering units have 8 bits of weight along each axis; by hand it is a matter of rounding
-/// places.
-fn density_error(storage: Storage) -> f64 {
-    match storage {
-        Storage::Texture => 1.0 / 64.0,
-        Storage::Bits => 1e-3,
-    }
-}
+/// How exact V is: filtering units have 8 bits of weight along each axis.
+const DENSITY_ERROR: f64 = 1.0 / 64.0;
 
 /// How far a value lies outside the twin's values for thresholds a little above and below. A lower threshold ends rays
 /// earlier and gives more occlusion: what differs by rounding of V alone lies between.

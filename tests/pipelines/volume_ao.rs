@@ -62,11 +62,8 @@ fn variants_agree_where_they_must() {
     let skipping = run("ao.skipping=true");
     assert_eq!(skipping.visibility(&gpu).data, visibility.data);
     let [taken, all] = [&skipping, &plain].map(|d| d.figures(&gpu)["samples_per_pixel_mean"]);
-    assert!(taken < 0.7 * all, "{taken} of {all}");
+    assert!(taken < 0.75 * all, "{taken} of {all}");
     assert!(skipping.figures(&gpu)["lookups_per_pixel_mean"] > 0.0);
-
-    let bits = run("ao.storage=bits");
-    assert!((mean(&bits.visibility(&gpu)) - mean(&visibility)).abs() < 2e-3);
 
     let half = run("ao.scale=0.5 ao.filter=false").visibility(&gpu);
     assert_eq!([half.width, half.height], [24, 20]);
@@ -94,7 +91,7 @@ fn volumes_of_objects_multiply_and_glass_lets_light_through() {
     let gpu = gpu();
     // The volume of all crates has few voxels: near contacts the default's high threshold would miss most of what there is.
     let crates = "voxel.method=slicemap ao.threshold=0.55 ao.offset_voxels=0.25 \
-        ao.hit=between ao.r_max_m=0.5 objects=4";
+        ao.r_max_m=0.5 objects=4";
     let each = draw_small(&gpu, "crates", &format!("voxel.per_object=true {crates}"));
     assert_eq!(each.pipeline.volumes.len(), 4);
     let all = draw_small(&gpu, "crates", crates);

@@ -6,7 +6,7 @@ use crate::settings::{self, Animation, Compose, Filter, Method, Shadow, View, Vo
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_scene::{Camera, Grid, Light, Scene, SceneFile};
-use fathom_stages::marching::{Marching, Occluder, Storage};
+use fathom_stages::marching::{Marching, Occluder};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -36,12 +36,7 @@ impl Parameters for Params {
     const SEED: Option<&str> = Some("ao.seed");
 
     fn consistent(&self) -> Result<(), ParamError> {
-        self.voxel.consistent()?;
-        if self.ao.storage == Storage::Bits && self.voxel.method == Method::MaxAlpha {
-            let fault = "ao.storage is bits: the volumes of voxel.method max_alpha hold opacities, use texture";
-            return Err(ParamError::Unfit(fault.into()));
-        }
-        Ok(())
+        self.voxel.consistent()
     }
 
     fn enlarged(&self, factor: u32) -> Option<Self> {

@@ -24,7 +24,6 @@ pub fn cases() -> Vec<Case> {
 fn settings(m: &mut Marching) {
     m.threshold = 0.55;
     m.offset_voxels = 0.25;
-    m.hit = Hit::Between;
     m.r_max_m = R_MAX * VOXEL_M;
     m.rays = 256;
     m.step_voxels = 0.5;
@@ -122,5 +121,5 @@ fn ceiling(rig: &Rig<'_>) -> Result<Check> {
     };
     Ok(Check::of(rig, "A below a ceiling of a voxel, largest error at 16 places within a voxel")
         .within((0.02, "1"), errors(None)?)
-        .control("hits between whole steps only", errors(Some(Hit::Between))?))
+        .control("hits at whole steps only", errors(Some(Hit::Sample))?))
 }

@@ -45,7 +45,7 @@ const GAPS: Control = Control {
         params.voxel.method = Method::Slicemap;
         params.ao.threshold = 0.55;
         params.ao.offset_voxels = 0.25;
-        params.ao.hit = Hit::Between;
+        params.ao.hit = Hit::Sample;
     },
 };
 
@@ -324,14 +324,13 @@ mod tests {
     }
 
     fn settings(methods: [Method; 3]) -> Vec<(Method, f64, f64, Hit)> {
-        let mut settings = vec![(Method::Slicemap, 0.55, 0.25, Hit::Between)];
+        let mut settings = Vec::new();
         for method in methods {
             for threshold in [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95] {
                 let offsets = [0.1, 0.25].map(|offset| (method, threshold, offset, Hit::Peak));
                 settings.extend(offsets);
             }
         }
-        settings.push((Method::Overlap, 0.9, 0.1, Hit::Between));
         settings
     }
 }

@@ -96,7 +96,6 @@ fn compare(rig: &Rig<'_>, per_object: bool, rays: u32, sizes: &[[u32; 2]]) -> Ch
     let voxels: Vec<_> = subjects.iter().map(|s| s.voxels.clone()).collect();
     // Not 0, which draws nothing else.
     let settings = Marching { seed: 3, rays, ..settings(&subjects) };
-    let error = density_error(settings.storage);
     let twins: Vec<(&HostVolume, March)> =
         subjects.iter().map(|s| (&s.host, twin(&settings, &s.host.grid))).collect();
     let check = |size_px: [u32; 2]| {
@@ -112,7 +111,7 @@ fn compare(rig: &Rig<'_>, per_object: bool, rays: u32, sizes: &[[u32; 2]]) -> Ch
                     return value.abs();
                 };
                 // Thresholds of all volumes move together.
-                beyond(value, &twins[0].1, error, |moved| {
+                beyond(value, &twins[0].1, DENSITY_ERROR, |moved| {
                     let open = twins.iter().map(|(host, march)| {
                         let march = March { threshold: moved.threshold, ..march.clone() };
                         let index = (x + 65536 * y + moved_by).wrapping_add(own);

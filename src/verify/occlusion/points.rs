@@ -14,7 +14,7 @@ const GLASS: u8 = 90;
 type Change = fn(&mut Marching);
 
 /// What the shader's definitions choose between.
-const VARIANTS: [(&str, Change); 12] = [
+const VARIANTS: [(&str, Change); 11] = [
     ("defaults", |_| ()),
     ("settings of VAO §5.1", paper),
     ("guard none", |m| m.guard = Guard::None),
@@ -23,10 +23,9 @@ const VARIANTS: [(&str, Change); 12] = [
     ("hard attenuation", |m| m.attenuation = Attenuation::Hard),
     ("random directions", |m| m.sampling = Sampling::Random),
     ("steps of half a voxel", |m| m.step_voxels = 0.5),
-    ("bits", |m| m.storage = Storage::Bits),
-    ("hits between samples", |m| m.hit = Hit::Between),
     ("a low threshold", |m| m.threshold = 0.55),
     ("jitter", |m| m.jitter = true),
+    ("another seed", |m| m.seed = 3),
 ];
 
 fn paper(m: &mut Marching) {
@@ -45,7 +44,6 @@ pub fn cases() -> Vec<Case> {
             Case::new(INFO.name, "opacities against the f64 twin", opacities),
             Case::new(INFO.name, "opacities at other steps than a voxel", opacity_steps),
             Case::new(INFO.name, "rays of several passes", many_rays),
-            Case::new(INFO.name, "bits and texture", storages),
             Case::new(INFO.name, "skipping and not skipping", skipping),
         ])
         .collect()
@@ -57,8 +55,8 @@ struct Marched {
     points: Vec<(DVec3, DVec3)>,
     found: Vec<f64>,
     march: March,
-    /// How exact V is.
-    error: f64,
+    /// Added to a point's number where it seeds directions, as by `seed_of` in shaders/shared/marching.wgsl.
+    seed: u32,
 }
 
 impl Marched {
@@ -68,16 +66,16 @@ impl Marched {
         points.truncate(count);
         let found = query(rig, &subject.voxels, &points, settings)?;
         let march = twin(settings, &subject.host.grid);
-        let error = density_error(settings.storage);
-        Ok(Self { host: subject.host, points, found, march, error })
+        let seed = settings.seed.wrapping_mul(0x9E37_79B9);
+        Ok(Self { host: subject.host, points, found, march, seed })
     }
 
     /// Largest distance of a share of A from the twin's, from points moved along the normals, beyond what rounding of V explains.
     fn beyond(&self, share: f64, nudge_m: f64) -> f64 {
         let found = (0..).zip(&self.points).zip(&self.found);
         largest(found.map(|((i, (p, n)), value)| {
-            beyond(share * value, &self.march, self.error, |march| {
-                march.from(&self.host, *p + *n * nudge_m, *n, i).occlusion
+            beyond(share * value, &self.march, DENSITY_ERROR, |march| {
+                march.from(&self.host, *p + *n * nudge_m, *n, self.seed.wrapping_add(i)).occlusion
             })
         }))
     }
@@ -151,29 +149,6 @@ fn opacity_steps(rig: &Rig<'_>) -> Checks {
     [0.5, 2.0].into_iter().map(check).collect()
 }
 
-/// The share of points whose values differ by more than rounding of V explains.
-fn storages(rig: &Rig<'_>) -> Result<Check> {
-    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
-    let points = furnished_points();
-    let run = |storage, threshold| {
-        let settings = Marching { storage, threshold, ..marching(|_| ()) };
-        query(rig, &subject.voxels, &points, &settings)
-    };
-    let texture = run(Storage::Texture, 0.6)?;
-    let error = density_error(Storage::Texture);
-    let [low, high] = [run(Storage::Bits, 0.6 + error)?, run(Storage::Bits, 0.6 - error)?];
-    let outside = |values: &[f64]| {
-        let bounds = low.iter().zip(&high);
-        largest(bounds.zip(values).map(|((low, high), v)| (low - v).max(v - high)))
-    };
-    let bits = run(Storage::Bits, 0.6)?;
-    let equal = texture.iter().zip(&bits).map(|(a, b)| (a - b).abs() < 1e-3);
-    Ok(Check::of(rig, "largest difference of A by texture and by bits beyond V's rounding")
-        .within((TOLERANCE, "1"), outside(&texture))
-        .control("threshold 0.7 for the texture", outside(&run(Storage::Texture, 0.7)?))
-        .with("share_equal_within_1e-3", share(equal)))
-}
-
 fn skipping(rig: &Rig<'_>) -> Checks {
     let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
     let points = furnished_points();
@@ -185,11 +160,8 @@ fn skipping(rig: &Rig<'_>) -> Checks {
     let blind = run(|_| (), true)?;
     let mips = mips::new(rig, std::slice::from_ref(&subject.voxels))?;
     rig.run(&[&mips])?;
-    let variants: [(&str, Change); 3] = [
-        ("defaults", |_| ()),
-        ("bits", |m| m.storage = Storage::Bits),
-        ("opacities", |m| m.occluder = Occluder::Opacity),
-    ];
+    let variants: [(&str, Change); 2] =
+        [("defaults", |_| ()), ("opacities", |m| m.occluder = Occluder::Opacity)];
     let check = |(name, change): (&str, Change)| {
         let (plain, skipping) = (run(change, false)?, run(change, true)?);
         let differ = |values: &[f64]| differing(&plain, values);

@@ -29,6 +29,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, "a ball over a slab: the light it shows", shading),
         Case::new(STAGE, "a ball over a slab: ambient occlusion", ball_over_slab),
         Case::new(STAGE, "a ball over a slab: rejection sampling", rejection),
+        Case::new(STAGE, "gaps between two planes", gaps),
     ]
 }
 
@@ -198,6 +199,28 @@ fn ball_over_slab(rig: &Rig<'_>) -> Checks {
         .into_iter()
         .map(check)
         .collect()
+}
+
+/// The mean A of a plane below another at a distance g is (1 − g / r_max)².
+fn gaps(rig: &Rig<'_>) -> Checks {
+    let found = |share: f64, samples: u32| -> Result<f64> {
+        let half_m = 0.5 * share * R_MAX_M;
+        let scalar = Scalar { threshold: 0.5, rays: 64, samples, ..settings(Mode::Isosurface) };
+        let camera = looking(DVec3::Z, DVec3::new(0.0, -half_m, 0.6));
+        let volume = cubes(CELLS, |p| 0.5 - (half_m - p.y.abs()) / RAMP_M);
+        let setup = Setup { volume, camera, size_px: [16; 2], ..setup(&[], scalar) };
+        Ok(1.0 - setup.run(rig)?.visibility.mean())
+    };
+    let check = |(share, samples): (f64, u32)| {
+        let a = found(share, samples)?;
+        let off = |share: f64| (a - (1.0 - share).powi(2)).abs();
+        let what = format!("a gap of {share} r_max, {samples} samples: error of the mean A");
+        Ok(Check::of(rig, what)
+            .within((0.01, "1"), off(share))
+            .control("a gap a voxel wider", off(share + VOXEL_M / R_MAX_M))
+            .with("occlusion", a))
+    };
+    [(0.3, 8), (0.5, 8), (0.75, 8), (0.5, 3), (0.5, 40)].into_iter().map(check).collect()
 }
 
 /// The picture against what visibility and normals make of the light: albedo × visibility × light.

@@ -19,6 +19,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(DIRECT, "occlusion on a ramp of density", ramp),
         Case::new(DIRECT, "occlusion in a rough field of long cells", rough_hemisphere),
         Case::new(POSITIONAL, "occlusion inside a homogeneous block", interior),
+        Case::new(POSITIONAL, "occlusion inside an opaque block", opaque),
         Case::new(POSITIONAL, "occlusion inside a ball and under a face", ball_and_face),
         Case::new(POSITIONAL, "occlusion in a rough field of long cells", rough_sphere),
         Case::new(POSITIONAL, "strata of two voxels in the average pyramid", pyramid),
@@ -228,6 +229,31 @@ fn interior(rig: &Rig<'_>) -> Checks {
         );
     }
     Ok(checks)
+}
+
+/// Rays end where less than 1/256 comes through. That makes A too small by no more.
+fn opaque(rig: &Rig<'_>) -> Checks {
+    const CUT: f64 = 1.0 / 256.0;
+    let check = |law: Law| {
+        let error = |value: f64, share: f64| -> Result<f64> {
+            let scalar = Scalar { density_per_m: 12.0, ..marched(Mode::Positional, law, 1.2, 16) };
+            let volume = cubes(32, |_| value);
+            let exact = reference_law(&scalar, &volume).opacity(value, 1.2);
+            let scalar = Scalar { r_max_m: share * scalar.r_max_m, ..scalar };
+            Ok(exact - measured(rig, &volume, &scalar, DVec3::ZERO)?)
+        };
+        // From a transmittance of some 1/16 over r_max to none.
+        let values = [51.0, 77.0, 102.0, 153.0, 255.0].map(|byte| byte / 255.0);
+        let errors =
+            values.map(|value| error(value, 1.0)).into_iter().collect::<Result<Vec<_>>>()?;
+        let outside = |error: f64| (error - CUT).max(-error).max(0.0);
+        let what = format!("{}: A too small by more than 1/256, or too large", name(law));
+        Ok(Check::of(rig, what)
+            .within((1e-4, "1"), largest(errors.iter().copied().map(outside)))
+            .control("half of r_max", outside(error(values[0], 0.5)?))
+            .with("largest_error", largest(errors)))
+    };
+    LAWS.into_iter().map(check).collect()
 }
 
 fn ball_and_face(rig: &Rig<'_>) -> Checks {

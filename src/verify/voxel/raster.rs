@@ -30,7 +30,9 @@ pub fn cases() -> Vec<Case> {
         ]
     });
     let together = Case::new(COMBINE, "the slicemaps' voxels", |rig| {
-        let subjects = [VoxelScene::soup()?, VoxelScene::bunny(32)?, VoxelScene::bunny(64)?];
+        let bunnies = [VoxelScene::bunny(32)?, VoxelScene::bunny(64)?];
+        let [soup, crates] = [VoxelScene::soup()?, VoxelScene::crates(64)?];
+        let subjects: Vec<_> = [soup, crates].into_iter().chain(bunnies).collect();
         against_surface(rig, &subjects, |subject| three_way(rig, subject))
     });
     let slices = Case::new(SLICE, "the slices' voxels", |rig| {

@@ -80,6 +80,13 @@ impl VoxelScene {
         Ok(Self { name: "bunny", grid: rounded(&grid), scene })
     }
 
+    /// Large faces, many of which the passes see from their edge.
+    pub fn crates(resolution: u32) -> Result<Self> {
+        let scene = Scene::load("crates")?;
+        let grid = Grid::fit(&scene.solid_bounds(), resolution).map_err(GpuError::Limit)?;
+        Ok(Self { name: "crates", grid: rounded(&grid), scene })
+    }
+
     pub fn triangles(&self) -> Vec<Corners> {
         triangles(&self.scene.objects)
     }
