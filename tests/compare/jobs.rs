@@ -1,10 +1,10 @@
-//! Jobs of continuous integration: `action.yml`, `ci/gitlab.yml` and what `fathom init` writes, their scripts run as they stand.
+//! Jobs of continuous integration: `action.yml` and `ci/gitlab.yml`, their scripts run as they stand.
 //! Stand-ins are cargo, which hands out the program that is built already, dpkg, to which everything is installed, and the servers.
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::os::unix::fs::{PermissionsExt, symlink};
-use std::path::{Path, PathBuf};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 use serde_json::{Value, json};
@@ -200,12 +200,6 @@ impl Project {
         assert_eq!(after.status.code(), Some(0), "{}", String::from_utf8_lossy(&after.stderr));
         let printed = [before.stdout, before.stderr, after.stdout, after.stderr].concat();
         (before.status.code().unwrap(), String::from_utf8_lossy(&printed).into_owned())
-    }
-
-    fn init(&self, words: &str) -> Command {
-        let mut init = self.place.fathom(format!("init project {words} --command"));
-        init.arg(WORKER);
-        init
     }
 
     /// The only comment of the bot, of at most 15 lines.
@@ -453,78 +447,6 @@ fn what_keeps_a_comment_from_being_written_is_a_note() {
         }
         assert!(project.server.now().comments.is_empty());
     }
-}
-
-/// `fathom init` in a project, then the job that it wrote: a head like its base, and one that is slower.
-#[test]
-fn what_init_writes_for_github_goes_through_and_finds_a_slower_head() {
-    let project = Project::new();
-    let told = project.init("--fathom o/fathom@v1").answer();
-    assert_eq!(told, "project/performance/cells.toml\nproject/.github/workflows/performance.yml\n");
-    let workflow = yaml(&project.place.path("project/.github/workflows/performance.yml"));
-    assert_eq!(workflow["permissions"], json!({ "contents": "read", "pull-requests": "write" }));
-    let [checkout, compare] = workflow["jobs"]["compare"]["steps"].as_array().unwrap().as_slice()
-    else {
-        panic!("{workflow}")
-    };
-    assert_eq!(checkout["with"]["fetch-depth"], 0);
-    assert_eq!(compare["uses"], "o/fathom@v1");
-    let mut with = compare["with"].clone();
-    with["launches"] = json!(LAUNCHES);
-    project.commit("project");
-    project.commit("project");
-    let (status, printed, _) = project.action(&with);
-    assert_eq!(status, 0, "{printed}");
-    holds(&project.comment(), &["no regression", "1 cell: 1 same"]);
-    project.slower(1.1);
-    fs::remove_dir_all(project.place.path("project/compare")).unwrap();
-    let (status, printed, _) = project.action(&with);
-    assert_eq!(status, 1, "{printed}");
-    holds(&project.comment(), &["regression", "`default sum`: slower: time +10.0 %"]);
-}
-
-#[test]
-fn what_init_writes_for_gitlab_goes_through_and_finds_a_slower_head() {
-    let project = Project::new();
-    let fathom = format!("{}@HEAD", project.path("fathom"));
-    let Told { err, .. } = project.init(&format!("--ci gitlab --fathom {fathom}")).ends(0);
-    holds(&err, &["include: { local: performance/gitlab-ci.yml }"]);
-    let job =
-        yaml(&project.place.path("project/performance/gitlab-ci.yml"))["fathom-compare"].clone();
-    project.commit("project");
-    project.commit("project");
-    let (status, printed) = project.job(&job, &[("FATHOM_LAUNCHES", LAUNCHES)]);
-    assert_eq!(status, 0, "{printed}");
-    project.slower(1.1);
-    fs::remove_dir_all(project.place.path("project/compare")).unwrap();
-    let (status, printed) = project.job(&job, &[("FATHOM_LAUNCHES", LAUNCHES)]);
-    assert_eq!(status, 1, "{printed}");
-}
-
-#[test]
-fn init_overwrites_nothing_and_says_what_is_wrong() {
-    let project = Project::new();
-    let there = |name: &str| -> PathBuf { project.place.path("project").join(name) };
-    let refused = |words: &str, reason: &str| {
-        let told = project.init(words).refused(reason);
-        assert!(!there("performance").is_dir() || !there(".github").is_dir(), "{told}");
-    };
-    refused("--fathom fathom", "a place and a revision");
-    project.place.write("project/.github/workflows/performance.yml", "mine");
-    refused("--fathom o/fathom@v1", "performance.yml is there already, and nothing was written");
-    assert_eq!(project.place.read("project/.github/workflows/performance.yml"), "mine");
-    fs::remove_dir_all(there(".github")).unwrap();
-    let elsewhere = project.place.path("elsewhere");
-    fs::create_dir(&elsewhere).unwrap();
-    symlink(&elsewhere, there("performance")).unwrap();
-    refused("--fathom o/fathom@v1", "cannot write project/performance/cells.toml");
-    assert_eq!(fs::read_dir(&elsewhere).unwrap().count(), 0);
-    fs::remove_file(there("performance")).unwrap();
-    let mut init = project.place.fathom("init project --fathom o/fathom@v1 --command");
-    init.arg("echo fish").refused("garbage");
-    let mut init = project.place.fathom("init project --fathom o/fathom@v1 --command");
-    init.arg("echo ${{ secrets.KEY }}").refused("a command holds `${{`");
-    assert!(!there("performance").exists());
 }
 
 #[test]

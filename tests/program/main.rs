@@ -1,4 +1,4 @@
-//! The program as a user meets it: its commands, the folders that they write, a fleet, a history, the page in a browser.
+//! The program as a user meets it: its commands, the folders that they write, a history, the page in a browser.
 
 mod busy_machine;
 mod ceilings;
@@ -7,10 +7,7 @@ mod cli;
 #[path = "../common/mod.rs"]
 mod common;
 mod dumps;
-mod faults;
-mod fleet;
 mod folders;
-mod hardware;
 mod history;
 mod hostile_names;
 mod masks;
@@ -19,5 +16,4 @@ mod overlay;
 mod page;
 mod printing;
 mod queries;
-mod replayed;
 mod shaders;
