@@ -13,29 +13,31 @@ use fathom::scene::{Scene, SceneFile};
 use glam::DVec3;
 use strum::IntoEnumIterator;
 
-use super::common::variants::are_known;
-use super::validation::{DONE, keep_the_rules};
 use super::{built, gpu, prepared};
 
-/// And all of them keep the rules of Vulkan.
 #[test]
 fn every_check_is_sound() {
-    keep_the_rules(&["verify::child_checks"]);
+    assert_eq!(sound(&gpu(), None).skipped, []);
 }
 
+/// The second software driver. A process has one Vulkan driver.
+#[cfg(feature = "nightly")]
 #[test]
-#[ignore = "run under the validation layer by `every_check_is_sound`"]
+fn every_check_is_sound_on_swiftshader() {
+    super::child("verify::child_checks", "/usr/lib/chromium/vk_swiftshader_icd.json".as_ref());
+}
+
+#[cfg(feature = "nightly")]
+#[test]
+#[ignore = "run by `every_check_is_sound_on_swiftshader`"]
 fn child_checks() {
-    println!();
-    let gpu = gpu();
-    assert_eq!(sound(&gpu, None).skipped, []);
-    are_known(&gpu.shader_variants());
+    every_check_is_sound();
 }
 
 /// All checks with this in their names, sound.
 #[track_caller]
 fn sound(gpu: &Gpu, filter: Option<&str>) -> Verified {
-    let done = |case: Ended<'_>| println!("{DONE}{case}");
+    let done = |case: Ended<'_>| println!("{case}");
     let verified = verify(gpu, &Catalog::builtin().cases(), filter, done);
     let verified = verified.expect("all cases run");
     println!("{}", Table(&verified.checks));

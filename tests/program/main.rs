@@ -1,4 +1,4 @@
-//! The program as a user meets it: its commands, the folders that they write, a history, the page in a browser.
+//! The program as a user meets it: its commands, the folders that they write, a history.
 
 mod busy_machine;
 mod ceilings;
@@ -13,7 +13,5 @@ mod hostile_names;
 mod masks;
 mod merge;
 mod overlay;
-mod page;
 mod printing;
 mod queries;
-mod shaders;

@@ -1,4 +1,4 @@
-//! Every reader against damaged input: no panic, an error of one line, and memory below 1 GiB. A thousand inputs of each with a
+//! Every reader against damaged input: no panic, an error of one line, and memory below 1 GiB. A hundred inputs of each with a
 //! fixed seed; `FATHOM_FUZZ_CASES=10000 cargo test --test readers -- --nocapture` tries so many others and tells what they took.
 
 #[path = "../common/mod.rs"]
@@ -41,7 +41,7 @@ static COUNTING: memory::Counting = memory::Counting;
 /// Most memory that any input may take, bytes.
 const MOST_MEMORY: usize = 1 << 30;
 
-/// How many inputs of each reader, where the usual thousand are not enough.
+/// How many inputs of each reader, where the usual hundred are not enough.
 const CASES: &str = "FATHOM_FUZZ_CASES";
 
 type Answer = Result<(), String>;
@@ -55,7 +55,7 @@ fn fuzz<T: std::fmt::Debug>(
 ) {
     let cases = std::env::var(CASES).ok().map(|text| text.parse().unwrap());
     let config = Config {
-        cases: cases.unwrap_or(1000),
+        cases: cases.unwrap_or(100),
         failure_persistence: None,
         max_shrink_time: 60_000,
         ..Config::default()
