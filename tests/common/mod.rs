@@ -13,7 +13,6 @@ use fathom::experiments::parse_set;
 use fathom::npy;
 use fathom::record::schema::LineKind;
 use fathom::record::{self, Cell, Measured, Outcome, Record, Writer};
-use itertools::Itertools as _;
 use jsonschema::Validator;
 use serde_json::{Map, Value, json};
 use tempfile::TempDir;

@@ -1,14 +1,10 @@
 //! `fathom export`, `fathom schema` and `fathom list exporters` as a user meets them.
 
-use crate::common::{
-    Ends, Place, fathom, holds, names, own_cell, records, reference_of, skipped_cell, write_records,
-};
-use fathom::experiments::Experiment;
+use crate::common::{Ends, Place, fathom, holds, names, own_cell, skipped_cell, write_records};
 use fathom::record::comparison::Compared;
 use fathom::record::schema::LineKind;
 use fathom::record::{
-    Cell, Clock, Definition, FrameRecord, Measured, Note, NoteKind, Outcome, Record, Run, SCHEMA,
-    StageRecord, Work,
+    Clock, FrameRecord, Measured, Outcome, Record, Run, SCHEMA, StageRecord, Work,
 };
 use fathom::statistics::estimate;
 use serde_json::{Value, json};
@@ -88,24 +84,19 @@ fn formats_of_comparisons_are_found_by_what_the_folder_holds() {
 #[test]
 fn what_cannot_be_exported_is_one_clear_line() {
     let place = folders();
-    for (words, more, reason) in [
-        ("csv no/such/folder", &[][..], "no/such/folder/records.jsonl"),
-        ("csv empty", &[], "holds a file records.jsonl"),
-        ("bencherr run", &[], "unknown format `bencherr`; did you mean `bencher`?"),
-        (
-            "csv comparison",
-            &[],
-            "holds a comparison, which cannot be written as `csv`, only as text",
-        ),
+    for (words, reason) in [
+        ("csv no/such/folder", "no/such/folder/records.jsonl"),
+        ("csv empty", "holds a file records.jsonl"),
+        ("bencherr run", "unknown format `bencherr`; did you mean `bencher`?"),
+        ("csv comparison", "holds a comparison, which cannot be written as `csv`, only as text"),
         (
             "text run",
-            &[],
             "holds a run, which cannot be written as `text`, only as plots, rooflines, csv",
         ),
-        ("plots run", &[], "name a folder with -o DIR"),
-        ("csv run -o no/such/folder/cells.csv", &[], "cannot write no/such/folder/cells.csv"),
+        ("plots run", "name a folder with -o DIR"),
+        ("csv run -o no/such/folder/cells.csv", "cannot write no/such/folder/cells.csv"),
     ] {
-        place.fathom(format!("export {words}")).args(more).refused(reason);
+        place.fathom(format!("export {words}")).refused(reason);
     }
     assert_eq!(names(&place.path("")), ["comparison", "empty", "run"]);
     place.write("empty/records.jsonl", "nonsense\n");
