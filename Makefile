@@ -1,24 +1,33 @@
-# `make bench` builds and runs the main job; `make test` checks everything. Both set themselves up.
-.PHONY: bench test setup setup-test
+# `make bench` builds and runs the main job; `make test` checks a change; `make test-all` checks a release. Each sets itself up.
+.PHONY: bench test test-all setup setup-all
 
 bench: setup
-	cargo build --release --locked
+	cargo build --release --locked --target-dir target
 	target/release/fathom fetch || echo "note: scenes whose meshes are absent use their stand-ins"
 	target/release/fathom run
 
 # A build from nothing is faster without what a second one would reuse.
-test: export CARGO_INCREMENTAL = 0
-# Some tests wait, for a batch system or for a limit of time: others run beside them.
-test: export RUST_TEST_THREADS ?= 4
-test: setup-test
+test test-all: export CARGO_INCREMENTAL = 0
+# Some tests wait for a limit of time: others run beside them.
+test test-all: export RUST_TEST_THREADS ?= 4
+test: setup
 	cargo fmt --all --check
+	scripts/weight.sh
+	cargo test --locked --workspace --lib --bins --tests
+
+# With lints, documents, licences, and what needs more than a software driver. What is missing fails.
+test-all: export FATHOM_DRAWS = 100
+test-all: export FATHOM_FUZZ_CASES = 1000
+test-all: setup-all
+	cargo fmt --all --check
+	scripts/weight.sh
 	scripts/licences.sh
-	cargo clippy --locked --workspace --all-targets -- -D warnings
-	cargo test --locked --workspace
+	cargo clippy --locked --workspace --all-targets --features nightly -- -D warnings
+	cargo test --locked --workspace --features nightly
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
 
 setup:
 	scripts/setup.sh
 
-setup-test:
+setup-all:
 	scripts/setup.sh test

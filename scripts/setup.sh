@@ -2,8 +2,7 @@
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
 # With `test`: also SwiftShader, the second software driver that the tests use, Vulkan's validation layer, Chromium with axe-core for
-# the tests of the HTML page, Dawn for Node, Slurm with munge for those of a fleet, PostgreSQL for those of the history, jq,
-# PyYAML and shellcheck for those of jobs, and what builds the worker in C++. Elsewhere it only says what it would do.
+# the tests of the HTML page, jq, PyYAML and shellcheck for those of jobs, and what builds the worker in C++. Elsewhere it only says what it would do.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then
@@ -16,7 +15,6 @@ if ! command -v apt-get >/dev/null 2>&1; then
 fi
 
 axe_version=4.14.1
-dawn_version=0.6.2
 missing=""
 want() { # package
     dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q '^install ok installed' || missing="$missing $1"
@@ -36,7 +34,6 @@ want valgrind
     want vulkan-validationlayers
     want chromium; want chromium-driver
     want g++; want make; want libvulkan-dev; want glslang-tools; want nlohmann-json3-dev
-    want slurm-wlm; want munge; want postgresql; want openssl
     want curl; want jq; want python3-yaml; want shellcheck
 }
 
@@ -50,14 +47,13 @@ install() {
     DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends $missing >/dev/null
 }
 # The accessibility checks that the page's tests run in Chromium.
-# Dawn for Node is the second implementation of WebGPU that frames are run on.
 install_npm() {
     modules=target/npm/node_modules
-    [ ! -e $modules/axe-core/axe.min.js ] || [ ! -e $modules/webgpu/index.js ] || return 0
-    untested="neither the page's accessibility nor frames on Dawn are tested"
+    [ ! -e $modules/axe-core/axe.min.js ] || return 0
+    untested="the page's accessibility is not tested"
     command -v npm >/dev/null 2>&1 || { echo "note: no npm, so $untested" >&2; return 0; }
-    npm install --silent --no-save --prefix target/npm "axe-core@$axe_version" "webgpu@$dawn_version" >/dev/null ||
-        echo "note: the npm packages could not be installed, so $untested" >&2
+    npm install --silent --no-save --prefix target/npm "axe-core@$axe_version" >/dev/null ||
+        echo "note: the npm package could not be installed, so $untested" >&2
 }
 
 install

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail};
+use anyhow::anyhow;
 use itertools::Itertools;
 
 use crate::folder::Folder;
@@ -18,10 +18,9 @@ use crate::record::output::RECORDS;
 use crate::record::{self, Reading};
 use crate::report::page::{self, ComparisonOnPage, Page};
 use crate::report::{
-    Artifact, Exported, Exporter, FrameChoice, LeftOut, OF_RUNS, OfRun, ReportView, RunExporter,
-    Written,
+    Artifact, Exported, Exporter, LeftOut, OF_RUNS, OfRun, ReportView, RunExporter, Written,
 };
-use crate::{public, text};
+use crate::text;
 
 pub use crate::gates::tables::OF_COMPARISONS;
 
@@ -40,24 +39,15 @@ pub fn check_format(name: &str) -> anyhow::Result<()> {
 }
 
 /// One format, of the records that were read in a folder.
-pub fn export(
-    name: &str,
-    folder: &Path,
-    reading: Reading,
-    choice: &FrameChoice,
-) -> anyhow::Result<Exported> {
+pub fn export(name: &str, folder: &Path, reading: Reading) -> anyhow::Result<Exported> {
     if holds_comparison(&reading.records) {
         let exporter = find(name, folder, "a comparison", &OF_COMPARISONS)?;
-        refuse_choice(exporter.name, choice)?;
         let comparison = StoredComparison::of(reading, &folder.join(RECORDS))?;
         return Ok(exporter.one((exporter.export)(&Verdicts::of(&comparison))));
     }
     let exporter = find(name, folder, "a run", &OF_RUNS)?;
-    if !matches!(exporter.export, OfRun::Frame(_)) {
-        refuse_choice(exporter.name, choice)?;
-    }
     let view = ReportView::new(&reading.records, Some(folder));
-    Ok(exporter.run(&view, choice)?)
+    Ok(exporter.run(&view))
 }
 
 /// The exporter of that name among those of what the folder holds.
@@ -86,17 +76,7 @@ fn unknown(name: &str) -> anyhow::Error {
 /// Names of all exporters.
 fn known() -> impl Iterator<Item = &'static str> {
     let of_runs = OF_RUNS.iter().map(|exporter| exporter.name);
-    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name)).chain([public::NAME])
-}
-
-/// A choice that changes nothing is an error.
-pub fn refuse_choice(name: &'static str, choice: &FrameChoice) -> anyhow::Result<()> {
-    if choice.cell.is_none() && choice.frame.is_none() {
-        return Ok(());
-    }
-    let of_frames = OF_RUNS.iter().filter(|exporter| matches!(exporter.export, OfRun::Frame(_)));
-    let formats = of_frames.map(|exporter| exporter.name).join(", ");
-    bail!("--cell and --frame do not apply to `{name}`, only to a format of one frame ({formats})")
+    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name))
 }
 
 /// Name, what it is a format of, file, when that is written, and description of each exporter.
@@ -106,9 +86,8 @@ pub fn listing() -> Vec<[String; 5]> {
         [name, of, file, written.to_string().as_str(), about].map(str::to_owned)
     }
     let of_runs = OF_RUNS.iter().map(|exporter| row("run", exporter));
-    let public = [public::NAME, "either", "a folder", "on request", public::ABOUT];
     let of_comparisons = OF_COMPARISONS.iter().map(|e| row("comparison", e));
-    of_runs.chain(of_comparisons).chain([public.map(str::to_owned)]).collect()
+    of_runs.chain(of_comparisons).collect()
 }
 
 /// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.
@@ -136,7 +115,7 @@ pub fn write_view(folder: &Path, view: &ReportView<'_>) -> anyhow::Result<Vec<Pa
             opened.write_with(exporter.file, write).map_err(unwritable(&path))?;
             Ok(vec![path])
         }
-        _ => put(folder, exporter.run(view, &FrameChoice::default())?.files()),
+        _ => put(folder, exporter.run(view).files()),
     };
     written.map(put).flatten_ok().collect()
 }

@@ -33,11 +33,8 @@
 
 #![warn(clippy::dbg_macro, clippy::print_stderr, clippy::print_stdout)]
 
-#[cfg(feature = "bench")]
-pub mod bench;
 pub mod cli;
 pub mod exporters;
-pub mod public;
 
 pub use fathom_base::{
     choices, folder, input, npy, parameter, private, process, quiet, settings, statistics, tell,
@@ -48,7 +45,6 @@ pub use fathom_compare as compare;
 pub use fathom_embedded as embedded;
 pub use fathom_experiments as experiments;
 pub use fathom_experiments::words;
-pub use fathom_fleet as fleet;
 pub use fathom_gates as gates;
 pub use fathom_gpu as gpu;
 pub use fathom_harness as harness;

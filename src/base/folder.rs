@@ -4,22 +4,15 @@
 //! A file is written under no name or a random one and moved to its place when it is whole. If something else than a regular
 //! file stands there (a link, pipe, device or folder), that is refused and stays as it is.
 
-use std::ffi::OsStr;
-use std::fs::File;
+use std::fs::{File, FileType, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Component, Path, PathBuf};
 
-use cap_fs_ext::{DirExt, FollowSymlinks, OpenOptionsFollowExt, OpenOptionsSyncExt};
-use cap_std::ambient_authority;
-use cap_std::fs::{Dir, FileType, Metadata, OpenOptions};
-use cap_tempfile::TempFile;
-
 use crate::input::{self, Limited};
 
-/// A folder that was opened. Names of files are paths beneath it.
-#[derive(Debug)]
+/// A folder that is there. Names of files are paths beneath it.
+#[derive(Clone, Debug)]
 pub struct Folder {
-    dir: Dir,
     path: PathBuf,
 }
 
@@ -49,7 +42,9 @@ pub fn is_there(path: &Path) -> bool {
 
 impl Folder {
     pub fn open(path: &Path) -> io::Result<Self> {
-        Ok(Self { dir: Dir::open_ambient_dir(path, ambient_authority())?, path: path.to_owned() })
+        // Only a folder has entries: anything else is an error.
+        std::fs::read_dir(path)?;
+        Ok(Self { path: path.to_owned() })
     }
 
     /// Opens a folder, which is made with its parents where it is not there.
@@ -58,56 +53,51 @@ impl Folder {
         Self::open(path)
     }
 
-    /// The path by which it was opened.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// A folder beneath.
-    pub fn beneath(&self, name: impl AsRef<Path>) -> io::Result<Self> {
-        self.descend(name.as_ref(), |_, _| Ok(()))
-    }
-
     /// A folder beneath, which is made where it is not there.
     pub fn make_beneath(&self, name: impl AsRef<Path>) -> io::Result<Self> {
-        self.descend(name.as_ref(), |dir, part| match dir.create_dir(part) {
+        let path = self.descend(name.as_ref(), |path| match std::fs::create_dir(path) {
             Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error),
             _ => Ok(()),
-        })
+        })?;
+        Ok(Self { path })
     }
 
+    /// The path of a folder beneath. None of its parts is a link.
     fn descend(
         &self,
         name: &Path,
-        before: impl Fn(&Dir, &OsStr) -> io::Result<()>,
-    ) -> io::Result<Self> {
-        let mut dir = self.dir.try_clone()?;
+        before: impl Fn(&Path) -> io::Result<()>,
+    ) -> io::Result<PathBuf> {
+        let mut path = self.path.clone();
         for part in name.components() {
             let Component::Normal(part) = part else {
                 return Err(outside(name));
             };
-            before(&dir, part)?;
-            let kind = dir.symlink_metadata(part)?.file_type();
+            path.push(part);
+            before(&path)?;
+            let kind = path.symlink_metadata()?.file_type();
             if !kind.is_dir() {
                 return Err(refusal(Path::new(part), &format!("is {} and no folder", told(kind))));
             }
-            dir = dir.open_dir_nofollow(part)?;
         }
-        Ok(Self { dir, path: self.path.join(name) })
+        Ok(path)
     }
 
-    /// The folder in which a name lies, and its last part.
-    fn place<'a>(&self, name: &'a Path) -> io::Result<(Dir, &'a OsStr)> {
+    /// The path of a name whose folder is no link.
+    fn place(&self, name: &Path) -> io::Result<PathBuf> {
         let Some(Component::Normal(last)) = name.components().next_back() else {
             return Err(outside(name));
         };
-        Ok((self.beneath(name.parent().unwrap_or(Path::new("")))?.dir, last))
+        Ok(self.descend(name.parent().unwrap_or(Path::new("")), |_| Ok(()))?.join(last))
     }
 
     /// Of what has this name, a link not followed.
     pub fn metadata(&self, name: impl AsRef<Path>) -> io::Result<Metadata> {
-        let (dir, last) = self.place(name.as_ref())?;
-        dir.symlink_metadata(last)
+        self.place(name.as_ref())?.symlink_metadata()
     }
 
     /// A regular file has this name.
@@ -121,10 +111,8 @@ impl Folder {
         #[cfg(unix)]
         {
             use std::os::unix::fs::MetadataExt;
-            let found =
-                (cap_fs_ext::MetadataExt::dev(&found), cap_fs_ext::MetadataExt::ino(&found));
-            file.metadata()
-                .is_ok_and(|own| (MetadataExt::dev(&own), MetadataExt::ino(&own)) == found)
+            let id = |of: &Metadata| (of.dev(), of.ino());
+            file.metadata().is_ok_and(|own| id(&own) == id(&found))
         }
         #[cfg(not(unix))]
         {
@@ -135,27 +123,19 @@ impl Folder {
 
     /// Opens a regular file, without waiting for the other end of a pipe.
     fn open_file(&self, name: &Path, options: &mut OpenOptions) -> io::Result<File> {
-        let (dir, last) = self.place(name)?;
+        let path = self.place(name)?;
         // Asked before it is opened, because opening a device can act on it, and again of what was opened.
-        self.refuse_other(&dir, name, last)?;
-        let options = options.follow(FollowSymlinks::No).nonblock(true);
-        let file = dir.open_with(last, options)?.into_std();
+        refuse_other(&path, name)?;
+        #[cfg(unix)]
+        std::os::unix::fs::OpenOptionsExt::custom_flags(
+            options,
+            libc::O_NOFOLLOW | libc::O_NONBLOCK,
+        );
+        let file = options.open(path)?;
         if file.metadata()?.is_file() {
             return Ok(file);
         }
         Err(refusal(name, "is no regular file"))
-    }
-
-    /// An error where something else than a regular file has the name.
-    fn refuse_other(&self, dir: &Dir, name: &Path, last: &OsStr) -> io::Result<()> {
-        match dir.symlink_metadata(last) {
-            Ok(found) if !found.is_file() => {
-                let what = format!("is {}", told(found.file_type()));
-                Err(refusal(name, &what))
-            }
-            Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
-            _ => Ok(()),
-        }
     }
 
     /// Opens a file to read it.
@@ -170,8 +150,7 @@ impl Folder {
 
     /// Makes a file of a name that nothing has.
     pub fn create_new(&self, name: impl AsRef<Path>) -> io::Result<File> {
-        let (dir, last) = self.place(name.as_ref())?;
-        Ok(dir.open_with(last, OpenOptions::new().write(true).create_new(true))?.into_std())
+        File::create_new(self.place(name.as_ref())?)
     }
 
     /// Its bytes, to be read one after the other, no more than `limit`.
@@ -195,26 +174,39 @@ impl Folder {
         name: impl AsRef<Path>,
         write: impl FnOnce(&mut File) -> Result<(), E>,
     ) -> Result<(), E> {
-        let name = name.as_ref();
-        let (dir, last) = self.place(name)?;
-        self.refuse_other(&dir, name, last)?;
-        let beside = TempFile::new(&dir)?;
-        let mut file = beside.as_file().try_clone()?.into_std();
-        write(&mut file)?;
-        Ok(beside.replace(last)?)
+        let path = self.place(name.as_ref())?;
+        refuse_other(&path, name.as_ref())?;
+        let mut fresh = tempfile::Builder::new();
+        // Those of any new file, in place of the private ones of temporary files.
+        #[cfg(unix)]
+        fresh.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut file = fresh.tempfile_in(path.parent().unwrap_or(&self.path))?;
+        write(file.as_file_mut())?;
+        file.persist(path).map_err(|error| error.error)?;
+        Ok(())
     }
 
     /// Writes a file of no name to the disk and lets go of it.
     pub fn try_writing(&self, bytes: &[u8]) -> io::Result<()> {
-        let mut file = TempFile::new_anonymous(&self.dir)?;
+        let mut file = tempfile::tempfile_in(&self.path)?;
         file.write_all(bytes)?;
         file.sync_all()
     }
 
     /// Removes a file, or a link itself.
     pub fn remove(&self, name: impl AsRef<Path>) -> io::Result<()> {
-        let (dir, last) = self.place(name.as_ref())?;
-        dir.remove_file(last)
+        std::fs::remove_file(self.place(name.as_ref())?)
+    }
+}
+
+/// An error where something else than a regular file is there.
+fn refuse_other(path: &Path, name: &Path) -> io::Result<()> {
+    match path.symlink_metadata() {
+        Ok(found) if !found.is_file() => {
+            Err(refusal(name, &format!("is {}", told(found.file_type()))))
+        }
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
     }
 }
 

@@ -1,12 +1,10 @@
 //! Files that a user names, read with a limit: a folder, pipe or device is refused before it is opened, and a file that is too
 //! large or endless ends in an error that names the limit.
 
-use std::fs::{self, File, Metadata};
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Take};
 use std::path::Path;
 
-use cap_fs_ext::OpenOptionsSyncExt;
-use cap_std::{ambient_authority, fs::OpenOptions};
 use flate2::bufread::MultiGzDecoder;
 use sha2::{Digest, Sha256};
 
@@ -24,9 +22,10 @@ pub fn open(path: &Path) -> io::Result<File> {
     regular(&fs::metadata(path)?)?;
     // Opening does not wait for the other end of a pipe.
     let mut options = OpenOptions::new();
-    options.read(true).nonblock(true);
-    let file = cap_std::fs::File::open_ambient_with(path, &options, ambient_authority())?;
-    let file = file.into_std();
+    options.read(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK);
+    let file = options.open(path)?;
     regular(&file.metadata()?)?;
     Ok(file)
 }

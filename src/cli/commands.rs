@@ -370,18 +370,10 @@ fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::
 }
 
 pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {
-    let options = gpu_options(catalog, &args.adapter);
-    #[cfg(feature = "bundle")]
-    let options = if args.bundle { dumping::traced(&args.output, options)? } else { options };
-    let gpu = Gpu::open(&options)?;
+    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
     let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
-    #[cfg(feature = "bundle")]
-    if args.bundle {
-        return written(dumping::bundle(&gpu, &subject, &args.output)?);
-    }
-    let stage = args.stage.as_deref().unwrap_or_default();
-    written(dumping::dump(&gpu, &subject, stage, &args.output)?)
+    written(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
 }
 
 pub fn query(catalog: &Catalog, args: QueryArgs) -> Outcome {
@@ -481,26 +473,6 @@ fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
         ));
     }
     exporters::write(&output.folder, reading)
-}
-
-#[cfg(feature = "bench")]
-pub fn bench(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {
-    use crate::bench::{StageBench, gate_cells};
-    let gates = crate::compare::cells::Gates::load(None, catalog.gates)?
-        .filtered(&filter.unwrap_or_default())?;
-    let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
-    let clock = gpu::audit(&gpu)?;
-    let mut stages = StageBench::new(gpu, clock.plan, criterion::Criterion::default())?;
-    gate_cells(catalog, &mut stages, gates)?;
-    stages.finish();
-    Ok(ExitCode::SUCCESS)
-}
-
-#[cfg(not(feature = "bench"))]
-pub fn bench(_: &Catalog, _: Option<String>, _: &AdapterArgs) -> Outcome {
-    anyhow::bail!(
-        "this build of fathom holds no criterion: build it with `cargo build --release --locked --features bench`"
-    )
 }
 
 pub fn worker(catalog: &Catalog, args: AdapterArgs) -> Outcome {

@@ -4,31 +4,21 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::{Context, ensure};
+use anyhow::Context;
 
 use super::ExportArgs;
 use super::commands::{Outcome, sound, written};
-use crate::public::{self, Keep};
 use crate::record::output::OutputFolder;
 use crate::record::schema::LineKind;
-use crate::report::{Artifact, Exported, FrameChoice};
-use crate::{exporters, folder, tell, text};
+use crate::report::{Artifact, Exported};
+use crate::{exporters, folder, tell};
 
 pub fn export(args: ExportArgs) -> Outcome {
-    let ExportArgs { format, folder: from, output, cell, frame, samples, own } = args;
+    let ExportArgs { format, folder: from, output } = args;
     exporters::check_format(&format)?;
-    let (choice, keep) = (FrameChoice { cell, frame }, Keep { samples, own });
     let held = OutputFolder { folder: from.clone() };
     let records = sound(&held, "the folder of a run or a comparison holds a file")?;
-    if format == public::NAME {
-        exporters::refuse_choice(public::NAME, &choice)?;
-        let to = output.context("`public` is a folder: name it with -o DIR")?;
-        let notes = public::copy(&from, &records.records, &to, keep)?;
-        notes.iter().for_each(|note| tell::note(text::line(note)));
-        return written([to]);
-    }
-    ensure!(!samples && !own, "--samples and --own apply to `public` alone");
-    match (exporters::export(&format, &from, records, &choice)?, output) {
+    match (exporters::export(&format, &from, records)?, output) {
         (Exported::One(file), None) => {
             tell::Answer.write_all(&file.bytes)?;
             Ok(ExitCode::SUCCESS)

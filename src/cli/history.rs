@@ -18,15 +18,15 @@ use crate::compare::launch::Waiting;
 use crate::harness::catalog::Catalog;
 use crate::history::run::FRAME;
 use crate::history::{
-    self, Added, Change, DEFAULT_FILE, Findings, History, Location, NewRun, Said, Selection,
-    StoredRuns, VARIABLE, on_page, otava, tables,
+    self, Added, Change, DEFAULT_FILE, Findings, History, NewRun, Said, Selection, StoredRuns,
+    VARIABLE, on_page, tables,
 };
 use crate::record::Writer;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES};
 use crate::record::output::RECORDS;
 use crate::report::Artifact;
 use crate::report::page::Page;
-use crate::{exporters, folder, tell};
+use crate::{folder, tell};
 
 #[derive(Subcommand)]
 pub enum HistoryCommand {
@@ -86,16 +86,6 @@ pub enum HistoryCommand {
         #[command(flatten)]
         place: PlaceArgs,
     },
-    /// Write the series for another tool
-    Export {
-        /// Folder for what Apache Otava reads: a CSV file for each series, and otava.yaml
-        #[arg(long, value_name = "DIR", required = true)]
-        otava: PathBuf,
-        /// Only figures whose names contain this
-        filter: Option<String>,
-        #[command(flatten)]
-        selection: SelectionArgs,
-    },
 }
 
 /// A program that is measured now.
@@ -114,19 +104,16 @@ pub struct WorkerArgs {
 
 #[derive(Args)]
 pub struct PlaceArgs {
-    /// File of SQLite, or URL of a PostgreSQL database [default: FATHOM_HISTORY, or reports/history.sqlite]
-    #[arg(long, value_name = "PATH|URL")]
+    /// File of SQLite [default: FATHOM_HISTORY, or reports/history.sqlite]
+    #[arg(long, value_name = "PATH")]
     pub db: Option<String>,
-    /// Reach a PostgreSQL server without TLS: password and records travel unencrypted
-    #[arg(long)]
-    pub unencrypted: bool,
 }
 
 impl PlaceArgs {
-    fn location(self) -> anyhow::Result<Location> {
+    fn location(self) -> anyhow::Result<PathBuf> {
         let variable = || std::env::var(VARIABLE).ok().filter(|place| !place.is_empty());
         let place = self.db.or_else(variable);
-        Location::new(place.as_deref().unwrap_or(DEFAULT_FILE), self.unencrypted)
+        history::location(place.as_deref().unwrap_or(DEFAULT_FILE))
     }
 }
 
@@ -182,9 +169,6 @@ pub fn history(catalog: &Catalog, command: HistoryCommand) -> Outcome {
             bisect_change(catalog, &selection.stored(filter)?, is_named, *search)
         }
         HistoryCommand::Get { run, out, place } => get(&run, &out, &place.location()?),
-        HistoryCommand::Export { otava, filter, selection } => {
-            export(&otava, &selection.stored(filter)?)
-        }
     }
 }
 
@@ -204,7 +188,7 @@ fn measured(command: &str, cells: &Path, launches: u32) -> anyhow::Result<TempDi
 }
 
 /// All folders are read before the first is stored, so that a damaged one is told at once.
-fn add(folders: &[PathBuf], said: Said, location: &Location) -> Outcome {
+fn add(folders: &[PathBuf], said: Said, location: &Path) -> Outcome {
     let origin = history::origin(said)?;
     for folder in folders {
         NewRun::read(folder, RECORDS)?;
@@ -296,7 +280,7 @@ fn worse<'a>(
     Ok(last[0])
 }
 
-fn get(run: &str, out: &Path, location: &Location) -> Outcome {
+fn get(run: &str, out: &Path, location: &Path) -> Outcome {
     let (_, bytes) = History::open(location)?.records(run)?;
     let path = out.join(RECORDS);
     anyhow::ensure!(
@@ -305,16 +289,4 @@ fn get(run: &str, out: &Path, location: &Location) -> Outcome {
         path.display()
     );
     write_into(out, vec![Artifact { name: RECORDS.to_owned(), bytes }])
-}
-
-fn export(folder: &Path, stored: &StoredRuns) -> Outcome {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    // Otava reads paths from the folder that it was started in.
-    let whole = std::fs::canonicalize(folder)?;
-    let files = otava::files(stored, &whole.to_string_lossy())?;
-    let count = files.len() - 1;
-    exporters::put(folder, files)?;
-    tell::done(format!("{}: {count} series", folder.join(otava::CONFIGURATION).display()));
-    Ok(ExitCode::SUCCESS)
 }

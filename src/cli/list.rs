@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 use super::commands::{Outcome, in_json};
 use super::{ListArgs, Listing};
 use crate::experiments::Experiment;
-use crate::gpu::{self, Gpu, Listed, Profile};
+use crate::gpu::{Gpu, Listed};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::Figure;
 use crate::harness::subject::Subjects;
@@ -144,11 +144,6 @@ fn rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec
         }
         Listing::Parameters => parameters(catalog, args)?,
         Listing::Adapters => Gpu::list().into_iter().enumerate().map(adapter).collect(),
-        Listing::Masks => {
-            let row =
-                |(name, profile): (&String, &Profile)| Row::of("name", &**name, &*profile.about);
-            gpu::profiles().iter().map(row).collect()
-        }
         Listing::Exporters => exporters::listing().into_iter().map(exporter).collect(),
         Listing::Pipelines => {
             let kinds = catalog.kinds.iter();

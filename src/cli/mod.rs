@@ -6,10 +6,7 @@ mod compare;
 mod compare_args;
 mod doctor;
 mod export;
-mod fleet;
-mod hardware;
 mod history;
-mod init;
 mod list;
 mod merge;
 mod shells;
@@ -54,7 +51,6 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
     match command {
         Command::Run(args) => commands::run(catalog, args),
         Command::Doctor { json, adapter } => doctor::doctor(catalog, json, &adapter),
-        Command::Hardware(args) => hardware::hardware(&args),
         Command::List(args) => list::list(catalog, &args),
         Command::Audit { json, adapter } => commands::audit(catalog, json, &adapter),
         Command::Ceilings { json, adapter } => commands::ceilings(catalog, json, &adapter),
@@ -66,14 +62,11 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
         Command::Dump(args) => commands::dump(catalog, args),
         Command::Query(args) => commands::query(catalog, args),
         Command::Report { folders, out } => commands::report(folders, out),
-        Command::Fleet(args) => fleet::fleet(catalog, *args),
         Command::Merge { folders, out } => merge::merge(&folders, &out),
         Command::Export(args) => export::export(args),
         Command::Schema { kind } => export::schema(kind),
         Command::Compare(args) => compare::compare(catalog, *args),
-        Command::Init(args) => init::init(&args),
         Command::Bisect(args) => bisect::bisect(catalog, &args),
-        Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
         Command::History { command } => history::history(catalog, command),
         Command::Completions { shell } => shells::completions(catalog, shell),
         Command::Man { command } => shells::man(catalog, command.as_deref()),
@@ -139,13 +132,6 @@ pub enum Command {
         #[command(flatten)]
         adapter: AdapterArgs,
     },
-    /// Measure all there is to know of new hardware into one folder, in pieces that can be stopped at any time: doctor, audit, verify,
-    /// ceilings, the paper profile, and a comparison of this program with itself
-    #[command(
-        after_help = "Call it again with the same folder to go on. Exit status: 0 all is done; 1 all is done, and a step did not end \
-            well; 3 something is left; 130 interrupted. docs/first-hour.md says what to look at first."
-    )]
-    Hardware(hardware::HardwareArgs),
     /// List experiments, claims, figures, scenes, pipelines, stages, parameters, adapters or exporters
     List(ListArgs),
     /// Check the clocks that `run` uses on this adapter against the host clock
@@ -203,13 +189,7 @@ pub enum Command {
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
-    /// Measure the shards of a run as a job array of a batch system, and merge them
-    #[command(
-        after_help = "Exit status: that of the run; 2 also if a shard could not be measured; 130 interrupted, with the jobs \
-            cancelled and everything measured so far merged. The folder and the program must be the same on all nodes."
-    )]
-    Fleet(Box<crate::fleet::Options>),
-    /// Write a folder's records in another format: CSV, JUnit, Bencher, a trace of one frame, a copy to publish and others
+    /// Write a folder's records in another format: CSV, JUnit, Bencher and others
     Export(ExportArgs),
     /// Print the JSON Schema (draft 2020-12) of the lines that fathom writes
     Schema {
@@ -223,8 +203,6 @@ pub enum Command {
             4 times not judged, exact figures no worse; 130 interrupted, with everything measured so far stored."
     )]
     Compare(Box<compare_args::CompareArgs>),
-    /// Write what a project of your own needs to compare its pull requests: the cells of its worker, and a job that compares them
-    Init(Box<init::InitArgs>),
     /// Find the revision, driver or version of a crate that made a stage slower, costlier or less accurate, through noise
     #[command(
         after_help = "The ends are compared first. Then revisions between them are built and compared with the good one, in the cell that \
@@ -232,13 +210,6 @@ pub enum Command {
             measure; 3 several could not be told apart, or the ends are too noisy; 130 interrupted, and --resume goes on."
     )]
     Bisect(Box<compare_args::BisectArgs>),
-    /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion. Needs a build with the feature `bench`
-    Bench {
-        /// Only cells whose names contain this: `pool caustics/trace`, `caustics`
-        filter: Option<String>,
-        #[command(flatten)]
-        adapter: AdapterArgs,
-    },
     /// Store runs of many commits in a database, and find between which commits a stage changed
     History {
         #[command(subcommand)]
@@ -261,9 +232,6 @@ pub struct AdapterArgs {
     /// Part of the adapter's name, or its number in `fathom list adapters`
     #[arg(long, value_name = "NAME|INDEX")]
     pub adapter: Option<String>,
-    /// Take away what this kind of adapter lacks: better limits and other features than its own. See `fathom list masks`
-    #[arg(long, value_name = "KIND", value_parser = parse_kind)]
-    pub like: Option<String>,
     /// Do without a feature of the adapter; may be given several times
     #[arg(long, value_name = "FEATURE", value_parser = parse_feature)]
     pub without: Vec<Feature>,
@@ -279,7 +247,7 @@ impl AdapterArgs {
     pub fn options(&self) -> gpu::Options {
         gpu::Options {
             adapter: self.adapter.clone(),
-            mask: Mask { like: self.like.clone(), without: self.without.clone() },
+            mask: Mask { without: self.without.clone() },
             unchecked: self.unchecked,
             allow_large: self.allow_large,
             ..gpu::Options::default()
@@ -344,8 +312,6 @@ pub enum Listing {
     Stages,
     Parameters,
     Adapters,
-    /// Kinds of adapters for `--like`
-    Masks,
     Pipelines,
     Exporters,
     Claims,
@@ -395,13 +361,7 @@ pub struct RenderArgs {
 #[derive(Args)]
 pub struct DumpArgs {
     /// Name of a stage; see `fathom list stages`
-    #[cfg_attr(feature = "bundle", arg(required_unless_present = "bundle"))]
-    #[cfg_attr(not(feature = "bundle"), arg(required = true))]
-    pub stage: Option<String>,
-    /// Write what every stage of the frame leaves, and all that another implementation of WebGPU needs to run it (docs/validation.md)
-    #[cfg(feature = "bundle")]
-    #[arg(long, conflicts_with = "stage")]
-    pub bundle: bool,
+    pub stage: String,
     #[arg(long, default_value = PIPELINE)]
     pub pipeline: String,
     /// Name of a scene, or path of a scene file
@@ -462,22 +422,6 @@ pub struct ExportArgs {
     /// File to write, or the folder for it [default: standard output]
     #[arg(short, long, value_name = "PATH")]
     pub output: Option<PathBuf>,
-    /// Cell of a trace: `EXPERIMENT CELL`, or EXPERIMENT for its first timed cell [default: the first timed cell]
-    #[arg(long, value_name = "NAME")]
-    pub cell: Option<String>,
-    /// Frame of a trace, counted from 0 [default: the one whose time is nearest to the median]
-    #[arg(long, value_name = "N")]
-    pub frame: Option<usize>,
-    /// Keep raw samples in a public copy: claims about times need them
-    #[arg(long)]
-    pub samples: bool,
-    /// Keep your own experiments and scenes in a public copy, with their texts
-    #[arg(long)]
-    pub own: bool,
-}
-
-fn parse_kind(text: &str) -> Result<String, String> {
-    gpu::profile(text).map(|_| text.to_owned()).map_err(|error| error.to_string())
 }
 
 fn parse_feature(text: &str) -> Result<Feature, String> {

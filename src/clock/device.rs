@@ -3,10 +3,9 @@
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::DeviceError;
-use super::injected::{ClockFault, Injected};
 use fathom_record::{Adapter, Mask};
 
 /// Longest time of a submission. Drivers of GPUs end one that hangs after 2 to 60 s, if they do. A software driver may be asked for
@@ -25,7 +24,6 @@ pub struct WatchedDevice {
     pub unchecked: bool,
     faults: Arc<Mutex<Faults>>,
     on_fault: Option<OnFault>,
-    injected: Injected,
     pub(crate) longest_submission: Duration,
 }
 
@@ -72,54 +70,18 @@ impl WatchedDevice {
     /// A device of this adapter. Its handlers of errors stay as they are: see [`Self::watch`].
     pub fn new(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let about = describe(adapter);
-        let is_real = adapter.get_info().backend != wgpu::Backend::Noop;
-        let injected = if is_real { Injected::of_environment() } else { Ok(Injected::default()) };
-        let mut faults = Faults::default();
-        let injected = injected.unwrap_or_else(|unknown| {
-            faults.lost = Some(unknown);
-            Injected::default()
-        });
-        let timestamp_period_ns =
-            injected.period_ns().map_or(queue.get_timestamp_period(), |ns| ns as f32);
+        let timestamp_period_ns = queue.get_timestamp_period();
         Self {
             longest_submission: if about.software { LONGEST_IN_SOFTWARE } else { LONGEST_ON_GPU },
             adapter: Adapter { timestamp_period_ns, ..about },
             features: device.features(),
             limits: device.limits(),
             unchecked: false,
-            faults: Arc::new(Mutex::new(faults)),
+            faults: Arc::default(),
             on_fault: None,
-            injected,
             device,
             queue,
         }
-    }
-
-    /// What of it is made up; see `docs/faults.md`.
-    pub fn made_up(&self) -> Option<String> {
-        self.injected.note()
-    }
-
-    pub(crate) fn clock_faults(&self) -> impl Iterator<Item = ClockFault> {
-        self.injected.clock_faults()
-    }
-
-    /// To be called for each allocation that is not made by [`Self::buffer`]: a development build lets one of them fail.
-    pub fn allocates(&self) {
-        if self.injected.allocated() {
-            let source = "made up".into();
-            self.raise(wgpu::Error::OutOfMemory { source });
-        }
-    }
-
-    /// What to compile: in a development build, once something that cannot be.
-    pub fn compiled<'s>(&self, source: wgpu::ShaderSource<'s>) -> wgpu::ShaderSource<'s> {
-        let fails = self.injected.compiled();
-        if fails { wgpu::ShaderSource::Wgsl("made up".into()) } else { source }
-    }
-
-    fn raise(&self, error: wgpu::Error) {
-        self.faults.lock().unwrap_or_else(PoisonError::into_inner).uncaptured.push(error);
     }
 
     fn lose(&self, reason: String) {
@@ -191,10 +153,6 @@ impl WatchedDevice {
     /// # Errors
     /// As [`Self::wait`].
     pub fn wait_for(&self, index: Option<wgpu::SubmissionIndex>) -> Result<(), DeviceError> {
-        let start = Instant::now();
-        if self.injected.submitted() {
-            self.device.destroy();
-        }
         let timeout = Some(self.longest_submission);
         let wait = wgpu::PollType::Wait { submission_index: index, timeout };
         // wgpu panics when the device is lost while it waits.
@@ -205,7 +163,7 @@ impl WatchedDevice {
                 // A submission was refused. Only the next poll reports that the device is gone.
                 let _ = self.device.poll(wgpu::PollType::Poll);
             }
-            _ => self.injected.ended(start),
+            _ => {}
         }
         self.pending_fault()?;
         match outcome {
@@ -229,7 +187,6 @@ impl WatchedDevice {
     }
 
     pub fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
-        self.allocates();
         self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,

@@ -6,7 +6,6 @@ mod counters;
 mod device;
 mod error;
 mod frame;
-mod injected;
 mod machine;
 mod queries;
 mod sampling;

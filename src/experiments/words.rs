@@ -336,7 +336,7 @@ mod tests {
 
         use fathom_record::{Record, read};
         let path =
-            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/llvmpipe/records.jsonl");
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/run/records.jsonl");
         let cells = read(&path).unwrap().records.into_iter().filter_map(|record| match record {
             Record::Cell(cell) => Some(cell),
             _ => None,
@@ -350,6 +350,6 @@ mod tests {
                 assert_known(FIGURES, name);
             });
         }
-        assert!(figures > 1_000, "{figures}");
+        assert!(figures > 100, "{figures}");
     }
 }

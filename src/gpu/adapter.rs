@@ -48,26 +48,16 @@ pub struct Options {
     pub mask: Mask,
     /// Where shaders are looked for; fathom's own if none is given.
     pub shaders: Option<Folders>,
-    /// An empty folder, into which all that the device is asked for is written: wgpu's trace, with shaders as WGSL.
-    #[cfg(feature = "trace")]
-    pub trace: Option<std::path::PathBuf>,
+    /// No better limits than these; the adapter's own if none are given.
+    pub limits: Option<wgpu::Limits>,
 }
 
 impl Options {
-    fn traced(&self) -> wgpu::Trace {
-        #[cfg(feature = "trace")]
-        if let Some(folder) = &self.trace {
-            return wgpu::Trace::Directory(folder.clone());
-        }
-        wgpu::Trace::Off
-    }
-
     /// As fathom's command line takes them; shaders are not among them.
     pub fn words(&self) -> Vec<String> {
         let option = |name: &str, value: &dyn ToString| [name.to_owned(), value.to_string()];
-        let Mask { like, without } = &self.mask;
+        let Mask { without } = &self.mask;
         let valued = self.adapter.iter().map(|name| option("--adapter", name));
-        let valued = valued.chain(like.iter().map(|kind| option("--like", kind)));
         let valued = valued.chain(without.iter().map(|feature| option("--without", feature)));
         let flags = [("--unchecked", self.unchecked), ("--allow-large", self.allow_large)];
         let set = flags.into_iter().filter(|(_, is_set)| *is_set);
@@ -97,8 +87,6 @@ pub struct Gpu {
     pub(super) pipelines: Arc<Pipelines>,
     /// It allocates nothing: see [`Gpu::planner`].
     planner: bool,
-    /// What it is asked for is written down.
-    pub(super) traced: bool,
     pub(super) folders: Folders,
 }
 
@@ -285,7 +273,11 @@ impl Gpu {
         options: &Options,
     ) -> Result<Gpu, GpuError> {
         let mask = options.mask.clone();
-        let (limits, features) = mask::masked(&mask, chosen.limits(), chosen.features())?;
+        let features = mask::without(&mask, chosen.features());
+        let limits = match &options.limits {
+            Some(most) => chosen.limits().or_worse_values_from(most),
+            None => chosen.limits(),
+        };
         let adapter = record::Adapter { mask, ..describe(&chosen) };
         if let Some(missing) = lacks(&chosen, &limits) {
             let adapter = format!("{} ({})", adapter.title(), adapter.backend);
@@ -295,9 +287,7 @@ impl Gpu {
         if !flags.is_empty() {
             notes.push(format!("instance flags from the environment slow every call: {flags:?}"));
         }
-        let trace = options.traced();
-        let traced = !matches!(trace, wgpu::Trace::Off);
-        let (device, queue) = request(&chosen, &adapter, (features, limits), trace)?;
+        let (device, queue) = request(&chosen, &adapter, (features, limits))?;
         let pipelines = Arc::new(Pipelines::default());
         let shaders = Arc::new(Shaders::default());
         let known = (Arc::clone(&pipelines), Arc::clone(&shaders));
@@ -308,7 +298,6 @@ impl Gpu {
         });
         watched.unchecked = options.unchecked;
         watched.adapter.mask = adapter.mask;
-        notes.extend(watched.made_up());
         Ok(Gpu {
             capacity: Capacity::new(watched.limits.clone(), &watched.adapter, options.allow_large),
             watched,
@@ -316,7 +305,6 @@ impl Gpu {
             shaders,
             pipelines,
             planner: false,
-            traced,
             folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),
         })
     }
@@ -339,7 +327,6 @@ fn request(
     chosen: &wgpu::Adapter,
     adapter: &record::Adapter,
     (features, limits): (wgpu::Features, wgpu::Limits),
-    trace: wgpu::Trace,
 ) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("fathom"),
@@ -352,7 +339,7 @@ fn request(
         } else {
             wgpu::MemoryHints::Performance
         },
-        trace,
+        trace: wgpu::Trace::Off,
     };
     pollster::block_on(chosen.request_device(&descriptor)).map_err(|error| GpuError::Open {
         adapter: adapter.name.clone(),

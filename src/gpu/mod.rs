@@ -29,11 +29,8 @@ pub use fathom_clock::{
 };
 pub use layout::{Binding, BindingKind, Member, StructLayout};
 pub use limits::Demand;
-pub use mask::{Profile, profile, profiles};
 pub use pipelines::{CodeKey, GroupKey, KernelKey, MadePipelines, RasterKey};
-pub use readback::{
-    Pixels, Texels, read_buffer, read_level_bytes, read_texture, read_volume, texture_bytes,
-};
+pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, compilation_options, default_defs, link, shader_paths, text};
 pub use stage::{Column, Output, OutputData, ReadRow, Stage, StageInfo, refilling};
 pub use turns::{MOST_LOOP_TURNS, loop_turns, turns_line};

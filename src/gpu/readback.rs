@@ -92,21 +92,6 @@ fn read_texels(
     Ok((layout.channels, layout.decode(&bytes).collect()))
 }
 
-/// The first layer of a level, or all of a volume's, as the texels lie in memory, row after row.
-pub fn read_level_bytes(
-    gpu: &Gpu,
-    texture: &wgpu::Texture,
-    level: u32,
-) -> Result<Vec<u8>, GpuError> {
-    let depth = match texture.dimension() {
-        wgpu::TextureDimension::D3 => texture.depth_or_array_layers() >> level,
-        _ => 1,
-    };
-    let size = [texture.width() >> level, texture.height() >> level, depth].map(|n| n.max(1));
-    let bytes = texture.format().block_copy_size(None).unwrap_or(4);
-    texel_bytes(gpu, (texture, level, size), bytes)
-}
-
 fn texel_bytes(
     gpu: &Gpu,
     (texture, level, size): (&wgpu::Texture, u32, [u32; 3]),

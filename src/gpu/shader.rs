@@ -181,12 +181,8 @@ impl Gpu {
     fn make_shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
         let module = link(&self.folders, path, defs)?;
         let bindings = bindings(&module).into();
-        let source = match self.traced {
-            true => wgpu::ShaderSource::Wgsl(text(path, &module)?.into()),
-            false => wgpu::ShaderSource::Naga(Cow::Owned(module)),
-        };
-        let descriptor =
-            wgpu::ShaderModuleDescriptor { label: Some(path), source: self.compiled(source) };
+        let source = wgpu::ShaderSource::Naga(Cow::Owned(module));
+        let descriptor = wgpu::ShaderModuleDescriptor { label: Some(path), source };
         self.scoped(|| {
             if !self.unchecked {
                 let module = self.device.create_shader_module(descriptor);

@@ -13,8 +13,6 @@ use fathom_base::folder::Folder;
 use fathom_base::npy;
 use fathom_base::text::{did_you_mean, nearest};
 use fathom_gpu::{Gpu, read_buffer, read_texture, read_volume};
-#[cfg(feature = "bundle")]
-use fathom_gpu::{Options, read_level_bytes};
 use fathom_stages::{Output, OutputData, Stage};
 
 /// Runs one frame of the subject and writes the outputs of `stage` into `folder`, which is made if need be.
@@ -32,79 +30,6 @@ pub fn dump(gpu: &Gpu, subject: &Subject, stage: &str, folder: &Path) -> Result<
     }
     let folder = Folder::make(folder).map_err(|error| unwritten(folder, error))?;
     outputs.iter().map(|output| write(gpu, subject, (stage, &context), output, &folder)).collect()
-}
-
-/// What a device of [`bundle`] is opened with; of a folder that holds no bundle yet.
-///
-/// # Errors
-/// The folder cannot be made, or holds a bundle.
-#[cfg(feature = "bundle")]
-pub fn traced(folder: &Path, options: Options) -> Result<Options> {
-    std::fs::create_dir_all(folder).map_err(|error| unwritten(folder, error))?;
-    let trace = folder.join("trace");
-    std::fs::create_dir(&trace).map_err(|error| match error.kind() {
-        std::io::ErrorKind::AlreadyExists => {
-            unwritten(&trace, "it is there already: a bundle needs a folder of its own")
-        }
-        _ => unwritten(&trace, error),
-    })?;
-    Ok(Options { trace: Some(trace), ..options })
-}
-
-/// Runs one frame of the subject on a traced device, and writes what every stage leaves into `folder` as it lies in memory, and
-/// `bundle.json`, which lists the files in the order in which they were read back. With wgpu's trace another implementation of WebGPU
-/// can run the frame and compare: docs/validation.md.
-#[cfg(feature = "bundle")]
-pub fn bundle(gpu: &Gpu, subject: &Subject, folder: &Path) -> Result<Vec<PathBuf>> {
-    let pipeline = render::frame(gpu, subject)?;
-    let opened = Folder::make(folder).map_err(|error| unwritten(folder, error))?;
-    let write = |name: &str, bytes: &[u8]| {
-        let path = folder.join(name);
-        opened.write(name, bytes).map_err(|error| unwritten(&path, error))?;
-        anyhow::Ok(path)
-    };
-    let (mut outputs, mut files) = (Vec::new(), Vec::new());
-    for stage in pipeline.stages() {
-        for output in &stage.outputs {
-            let (texture, bytes) = raw(gpu, output)?;
-            let name = format!("output-{}.bin", outputs.len());
-            outputs.push(json!({
-                "stage": stage.name(),
-                "output": output.name,
-                "meaning": output.meaning,
-                "format": texture.map(|(format, _)| format!("{format:?}").to_lowercase()),
-                "texels_per_row": texture.map(|(_, width)| width),
-                "file": name,
-            }));
-            files.push(write(&name, &bytes)?);
-        }
-    }
-    let about = json!({
-        "pipeline": subject.kind.name,
-        "scene": subject.scene_name,
-        "params": subject.params,
-        "adapter": gpu.adapter.title(),
-        "trace": "trace/trace.ron",
-        "outputs": outputs,
-    });
-    files.push(write("bundle.json", format!("{about:#}\n").as_bytes())?);
-    Ok(files)
-}
-
-/// Format of a texture, and the texels of a row.
-#[cfg(feature = "bundle")]
-type Rows = (wgpu::TextureFormat, u32);
-
-/// How a texture's bytes are to be read, and the bytes of an output as they lie in memory.
-#[cfg(feature = "bundle")]
-fn raw(gpu: &Gpu, output: &Output) -> Result<(Option<Rows>, Vec<u8>)> {
-    let (texture, level) = match &output.data {
-        OutputData::Buffer { buffer, .. } => return Ok((None, read_buffer(gpu, buffer)?)),
-        OutputData::Texture(texture) => (texture, 0),
-        OutputData::Volume { texture, level, .. } => (texture, *level),
-    };
-    let width = (texture.width() >> level).max(1);
-    Ok((Some((texture.format(), width)), read_level_bytes(gpu, texture, level)?))
 }
 
 fn find<'a>(stages: &[&'a Stage], name: &str) -> Result<&'a Stage> {

@@ -17,7 +17,7 @@ use super::progress::Progress;
 use super::reports::{Report, Reports};
 use super::sample::{self, Goal, Settings};
 use super::schedule::{Batch, CellState, OpenClaim, Schedule, Seen, Unit};
-use super::{ceilings, memory, shard};
+use super::{ceilings, memory};
 use fathom_base::{quiet, tell};
 use fathom_experiments::{CellPlan, Experiment};
 use fathom_gpu as gpu;
@@ -27,7 +27,7 @@ use fathom_record::calendar;
 use fathom_record::output::Held;
 use fathom_record::{
     Cell, Conditions, Definition, End, Note, NoteKind, Outcome, Part, PassKind, Profile, Record,
-    RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks, Shard,
+    RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -94,10 +94,8 @@ pub fn run(
     let now = spent.since(now, SetUp::Device);
     let profile = profile(options, resumed.as_ref(), &gpu);
     let part = options.request.part;
-    let shard = part.map(|part| shard::of(part, &experiments, &options.request, profile));
-    let shard = shard.transpose()?;
     if let Some(held) = &resumed {
-        same_shard(held, shard.as_ref())?;
+        check_same_shard(held, part)?;
     }
     let mut planned =
         plan::plan(experiments, &options.request, profile, &gpu.capacity, &options.catalog)?;
@@ -109,7 +107,7 @@ pub fn run(
     let audit = gpu::audit_all(&gpu)?;
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
-    let mut header = Run { shard, ..header(options, &gpu, &audit, profile, seed) };
+    let mut header = Run { shard: part, ..header(options, &gpu, &audit, profile, seed) };
     header.loop_turns = Some(gpu::loop_turns(&gpu)?);
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
     let mut finished = record::finished(&held.before, &header);
@@ -269,17 +267,18 @@ fn schedule(
     Schedule { cells, units, first, precision, ..Schedule::default() }
 }
 
-/// A folder is gone on with as the part of the run that it was begun as.
-fn same_shard(held: &Held, asked: Option<&Shard>) -> Result<()> {
-    let told = |shard: Option<&Shard>| match shard {
-        Some(shard) => format!("shard {} of the plan {}", shard.part, shard.plan),
-        None => "a whole run".to_owned(),
+/// A resumed shard keeps its number.
+fn check_same_shard(held: &Held, asked: Option<Part>) -> Result<()> {
+    let describe = |part: Option<Part>| {
+        part.map_or_else(|| "a whole run".to_owned(), |part| format!("shard {part}"))
     };
-    let asked = told(asked);
-    let runs = held.before.iter().filter_map(Record::try_as_run_ref);
-    if let Some(holds) = runs.map(|run| told(run.shard.as_ref())).find(|holds| *holds != asked) {
-        let folder = held.output.folder.display();
-        bail!("{folder} holds {holds}, and not {asked}: resume it with the command that began it");
+    let mut runs = held.before.iter().filter_map(Record::try_as_run_ref);
+    if let Some(run) = runs.find(|run| run.shard != asked) {
+        let (folder, holds) = (held.output.folder.display(), describe(run.shard));
+        bail!(
+            "{folder} holds {holds}, and not {}: resume it with the command that began it",
+            describe(asked)
+        );
     }
     Ok(())
 }

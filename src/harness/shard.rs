@@ -5,42 +5,18 @@
 //! the fullest shard takes at most 4/3 of what the best division would give it. Every machine comes to the same division, as
 //! it follows from the plan alone.
 
-use sha2::{Digest, Sha256};
-
-use super::plan::{self, Request};
 use fathom_experiments::{CellPlan, Experiment};
-use fathom_record::{Part, Profile, Selection, Shard};
+use fathom_record::Part;
 
 /// What every cell costs beside the sampling of its frames, as a share of what a timed cell of weight 1 costs: in the reference
 /// run on llvmpipe set-up took 0.17 s per cell, and a timed cell 1.5 to 2 s.
 const SET_UP_COST: f64 = 0.1;
-/// Bytes of a plan's digest.
-const DIGEST_BYTES: usize = 12;
 
 /// Cells of one experiment that go to one shard together.
 struct Unit {
     experiment: usize,
     cells: Vec<usize>,
     cost: f64,
-}
-
-/// What a shard of this request says of itself in its records.
-pub fn of(
-    part: Part,
-    experiments: &[Experiment],
-    request: &Request,
-    profile: Profile,
-) -> anyhow::Result<Shard> {
-    let mut expanded = plan::expand(experiments, request, profile)?;
-    let plan = digest(experiments, &expanded, profile);
-    keep(part, experiments, &mut expanded);
-    let Request { axes, sets, cells, .. } = request.clone();
-    Ok(Shard {
-        part,
-        cells: expanded.iter().map(Vec::len).sum(),
-        plan,
-        selection: Selection { axes, sets, cells },
-    })
 }
 
 /// Drops the cells of other shards. `expanded` holds those of each experiment.
@@ -92,23 +68,6 @@ fn assigned(units: &[Unit], shards: u32) -> Vec<u32> {
     units.iter().filter_map(assign).collect()
 }
 
-fn digest(experiments: &[Experiment], expanded: &[Vec<CellPlan>], profile: Profile) -> String {
-    let mut hash = Sha256::new();
-    let mut add = |text: &str| {
-        // The length first, so that no two plans give the same bytes.
-        hash.update((text.len() as u64).to_le_bytes());
-        hash.update(text);
-    };
-    add(&profile.to_string());
-    for (experiment, plans) in experiments.iter().zip(expanded) {
-        add(&experiment.text);
-        for CellPlan { experiment, cell, pipeline, scene, overrides, .. } in plans {
-            add(&serde_json::json!([experiment, cell, pipeline, scene, overrides]).to_string());
-        }
-    }
-    hex::encode(&hash.finalize()[..DIGEST_BYTES])
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
@@ -117,6 +76,8 @@ mod tests {
 
     use super::*;
     use crate::catalog::Catalog;
+    use crate::plan::{self, Request};
+    use fathom_record::Profile;
 
     fn builtin() -> (Vec<Experiment>, Vec<Vec<CellPlan>>) {
         let request = Request::default();
@@ -194,18 +155,6 @@ mod tests {
             let best = (total / f64::from(of)).max(units[0].cost);
             assert!(fullest <= 4.0 / 3.0 * best, "{of} shards: {fullest} of {total}");
         }
-    }
-
-    #[test]
-    fn a_plan_is_told_from_others() {
-        let (experiments, expanded) = builtin();
-        let whole = digest(&experiments, &expanded, Profile::Quick);
-        assert_eq!(whole, digest(&experiments, &expanded, Profile::Quick));
-        let mut other = expanded.clone();
-        other[0][0].overrides.push(("caustics.grid".to_owned(), 3.into()));
-        assert_ne!(whole, digest(&experiments, &other, Profile::Quick));
-        assert_ne!(whole, digest(&experiments, &expanded, Profile::Paper));
-        assert_ne!(whole, digest(&experiments[1..], &expanded[1..], Profile::Quick));
     }
 
     proptest! {

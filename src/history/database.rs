@@ -1,45 +1,34 @@
-//! The two databases behind one set of statements. Values are bound, never written into a statement.
+//! A history's file of SQLite. Values are bound, never written into a statement.
 
-#[cfg(feature = "postgres")]
-use super::postgres::Postgres;
-use super::sqlite::Sqlite;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::{Context, anyhow, bail, ensure};
+use fathom_base::input;
 use fathom_base::text::line;
-use std::fmt;
-use std::path::PathBuf;
-
-use anyhow::anyhow;
+use rusqlite::types::ValueRef;
+use rusqlite::{Connection, OpenFlags, params_from_iter};
 
 pub use rusqlite::types::Value;
 
-/// Most rows of one statement: figures of 16,000 runs with 1,000 each.
-pub const MOST_ROWS: usize = 16_000_000;
-/// Most bytes of names and records of one statement.
-pub const MOST_BYTES: usize = 512 << 20;
+/// How long a writer waits for another one.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// First bytes of a file of SQLite. <https://www.sqlite.org/fileformat.html>, section 1.3.
+const MAGIC: &[u8; 16] = b"SQLite format 3\0";
+/// Statements of several sizes are prepared once each.
+const PREPARED: usize = 32;
 
-/// Where a history lies.
-#[derive(Clone, PartialEq, Eq)]
-pub enum Location {
-    /// A file of SQLite.
-    File(PathBuf),
-    /// A PostgreSQL database. Its URL may hold a password, so it is never printed.
-    Server {
-        url: String,
-        /// The connection is not encrypted, also to another host.
-        unencrypted: bool,
-    },
-}
-
-impl Location {
-    /// A URL begins with `postgres://` or `postgresql://`; a path is anything else that looks like no URL.
-    ///
-    /// # Errors
-    /// Other URLs: one of another program may hold a password, which must not become the name of a file.
-    pub fn new(text: &str, unencrypted: bool) -> anyhow::Result<Location> {
-        if ["postgres://", "postgresql://"].iter().any(|scheme| text.starts_with(scheme)) {
-            return Ok(Location::Server { url: text.to_owned(), unencrypted });
-        }
-        if looks_like_url(text) { Err(no_place()) } else { Ok(Location::File(text.into())) }
-    }
+/// The file of a history, by what a user gave as its place.
+///
+/// # Errors
+/// What looks like a connection to a server may hold a password. It is neither shown nor taken for a file's name.
+pub fn location(text: &str) -> anyhow::Result<PathBuf> {
+    ensure!(
+        !looks_like_url(text),
+        "a history is a file of SQLite, and its place looks like a URL: it is not shown, as it may hold a password"
+    );
+    Ok(text.into())
 }
 
 /// It begins with a scheme (RFC 3986, 3.1; a letter alone is a drive), or is what libpq takes for a connection.
@@ -53,41 +42,15 @@ fn looks_like_url(text: &str) -> bool {
     scheme || text.contains("://") || text.contains("password=")
 }
 
-impl fmt::Debug for Location {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::File(path) => path.fmt(f),
-            Self::Server { .. } => f.write_str("a server"),
-        }
-    }
-}
-
-pub fn no_place() -> anyhow::Error {
-    anyhow!(
-        "the place of the history is not understood, and not shown as it may hold a password: say a path, \
-         or postgres://USER:PASSWORD@HOST/DATABASE, where a `@`, `/` or `?` of a name or password is %40, %2F or %3F"
-    )
-}
-
-pub fn no_history(place: &str) -> anyhow::Error {
-    anyhow!("there is no history in {}: `fathom history add DIR` makes one", line(place))
-}
-
-pub fn fault_of(place: &str, message: &str) -> anyhow::Error {
-    anyhow!("{}: {}", line(place), line(message))
-}
-
-pub fn too_much(what: &str) -> anyhow::Error {
-    anyhow!(
-        "a statement gave {what}, and no history holds so much: the database is damaged, or not fathom's; --since takes a part"
-    )
+pub fn no_history(path: &Path) -> anyhow::Error {
+    anyhow!("there is no history in {}: `fathom history add DIR` makes one", path.display())
 }
 
 pub fn other_type() -> anyhow::Error {
     anyhow!("a column has another type than this build stores: the database is damaged")
 }
 
-/// A text as it is stored: control characters and `\` are escaped. PostgreSQL refuses NUL, and different names stay different.
+/// A text as it is stored: control characters and `\` are escaped, and different names stay different.
 pub fn stored_name(text: &str) -> String {
     let escaped = text.chars().map(|c| match c {
         '\\' => "\\\\".to_owned(),
@@ -105,61 +68,61 @@ pub fn text(value: &Value) -> anyhow::Result<&str> {
     if let Value::Text(text) = value { Ok(text) } else { Err(other_type()) }
 }
 
-/// Adds what a row's names and records take, and refuses what goes beyond [`MOST_BYTES`].
-pub fn keep(bytes: &mut usize, row: &[Value]) -> anyhow::Result<()> {
-    let size = |value: &Value| match value {
-        Value::Text(text) => text.len(),
-        Value::Blob(bytes) => bytes.len(),
-        Value::Null | Value::Integer(_) | Value::Real(_) => 0,
-    };
-    *bytes += row.iter().map(size).sum::<usize>();
-    if *bytes > MOST_BYTES {
-        return Err(too_much(&format!("more than {} MiB", MOST_BYTES >> 20)));
+pub struct Database {
+    pub path: PathBuf,
+    connection: Connection,
+}
+
+impl Database {
+    /// Only where it is `writable` a file is made that is not there.
+    pub fn open(path: &Path, writable: bool) -> anyhow::Result<Self> {
+        check(path, writable)?;
+        let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        flags.set(OpenFlags::SQLITE_OPEN_CREATE, writable);
+        let opened = Connection::open_with_flags(path, flags).and_then(|connection| {
+            connection.busy_timeout(PATIENCE)?;
+            connection.set_prepared_statement_cache_capacity(PREPARED);
+            Ok(connection)
+        });
+        let connection = opened.map_err(fault(path))?;
+        Ok(Self { path: path.to_owned(), connection })
     }
-    Ok(())
-}
-
-/// Where the languages of the databases differ.
-pub struct Dialect {
-    /// Types of columns.
-    pub bytes: &'static str,
-    pub real: &'static str,
-    /// Behind a table whose rows lie in the order of its primary key.
-    pub by_key: &'static str,
-    /// Counts the tables of a name.
-    pub count_of_table: &'static str,
-    /// Counts everything, where a history has a database to itself.
-    pub count_of_all: Option<&'static str>,
-}
-
-/// What this build needs of a database. Statements have parameters `$1`, `$2`, …, each first used in this order.
-pub trait Database {
-    fn dialect(&self) -> Dialect;
 
     /// Begins a transaction that no other writer shares. Without [`Self::commit`] nothing of it stays.
-    fn begin(&mut self) -> anyhow::Result<()>;
+    pub fn begin(&mut self) -> anyhow::Result<()> {
+        self.execute("BEGIN IMMEDIATE", Vec::new())
+    }
 
-    fn commit(&mut self) -> anyhow::Result<()> {
+    pub fn commit(&mut self) -> anyhow::Result<()> {
         self.execute("COMMIT", Vec::new())
     }
 
-    /// Calls `take` with each row of a statement. One that goes on beyond all that a history holds is an error.
-    fn each(
+    /// Calls `take` with each row of a statement.
+    pub fn each(
         &mut self,
         statement: &str,
         values: Vec<Value>,
         take: &mut dyn FnMut(Vec<Value>) -> anyhow::Result<()>,
-    ) -> anyhow::Result<()>;
+    ) -> anyhow::Result<()> {
+        let fault = fault(&self.path);
+        let mut prepared = self.connection.prepare_cached(statement).map_err(&fault)?;
+        let columns = prepared.column_count();
+        let mut rows = prepared.query(params_from_iter(&values)).map_err(&fault)?;
+        while let Some(row) = rows.next().map_err(&fault)? {
+            let values = (0..columns).map(|column| value(row.get_ref(column)?));
+            take(values.collect::<rusqlite::Result<_>>().map_err(&fault)?)?;
+        }
+        Ok(())
+    }
 
-    fn execute(&mut self, statement: &str, values: Vec<Value>) -> anyhow::Result<()> {
+    pub fn execute(&mut self, statement: &str, values: Vec<Value>) -> anyhow::Result<()> {
         self.each(statement, values, &mut |_| Ok(()))
     }
 
     /// All rows of a statement.
-    fn rows(&mut self, statement: &str, values: Vec<Value>) -> anyhow::Result<Vec<Vec<Value>>> {
-        let (mut rows, mut bytes) = (Vec::new(), 0);
+    pub fn rows(&mut self, statement: &str, values: Vec<Value>) -> anyhow::Result<Vec<Vec<Value>>> {
+        let mut rows = Vec::new();
         self.each(statement, values, &mut |row| {
-            keep(&mut bytes, &row)?;
             rows.push(row);
             Ok(())
         })?;
@@ -167,43 +130,50 @@ pub trait Database {
     }
 
     /// The integer that a statement gives.
-    fn integer(&mut self, statement: &str, values: Vec<Value>) -> anyhow::Result<i64> {
-        integer(&self.rows(statement, values)?[0][0])
+    pub fn integer(&mut self, statement: &str, values: Vec<Value>) -> anyhow::Result<i64> {
+        let rows = self.rows(statement, values)?;
+        integer(rows.first().and_then(|row| row.first()).context("a statement gave no row")?)
     }
 }
 
-/// Counts a row, and refuses those beyond [`MOST_ROWS`].
-pub fn counted(rows: &mut usize) -> anyhow::Result<()> {
-    *rows += 1;
-    if *rows > MOST_ROWS {
-        return Err(too_much(&format!("more than {MOST_ROWS} rows")));
+/// Names the file, and makes the folder of a new one.
+fn check(path: &Path, writable: bool) -> anyhow::Result<()> {
+    let io = |source| anyhow!("cannot read {}: {source}", path.display());
+    match std::fs::metadata(path) {
+        Ok(found) if found.is_file() && found.len() == 0 => Ok(()),
+        Ok(_) => {
+            let mut begin = [0; MAGIC.len()];
+            let read = input::open(path).and_then(|mut file| file.read_exact(&mut begin));
+            let is_sqlite = read.is_ok() && &begin == MAGIC;
+            if !is_sqlite {
+                bail!("{} is no database of SQLite", path.display());
+            }
+            Ok(())
+        }
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(io(error)),
+        Err(_) if !writable => Err(no_history(path)),
+        Err(_) => match path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            Some(folder) => std::fs::create_dir_all(folder).map_err(io),
+            None => Ok(()),
+        },
     }
-    Ok(())
 }
 
-/// Opens a database. Only where it is `writable` a file is made that is not there.
-pub fn open(location: &Location, writable: bool) -> anyhow::Result<Box<dyn Database>> {
-    Ok(match location {
-        Location::File(path) => Box::new(Sqlite::open(path, writable)?),
-        #[cfg(feature = "postgres")]
-        Location::Server { url, unencrypted } => Box::new(Postgres::connect(url, *unencrypted)?),
-        #[cfg(not(feature = "postgres"))]
-        Location::Server { .. } => anyhow::bail!(
-            "this build of fathom cannot reach PostgreSQL: build it with `cargo build --release --locked --features postgres`"
-        ),
-    })
+fn fault(path: &Path) -> impl Fn(rusqlite::Error) -> anyhow::Error + use<> {
+    let place = path.display().to_string();
+    move |error| anyhow!("{}: {}", line(&place), line(&error.to_string()))
+}
+
+fn value(stored: ValueRef<'_>) -> rusqlite::Result<Value> {
+    match stored {
+        ValueRef::Text(text) => Ok(Value::Text(String::from_utf8_lossy(text).into_owned())),
+        other => Ok(other.try_into()?),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_value_of_another_type_is_an_error() {
-        assert!(integer(&Value::Text("1".to_owned())).is_err());
-        assert!(text(&Value::Integer(1)).is_err());
-        assert_eq!(integer(&Value::Integer(1)).unwrap(), 1);
-    }
 
     #[test]
     fn names_are_stored_without_control_characters_and_stay_different() {
@@ -214,27 +184,20 @@ mod tests {
 
     #[test]
     fn what_may_hold_a_password_is_no_file_and_is_not_shown() {
-        let new = |text: &str| Location::new(text, false);
-        for url in ["postgres://u@h/d", "postgresql://h"] {
-            assert!(matches!(new(url), Ok(Location::Server { .. })));
-            assert!(!format!("{:?}", new(url)).contains("h/d"));
-        }
         for path in ["a/b.sqlite", "C:/b.sqlite", "./a:b", "/tmp/x:y", "password"] {
-            assert_eq!(new(path).unwrap(), Location::File(path.into()));
+            assert_eq!(location(path).unwrap(), Path::new(path));
         }
         for url in [
-            "Postgres://user:secret@h/d",
-            " postgres://user:secret@h/d",
-            "jdbc:postgresql:secret",
-            "JDBC:x//secret",
-            "mysql://user:secret@h/d",
+            "postgres://u:secret@h/d",
+            " mysql:u:secret@h",
+            "host=h PASSWORD=secret",
             "a b://secret",
-            "postgres:user:secret@h",
-            "host=h password=secret",
-            "//h?PASSWORD=secret",
         ] {
-            let told = new(url).unwrap_err().to_string();
-            assert!(!told.contains("secret") && told.lines().count() == 1, "{url}: {told}");
+            let message = location(url).unwrap_err().to_string();
+            assert!(
+                !message.contains("secret") && message.lines().count() == 1,
+                "{url}: {message}"
+            );
         }
     }
 }

@@ -10,19 +10,15 @@ mod database;
 pub mod findings;
 pub mod on_page;
 pub mod origin;
-pub mod otava;
-#[cfg(feature = "postgres")]
-mod postgres;
 pub mod run;
 mod scores;
 mod shift;
-mod sqlite;
 mod store;
 mod stored;
 pub mod tables;
 
 pub use controls::MachineShift;
-pub use database::Location;
+pub use database::location;
 pub use findings::{Change, Findings, Size};
 pub use origin::{Origin, Said, origin};
 pub use run::{NewFigure, NewRun};

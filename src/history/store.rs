@@ -2,16 +2,14 @@
 
 use std::collections::HashMap;
 use std::io::Read;
+use std::path::Path;
 
 use anyhow::{Context, anyhow, bail};
 use flate2::read::GzDecoder;
 use itertools::Itertools;
 use jiff::Timestamp;
 
-use super::database::{
-    self, Database, Dialect, Location, Value, integer, keep, no_history, other_type, stored_name,
-    text,
-};
+use super::database::{Database, Value, integer, no_history, other_type, stored_name, text};
 use super::run::{MAX_RECORDS, NewFigure, NewRun};
 use super::{FORMAT, Origin, short};
 use fathom_base::input::{self, Limited};
@@ -34,8 +32,7 @@ pub(super) const RUN_COLUMNS: &str = "id, digest, commit_name, committed_at, bra
 
 /// An open history.
 pub struct History {
-    pub(super) database: Box<dyn Database>,
-    place: String,
+    pub(super) database: Database,
 }
 
 /// What became of a run that was to be added.
@@ -51,36 +48,26 @@ impl History {
     ///
     /// # Errors
     /// Where there is none, it cannot be reached, is another program's, or has a newer format.
-    pub fn open(location: &Location) -> anyhow::Result<History> {
-        let mut history = Self::connect(location, false)?;
-        if history.is_made()? { Ok(history) } else { Err(no_history(&history.place)) }
+    pub fn open(path: &Path) -> anyhow::Result<History> {
+        let mut history = History { database: Database::open(path, false)? };
+        if history.is_made()? { Ok(history) } else { Err(no_history(path)) }
     }
 
     /// The same to add to it. What is not there yet is made with the first run.
-    pub fn open_or_make(location: &Location) -> anyhow::Result<History> {
-        let mut history = Self::connect(location, true)?;
+    pub fn open_or_make(path: &Path) -> anyhow::Result<History> {
+        let mut history = History { database: Database::open(path, true)? };
         history.is_made()?;
         Ok(history)
     }
 
-    fn connect(location: &Location, writable: bool) -> anyhow::Result<History> {
-        let database = database::open(location, writable)?;
-        let place = match location {
-            Location::File(path) => path.display().to_string(),
-            Location::Server { .. } => "the PostgreSQL database".to_owned(),
-        };
-        Ok(History { database, place })
-    }
-
     /// Whether the tables are there, in this build's format.
     fn is_made(&mut self) -> anyhow::Result<bool> {
-        let place = line(&self.place);
+        let place = line(&self.database.path.display().to_string());
         let foreign =
             || anyhow!("{place} is the database of another program, so nothing was changed in it");
-        let Dialect { count_of_table, count_of_all, .. } = self.database.dialect();
-        if self.database.integer(count_of_table, vec![MARK.to_owned().into()])? == 0 {
-            let others =
-                count_of_all.map_or(Ok(0), |all| self.database.integer(all, Vec::new()))?;
+        let statement = "SELECT COUNT(*) FROM sqlite_master WHERE type = 'table' AND name = $1";
+        if self.database.integer(statement, vec![MARK.to_owned().into()])? == 0 {
+            let others = self.database.integer("SELECT COUNT(*) FROM sqlite_master", Vec::new())?;
             return if others == 0 { Ok(false) } else { Err(foreign()) };
         }
         let rows = self.database.rows("SELECT format FROM fathom_history", Vec::new())?;
@@ -131,27 +118,21 @@ impl History {
     }
 
     fn make(&mut self) -> anyhow::Result<()> {
-        let Dialect { bytes, real, by_key, .. } = self.database.dialect();
         let statements = [
-            "CREATE TABLE fathom_history (format BIGINT NOT NULL)".to_owned(),
-            format!(
-                "CREATE TABLE fathom_run (id BIGINT NOT NULL PRIMARY KEY, digest TEXT NOT NULL UNIQUE, \
+            "CREATE TABLE fathom_history (format BIGINT NOT NULL)",
+            "CREATE TABLE fathom_run (id BIGINT NOT NULL PRIMARY KEY, digest TEXT NOT NULL UNIQUE, \
                  commit_name TEXT NOT NULL, committed_at BIGINT NOT NULL, branch TEXT NOT NULL, machine TEXT NOT NULL, \
                  adapter TEXT NOT NULL, driver TEXT NOT NULL, started_at TEXT NOT NULL, cells BIGINT NOT NULL, \
-                 figures BIGINT NOT NULL, records {bytes} NOT NULL)"
-            ),
-            // No key over the names: PostgreSQL refuses long ones. Writers take turns, so no series is stored twice.
+                 figures BIGINT NOT NULL, records BLOB NOT NULL)",
+            // Writers take turns, so no series is stored twice.
             "CREATE TABLE fathom_series (id BIGINT NOT NULL PRIMARY KEY, machine TEXT NOT NULL, adapter TEXT NOT NULL, \
              driver TEXT NOT NULL, profile TEXT NOT NULL, cell TEXT NOT NULL, configuration TEXT NOT NULL, \
-             figure TEXT NOT NULL, unit TEXT NOT NULL, clock TEXT NOT NULL)"
-                .to_owned(),
-            format!(
-                "CREATE TABLE fathom_figure (series BIGINT NOT NULL, run BIGINT NOT NULL, median {real} NOT NULL, \
-                 low {real}, high {real}, n BIGINT NOT NULL, PRIMARY KEY (series, run)){by_key}"
-            ),
+             figure TEXT NOT NULL, unit TEXT NOT NULL, clock TEXT NOT NULL)",
+            "CREATE TABLE fathom_figure (series BIGINT NOT NULL, run BIGINT NOT NULL, median REAL NOT NULL, \
+             low REAL, high REAL, n BIGINT NOT NULL, PRIMARY KEY (series, run)) WITHOUT ROWID",
         ];
         for statement in statements {
-            self.database.execute(&statement, Vec::new())?;
+            self.database.execute(statement, Vec::new())?;
         }
         let statement = "INSERT INTO fathom_history (format) VALUES ($1)";
         self.database.execute(statement, vec![FORMAT.into()])
@@ -230,9 +211,7 @@ impl History {
     ) -> anyhow::Result<()> {
         let statement =
             format!("SELECT {SERIES_COLUMNS}, id FROM fathom_series WHERE machine = $1");
-        let mut bytes = 0;
         self.database.each(&statement, vec![machine.into()], &mut |row| {
-            keep(&mut bytes, &row)?;
             let [names @ .., id] = row.as_slice() else { return Err(other_type()) };
             known.insert(joined(names)?, integer(id)?);
             Ok(())

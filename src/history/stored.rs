@@ -9,7 +9,7 @@ use jiff::civil::Date;
 use jiff::tz::TimeZone;
 
 use super::History;
-use super::database::{Value, integer, keep, other_type, stored_name, text};
+use super::database::{Value, integer, other_type, stored_name, text};
 use super::run::{FigureKey, NANOSECONDS};
 use super::store::{FIGURE_COLUMNS, RUN_COLUMNS, SERIES_COLUMNS};
 use fathom_base::text::line;
@@ -199,7 +199,7 @@ impl History {
     /// Machines and figures by the ids of their series.
     fn keys(&mut self, selection: &Selection) -> anyhow::Result<Keys> {
         let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
-        let (mut keys, mut bytes) = (HashMap::new(), 0);
+        let mut keys = HashMap::new();
         self.database.each(&statement, Vec::new(), &mut |row| {
             let names: Vec<Name> =
                 row[1..].iter().map(|name| text(name).map(Name::from)).try_collect()?;
@@ -207,7 +207,6 @@ impl History {
             let [machine, key @ ..] = names;
             let key = FigureKey::of_names(key);
             if selection.is_asked(&key) || selection.is_control(&key) {
-                keep(&mut bytes, &row)?;
                 keys.insert(integer(&row[0])?, (machine, key));
             }
             Ok(())

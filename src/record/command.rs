@@ -1,11 +1,10 @@
 //! Options of a command line.
 
 /// Options of `fathom run` that a cell depends on, and whether each takes a value.
-pub const OF_CELLS: [(&str, bool); 7] = [
+pub const OF_CELLS: [(&str, bool); 6] = [
     ("--set", true),
     ("--axis", true),
     ("--adapter", true),
-    ("--like", true),
     ("--without", true),
     ("--unchecked", false),
     ("--allow-large", false),

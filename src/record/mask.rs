@@ -36,13 +36,10 @@ pub enum Feature {
     Float32Filterable,
 }
 
-/// Limits and features that were taken from an adapter. What is measured then is not the adapter as it is.
+/// Features that were taken from an adapter. What is measured then is not the adapter as it is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Mask {
-    /// No better limits and no other features than this kind of adapter has; `fathom list masks` tells the kinds.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub like: Option<String>,
-    /// Features that were not used in addition.
+    /// Features that were not used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub without: Vec<Feature>,
 }
@@ -54,11 +51,9 @@ impl Mask {
     }
 }
 
-/// `like adreno, without timestamp-query`.
+/// `without timestamp-query`.
 impl fmt::Display for Mask {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let like = self.like.iter().map(|name| format!("like {name}"));
-        let without = self.without.iter().map(|feature| format!("without {feature}"));
-        f.write_str(&like.chain(without).join(", "))
+        f.write_str(&self.without.iter().map(|feature| format!("without {feature}")).join(", "))
     }
 }

@@ -32,7 +32,6 @@ pub mod nan;
 pub mod output;
 mod params;
 pub mod protocol;
-pub mod public;
 mod samples;
 pub mod schema;
 mod shard;
@@ -60,7 +59,7 @@ pub use mask::{Feature, Mask};
 pub use names::{Name, Named};
 pub use params::Params;
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
-pub use shard::{MOST_SHARDS, Part, Selection, Shard};
+pub use shard::{MOST_SHARDS, Part};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 3;
@@ -120,7 +119,7 @@ pub struct Run {
     pub ceilings: Vec<Ceiling>,
     /// The part of a run that this is; absent where it is the whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub shard: Option<Shard>,
+    pub shard: Option<Part>,
     /// On the whole run.
     pub notes: Vec<Note>,
 }

@@ -5,7 +5,6 @@ use std::str::FromStr;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 /// Most shards of a run.
 pub const MOST_SHARDS: u32 = 1 << 10;
@@ -54,33 +53,6 @@ impl FromStr for Part {
         let part = Self { number: number?, of: of? };
         part.is_one().then_some(part).ok_or_else(error)
     }
-}
-
-/// The part of a run that was measured, and what the whole run is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Shard {
-    #[serde(flatten)]
-    pub part: Part,
-    /// Cells that are this shard's.
-    pub cells: usize,
-    /// Digest of the whole run's plan: profile, experiments and every cell with what is set in it. Shards of one run have the
-    /// same.
-    pub plan: String,
-    pub selection: Selection,
-}
-
-/// What a run was asked for beside experiments: their cells follow from it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Selection {
-    /// Values that replace those of an axis.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub axes: Vec<(String, Vec<String>)>,
-    /// Parameters of every cell: dotted path and value.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub sets: Vec<(String, Value)>,
-    /// Names of the only cells that are wanted; none means all.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub cells: Vec<String>,
 }
 
 #[cfg(test)]

@@ -6,14 +6,10 @@ pub mod axis;
 pub mod bencher;
 pub mod ceilings;
 mod cells_csv;
-mod chosen_frame;
-mod chrome_trace;
 mod claims;
 pub mod colors;
 pub mod facts;
 pub mod format;
-pub mod github_benchmark;
-pub mod junit;
 pub mod noise;
 pub mod page;
 mod plots;
@@ -28,11 +24,7 @@ mod view;
 
 pub use bencher::EXPORTER as BENCHER;
 pub use cells_csv::EXPORTER as CELLS_CSV;
-pub use chosen_frame::{ChosenFrame, FrameChoice};
-pub use chrome_trace::EXPORTER as CHROME_TRACE;
 pub use claims::EXPORTER as CLAIMS;
-pub use github_benchmark::EXPORTER as GITHUB_BENCHMARK;
-pub use junit::EXPORTER as JUNIT;
 pub use page::EXPORTER as PAGE;
 pub use plots::{EXPORTER as PLOTS, ROOFLINES};
 pub use summary::{EXPORTER as SUMMARY, in_short};
@@ -42,21 +34,8 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use fathom_record::Record;
-use itertools::Itertools;
 
 pub use view::{Entry, LeftOut, ReportView, Section};
-
-use fathom_base::text;
-
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    #[error("there is no cell with timed frames")]
-    NoFrames,
-    #[error("no timed cell `{}`{}", text::line(.name), text::did_you_mean(.nearest))]
-    UnknownCell { name: String, nearest: Option<String> },
-    #[error("cell `{cell}` has frames 0 to {last}, and no frame {frame}")]
-    UnknownFrame { cell: String, frame: usize, last: usize },
-}
 
 /// A file of the report: its name within the output folder, and its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -104,8 +83,6 @@ pub enum OfRun {
     Rows(fn(&ReportView<'_>, &mut dyn Write) -> io::Result<()>),
     /// A file for each experiment or pipeline.
     Several(fn(&ReportView<'_>) -> Vec<Artifact>),
-    /// The text of one file about one frame.
-    Frame(fn(&ChosenFrame<'_>) -> String),
 }
 
 /// What an exporter made.
@@ -133,13 +110,9 @@ impl<F> Exporter<F> {
 }
 
 impl RunExporter {
-    /// Its files. Only a format of one frame looks at `choice`.
-    pub fn run(
-        &self,
-        view: &ReportView<'_>,
-        choice: &FrameChoice,
-    ) -> Result<Exported, ReportError> {
-        Ok(match self.export {
+    /// Its files.
+    pub fn run(&self, view: &ReportView<'_>) -> Exported {
+        match self.export {
             OfRun::One(export) => self.one(export(view)),
             OfRun::Rows(export) => {
                 let mut bytes = Vec::new();
@@ -148,30 +121,16 @@ impl RunExporter {
                 Exported::One(Artifact { name: self.file.to_owned(), bytes })
             }
             OfRun::Several(export) => Exported::Several(export(view)),
-            OfRun::Frame(export) => self.one(export(&view.frame(choice)?)),
-        })
+        }
     }
 }
 
 /// Exporters of runs, in the order in which their files are written.
-pub const OF_RUNS: [RunExporter; 10] = [
-    PLOTS,
-    ROOFLINES,
-    CELLS_CSV,
-    PAGE,
-    SUMMARY,
-    CLAIMS,
-    BENCHER,
-    GITHUB_BENCHMARK,
-    JUNIT,
-    CHROME_TRACE,
-];
+pub const OF_RUNS: [RunExporter; 7] = [PLOTS, ROOFLINES, CELLS_CSV, PAGE, SUMMARY, CLAIMS, BENCHER];
 
 /// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
-pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>, ReportError> {
+pub fn of_run(records: &[Record], folder: Option<&Path>) -> Vec<Artifact> {
     let view = ReportView::new(records, folder);
     let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
-    let files =
-        |exporter: &RunExporter| exporter.run(&view, &FrameChoice::default()).map(Exported::files);
-    written.map(files).flatten_ok().collect()
+    written.flat_map(|exporter| exporter.run(&view).files()).collect()
 }

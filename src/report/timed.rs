@@ -2,7 +2,7 @@
 
 use super::ReportView;
 use fathom_base::text;
-use fathom_record::{Cell, Clock, Estimate, Measured};
+use fathom_record::{Cell, Estimate, Measured};
 
 /// The time of a frame or of a stage in one cell.
 pub struct NamedTime {
@@ -10,8 +10,6 @@ pub struct NamedTime {
     pub name: String,
     /// Nanoseconds.
     pub time: Estimate,
-    /// The clock of a stage; none for a frame without per-stage timing.
-    pub clock: Option<Clock>,
 }
 
 /// `EXPERIMENT CELL`, which names a cell among those of all experiments.
@@ -26,12 +24,11 @@ pub fn times(view: &ReportView<'_>) -> Vec<NamedTime> {
 
 fn of_cell(cell: &Cell, measured: &Measured) -> Vec<NamedTime> {
     let name = cell_name(cell);
-    let frame = NamedTime { name: name.clone(), time: measured.frame.untimed, clock: None };
+    let frame = NamedTime { name: name.clone(), time: measured.frame.untimed };
     let resolved = measured.stages.iter().filter(|stage| stage.time.n > 0 && stage.is_resolved());
     let stages = resolved.map(|stage| NamedTime {
         name: format!("{name} {}", text::line(&stage.stage)),
         time: stage.time,
-        clock: Some(stage.clock),
     });
     std::iter::once(frame).chain(stages).collect()
 }

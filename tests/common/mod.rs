@@ -13,7 +13,6 @@ use fathom::experiments::parse_set;
 use fathom::npy;
 use fathom::record::schema::LineKind;
 use fathom::record::{self, Cell, Measured, Outcome, Record, Writer};
-use itertools::Itertools as _;
 use jsonschema::Validator;
 use serde_json::{Map, Value, json};
 use tempfile::TempDir;
@@ -228,17 +227,9 @@ pub fn skipped_cell(name: &str) -> Record {
     Record::Cell(Box::new(own_cell(name, outcome)))
 }
 
-/// Records of the committed run on a software driver, as those of one run: it was resumed.
+/// Records of a run of 29 cells on a software driver, stored for tests.
 pub fn reference() -> String {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe");
-    let records = std::fs::read_to_string(folder.join("records.jsonl")).unwrap();
-    let of = |kind: &'static str| {
-        move |line: &&str| line.starts_with(&format!(r#"{{"record":"{kind}""#))
-    };
-    let [header, end] = ["run", "end"].map(|kind| records.lines().rfind(of(kind)).unwrap());
-    let others = records.lines().filter(|line| !of("run")(line) && !of("end")(line));
-    let lines = [header].into_iter().chain(others.unique()).chain([end]);
-    lines.map(|line| line.to_owned() + "\n").collect()
+    include_str!("../golden/run/records.jsonl").to_owned()
 }
 
 /// The same of the experiments whose names begin so.

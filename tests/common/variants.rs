@@ -1,7 +1,6 @@
 //! Every shader that fathom can link, by its path and the values that it is compiled with.
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
 
 use fathom::Catalog;
 use fathom::compare::cells::Gates;
@@ -10,7 +9,6 @@ use fathom::gpu::{CodeKey, Gpu, shader_paths};
 use fathom::harness::plan::{Request, expand};
 use fathom::harness::subject::Subjects;
 use fathom::record::Profile;
-use itertools::Itertools as _;
 use serde_json::Value;
 
 /// Of the adapter's limits, beside the defaults.
@@ -24,14 +22,9 @@ const LIMITS: [(&str, (&str, i32)); 7] = [
     ("ceilings/texels", ("EDGE", 64)),
 ];
 
-/// All that cells, gates, limits and checks link.
-pub fn variants() -> BTreeSet<CodeKey> {
-    planned().into_iter().chain(verified()).collect()
-}
-
 /// Of what no pipeline plans, and of what is planned: all cells of all experiments, their references, the gates, and each
 /// pipeline with each choice of its parameters.
-fn planned() -> BTreeSet<CodeKey> {
+pub fn planned() -> BTreeSet<CodeKey> {
     let (catalog, planner) = (Catalog::builtin(), Gpu::planner().unwrap());
     for kind in &catalog.kinds {
         catalog.stages_of(kind.name).unwrap();
@@ -62,35 +55,4 @@ pub fn unplanned() -> BTreeSet<CodeKey> {
     let paths = shader_paths(&Folders::of(SHADERS));
     let defaults = paths.iter().map(|path| CodeKey::new(path, &[]));
     defaults.chain(LIMITS.map(|(path, def)| CodeKey::new(path, &[def]))).collect()
-}
-
-/// What only checks of `fathom verify` link: a shader in each line, and the values that it is compiled with.
-fn verified() -> BTreeSet<CodeKey> {
-    let lines = std::fs::read_to_string(verified_path()).unwrap();
-    let key = |line: &str| {
-        let mut words = line.split(' ');
-        let path = words.next().unwrap();
-        let defs = words.map(|word| word.split_once('=').unwrap());
-        CodeKey::new(path, &defs.map(|(name, value)| (name, value.parse().unwrap())).collect_vec())
-    };
-    lines.lines().map(key).collect()
-}
-
-fn verified_path() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/common/verified.txt")
-}
-
-/// What all checks linked is known here. `FATHOM_BLESS=1` writes the list anew.
-#[track_caller]
-pub fn are_known(linked: &BTreeSet<CodeKey>) {
-    let alone = linked - &planned();
-    if std::env::var_os("FATHOM_BLESS").is_some() {
-        let line = |key: &CodeKey| {
-            let defs = key.defs.iter().map(|(name, value)| format!(" {name}={value}"));
-            format!("{}{}\n", key.path, defs.collect::<String>())
-        };
-        std::fs::write(verified_path(), alone.iter().map(line).collect::<String>()).unwrap();
-    }
-    let unlisted = &alone - &verified();
-    assert!(unlisted.is_empty(), "FATHOM_BLESS=1 writes the list for Tint anew: {unlisted:?}");
 }

@@ -1,7 +1,6 @@
 //! `fathom compare`: what it tells of stored comparisons, whole comparisons of builds that are scripts, and workers.
 #![cfg(unix)]
 
-mod api;
 mod bisect;
 mod builds;
 #[path = "../common/mod.rs"]
@@ -10,7 +9,6 @@ mod folders;
 mod gate;
 #[cfg(target_os = "linux")]
 mod hostile_workers;
-mod jobs;
 mod own_worker;
 mod processes;
 mod script;

@@ -9,7 +9,6 @@ mod hsao;
 mod promises;
 mod scenes;
 mod stage_lists;
-mod validation;
 mod verify;
 mod volume_ao;
 mod voxelize;

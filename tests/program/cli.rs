@@ -54,12 +54,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run uw-default --set caustics.grid=few", "takes a whole number"),
         ("run uw-waves --axis watr=circular", "did you mean `water`"),
         ("run uw-default --adapter none-such", "no adapter matches"),
-        (
-            "run --like webgp",
-            "no kind of adapter `webgp`; did you mean `webgpu`?: there are adreno, apple-m1, ",
-        ),
         ("audit --without float32", "there are timestamp-query, timestamp-query-inside-encoders, "),
-        ("bench caustics/trce", "no gate cell matches `caustics/trce`; did you mean `"),
         ("dump caustics/trce --set caustics.grid=8", "did you mean `caustics/trace`"),
     ] {
         fathom(words).refused(reason);
@@ -132,7 +127,6 @@ fn listings_name_what_there_is() {
         ("pipelines", ["underwater", "hsao"]),
         ("claims", ["caustics-trace-linear", "uw-photons"]),
         ("exporters", ["csv", "cells.csv"]),
-        ("masks", ["webgpu", "apple-m1"]),
     ] {
         holds(&fathom(format!("list {what}")).answer(), &named);
         let rows = fathom(format!("list {what} --json")).ends(0).json();

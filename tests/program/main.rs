@@ -1,4 +1,4 @@
-//! The program as a user meets it: its commands, the folders that they write, a fleet, a history, the page in a browser.
+//! The program as a user meets it: its commands, the folders that they write, a history.
 
 mod busy_machine;
 mod ceilings;
@@ -7,17 +7,11 @@ mod cli;
 #[path = "../common/mod.rs"]
 mod common;
 mod dumps;
-mod faults;
-mod fleet;
 mod folders;
-mod hardware;
 mod history;
 mod hostile_names;
 mod masks;
 mod merge;
 mod overlay;
-mod page;
 mod printing;
 mod queries;
-mod replayed;
-mod shaders;

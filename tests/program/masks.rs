@@ -1,4 +1,4 @@
-//! Adapters that are not at hand, and those on which no pipeline runs.
+//! Adapters without a feature, and those on which no pipeline runs.
 
 use crate::common::{Ends, Place, SMALL, fathom, holds, records};
 use fathom::record::{Feature, Mask, NoteKind, Record, finished};
@@ -14,19 +14,6 @@ const OPENING: [&str; 7] = [
     "dump caustics/trace -o x",
 ];
 
-#[test]
-fn an_adapter_without_what_every_pipeline_needs_is_refused_in_one_line() {
-    let place = Place::new();
-    place.write("points.csv", "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n");
-    let query = "query ao --scene ball --points points.csv";
-    for command in OPENING.iter().chain([&query]) {
-        let line = place.fathom(format!("{command} --like webgl2")).refused("masked: like webgl2");
-        holds(&line, &["lacks 256 of max_compute_invocations_per_workgroup (it has 0)"]);
-    }
-    holds(&fathom("doctor --like webgl2").ends(2).out, &["lacks 256 of max_compute_invocations"]);
-    assert!(!place.path("x").exists() && !place.path("x.png").exists());
-}
-
 /// OpenGL copies no depth texture.
 #[test]
 fn an_adapter_of_opengl_is_listed_and_refused() {
@@ -37,8 +24,6 @@ fn an_adapter_of_opengl_is_listed_and_refused() {
         return;
     };
     holds(&gl["about"].to_string(), &["cannot be used: it lacks copies of depth textures"]);
-    let told = fathom("doctor --like webgl2").ends(2).out;
-    holds(&told, &["gl, cannot be used: it lacks copies of depth textures"]);
     let place = Place::new();
     for command in OPENING {
         let asked = place.fathom(format!("{command} --adapter {}", gl["index"])).refused("(gl)");
@@ -56,16 +41,15 @@ fn a_masked_run_is_not_taken_for_the_adapters_own() {
     let run = format!(
         "run uw-default --cell base --no-ceilings --precision 1 --budget 10m {SMALL} --out out"
     );
-    let masked = "--like apple-mobile --without float32-blendable --without timestamp-query";
+    let masked = "--without float32-blendable --without timestamp-query";
     place.fathom(format!("{run} {masked}")).ends(0);
     let all = records(&place.path("out"));
     let header = all.iter().find_map(Record::try_as_run_ref).unwrap();
     let without = vec![Feature::Float32Blendable, Feature::TimestampQuery];
-    assert_eq!(header.adapter.mask, Mask { like: Some("apple-mobile".to_owned()), without });
+    assert_eq!(header.adapter.mask, Mask { without });
     let notes = header.notes.iter().filter(|note| note.kind == NoteKind::Adapter);
-    // All features are lost: five notes.
-    assert_eq!(notes.count(), 5, "{:?}", header.notes);
-    let title = "masked: like apple-mobile, without float32-blendable, without timestamp-query";
+    assert!(notes.count() >= 2, "{:?}", header.notes);
+    let title = "masked: without float32-blendable, without timestamp-query";
     for file in ["index.html", "summary.md", "cells.csv"] {
         holds(&place.read(format!("out/{file}")), &[title]);
     }

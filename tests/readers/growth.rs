@@ -64,14 +64,14 @@ fn scattered(count: usize) -> Vec<Record> {
 
 /// Bytes that a report takes in all, whatever it gives back.
 fn bytes_of(records: &[Record]) -> f64 {
-    let (files, bytes) = allocated_by(|| artifacts(records, None).unwrap());
+    let (files, bytes) = allocated_by(|| artifacts(records, None));
     assert!(!files.is_empty());
     bytes as f64
 }
 
 #[test]
 fn the_definition_is_one() {
-    let files = artifacts(&defined(3), None).unwrap();
+    let files = artifacts(&defined(3), None);
     let summary = files.last().unwrap();
     let text = String::from_utf8(summary.bytes.clone()).unwrap();
     assert!(text.contains("| It rises |"), "{text}");

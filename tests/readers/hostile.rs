@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use fathom::compare::{store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::Experiment;
-use fathom::history::{History, Location, NewRun, Selection};
+use fathom::history::{History, NewRun, Selection};
 use fathom::record::comparison::{Compared, Launch};
 use fathom::record::{self, Record};
 
@@ -292,7 +292,7 @@ fn an_archive_in_a_history_is_not_kept() {
     let connection = rusqlite::Connection::open(&path).unwrap();
     connection.execute("UPDATE fathom_run SET records = $1", [bomb]).unwrap();
     drop(connection);
-    let mut history = History::open(&Location::File(path)).unwrap();
+    let mut history = History::open(&path).unwrap();
     let run = history.runs(&Selection::default()).unwrap().remove(0);
     let (got, peak) = peak_of(|| history.records(&run.digest));
     assert!(got.unwrap_err().to_string().contains("the database is damaged"));

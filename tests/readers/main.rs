@@ -1,4 +1,4 @@
-//! Every reader against damaged input: no panic, an error of one line, and memory below 1 GiB. A thousand inputs of each with a
+//! Every reader against damaged input: no panic, an error of one line, and memory below 1 GiB. A hundred inputs of each with a
 //! fixed seed; `FATHOM_FUZZ_CASES=10000 cargo test --test readers -- --nocapture` tries so many others and tells what they took.
 
 #[path = "../common/mod.rs"]
@@ -23,10 +23,10 @@ use fathom::compare::{cells::Gates, driver, store::StoredComparison, verdict::Ve
 use fathom::experiments::{Experiment, parse_axis, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
-use fathom::history::{Findings, History, Location, Selection, on_page, otava, tables};
+use fathom::history::{Findings, History, Selection, on_page, tables};
 use fathom::record::Profile;
 use fathom::record::comparison::Side;
-use fathom::report::{FrameChoice, ReportError, ReportView};
+use fathom::report::ReportView;
 use fathom::scene::{HeightMap, Mesh, Scene, SceneFile};
 use fathom::{exporters, pipelines, record};
 use glam::DVec2;
@@ -41,7 +41,7 @@ static COUNTING: memory::Counting = memory::Counting;
 /// Most memory that any input may take, bytes.
 const MOST_MEMORY: usize = 1 << 30;
 
-/// How many inputs of each reader, where the usual thousand are not enough.
+/// How many inputs of each reader, where the usual hundred are not enough.
 const CASES: &str = "FATHOM_FUZZ_CASES";
 
 type Answer = Result<(), String>;
@@ -55,7 +55,7 @@ fn fuzz<T: std::fmt::Debug>(
 ) {
     let cases = std::env::var(CASES).ok().map(|text| text.parse().unwrap());
     let config = Config {
-        cases: cases.unwrap_or(1000),
+        cases: cases.unwrap_or(100),
         failure_persistence: None,
         max_shrink_time: 60_000,
         ..Config::default()
@@ -179,10 +179,7 @@ fn run(path: &Path) -> Answer {
     let read = told(record::read(path))?;
     let view = ReportView::new(&read.records, None);
     for exporter in fathom::report::OF_RUNS {
-        match exporter.run(&view, &FrameChoice::default()) {
-            Ok(_) | Err(ReportError::NoFrames) => {}
-            Err(error) => return Err(error.to_string()),
-        }
+        exporter.run(&view);
     }
     match read.damaged.first() {
         Some(damage) => Err(damage.to_string()),
@@ -267,7 +264,7 @@ fn messages_of_workers() {
 
 /// All that is asked of a history: its runs, its series, what changed in them, and the records of a run.
 fn history(path: &Path) -> Answer {
-    let mut history = told(History::open(&Location::File(path.to_owned())))?;
+    let mut history = told(History::open(path))?;
     let runs = told(history.runs(&Selection::default()))?;
     tables::runs(&runs);
     let records = runs.first().map(|run| told(history.records(&run.digest)));
@@ -277,7 +274,6 @@ fn history(path: &Path) -> Answer {
     tables::changes(&stored, &findings);
     tables::changes_json(&stored, &findings);
     on_page::on_page(&stored, &findings);
-    told(otava::files(&stored, "folder"))?;
     records.unwrap_or(Ok(Default::default())).map(drop)
 }
 

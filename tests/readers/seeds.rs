@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use fathom::experiments::Experiment;
-use fathom::history::{History, Location, NewRun, Origin};
+use fathom::history::{History, NewRun, Origin};
 use fathom::npy;
 use fathom::record::Record;
 use fathom::record::comparison::{Gate, Side, Skip};
@@ -224,7 +224,7 @@ const RUNS: usize = 12;
 pub fn history() -> Vec<u8> {
     let place = Place::new();
     let path = place.path("history.sqlite");
-    let mut history = History::open_or_make(&Location::File(path.clone())).unwrap();
+    let mut history = History::open_or_make(&path).unwrap();
     let records = String::from_utf8(records().remove(0)).unwrap();
     for day in 0..RUNS {
         // White space makes another run of it.

@@ -97,9 +97,7 @@ pub fn audit(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
 /// A fault of the device.
 pub fn audit_all(gpu: &WatchedDevice) -> Result<Audit, DeviceError> {
     let one_core = Conditions::here().cores.len() == 1;
-    let by_timestamps = gpu.clock_faults().next().is_some();
-    let (by_cpu, plan) =
-        if one_core && !by_timestamps { audit_cpu_time(gpu)? } else { (Vec::new(), None) };
+    let (by_cpu, plan) = if one_core { audit_cpu_time(gpu)? } else { (Vec::new(), None) };
     if let Some(plan) = plan {
         return Ok(Audit { rows: by_cpu, plan });
     }
@@ -456,8 +454,8 @@ pub fn audit_table(audit: &Audit) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::clock_fault::ClockFault;
     use crate::frame::timer::tests::ModelledGpu;
-    use crate::injected::ClockFault;
 
     /// What [`judge`] makes of a clock that reads this share of 5 ms, round by round.
     fn judged(kind: PassKind, mixed: bool, share: f64) -> AuditRow {

@@ -12,6 +12,10 @@
 //! between passes of a segment by timestamps, the time between segments by the host clock, and one submission cost per
 //! segment. Commands of a caller's encoder beside its timed passes belong to the gaps. Stages + gaps = envelope then holds only if timestamps and host clock agree.
 
+#[cfg(test)]
+pub(crate) mod clock_fault;
+#[cfg(test)]
+pub(crate) mod clock_fault;
 mod encoder;
 mod host_clock;
 mod meter;
@@ -26,5 +30,4 @@ pub(super) use probe::Probe;
 pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Query, Recorder};
 pub use stage::TimedStage;
-pub(super) use timer::Ticks;
 pub use timer::{Fault, FrameSample, FrameTimer, HostCost};

@@ -5,7 +5,6 @@ use std::fmt;
 use super::host_clock::{HostClock, thread_ns};
 use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
-use crate::injected::ClockFault;
 use crate::queries::{QueryResults, RESULT_BYTES};
 use crate::{DeviceError, TimedStage, WatchedDevice};
 use fathom_record::{Clock, ClockPlan, FaultKind, PassKind, StageTime};
@@ -213,20 +212,15 @@ impl FrameTimer {
             Some(queries) if self.recorder.queries > 0 => {
                 let ticks = queries.read(gpu, self.recorder.queries)?;
                 self.ticks.extend(ticks.as_chunks::<2>().0);
-                self.distort(gpu.clock_faults(), f64::from(gpu.queue.get_timestamp_period()));
+                self.note_step();
                 Ok(())
             }
             _ => Ok(()),
         }
     }
 
-    /// Puts made-up faults into the frame's timestamps, which have this period, and notes in which steps they come.
-    fn distort(&mut self, faults: impl Iterator<Item = ClockFault>, mut period_ns: f64) {
-        for fault in faults {
-            fault.distort(&mut self.ticks, period_ns);
-            // The first fault is the period, if that is one.
-            period_ns = self.period_ns;
-        }
+    /// Notes in which steps the frame's timestamps come.
+    fn note_step(&mut self) {
         let ticks = self.ticks.as_flattened();
         let distances = ticks.iter().map(|tick| tick.abs_diff(ticks[0]));
         self.step = distances.fold(self.step, gcd);

@@ -1,13 +1,30 @@
 //! `customSmallerIsBetter` of github-action-benchmark: the head's figures by cell, to be kept from commit to commit.
+//! <https://github.com/benchmark-action/github-action-benchmark#examples>
+
+use serde::Serialize;
 
 use crate::verdict::{JudgedCell, Verdicts};
 use fathom_record::Interval;
 use fathom_report::format::NS_PER_MS;
-use fathom_report::github_benchmark::{Entry, text};
+
+/// A value under a name. The smaller, the better.
+#[derive(Serialize)]
+struct Entry {
+    name: String,
+    unit: &'static str,
+    /// In `unit`.
+    value: f64,
+    /// For people, shown beside the value.
+    extra: String,
+    /// How far the value may be off, for people.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    range: Option<String>,
+}
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {
     let entries: Vec<Entry> = verdicts.cells.iter().flat_map(entries).collect();
-    text(&entries)
+    // Strings and numbers always have a JSON.
+    serde_json::to_string_pretty(&entries).unwrap_or_default() + "\n"
 }
 
 fn entries(cell: &JudgedCell) -> Vec<Entry> {

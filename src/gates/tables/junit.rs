@@ -7,34 +7,34 @@ use super::rows;
 use crate::exact::{DifferenceScope, FigureKind};
 use crate::verdict::{CellVerdict, GateState, JudgedCell, Verdicts};
 use fathom_base::text;
-use fathom_report::junit::{CaseStatus, NotPassed, TestSuite, failed, skipped, xml};
+use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {
     let mut gates = TestSuite::new("fathom compare: gates");
     let [sides, adapters] = rows::sides(verdicts).map(|side| text::line(&side));
-    gates.add_property("builds", sides);
-    gates.add_property("adapters", adapters);
+    gates.add_property(("builds", sides.as_str()));
+    gates.add_property(("adapters", adapters.as_str()));
     for (gate, state) in &verdicts.gates {
         let status = match state {
-            GateState::Ran => CaseStatus::Passed,
+            GateState::Ran => TestCaseStatus::success(),
             GateState::Skipped(reason) => skipped(reason),
-            GateState::Void(reason) => failed(NotPassed::Error, "void", reason),
+            GateState::Void(reason) => failed(NonSuccessKind::Error, "void", reason),
         };
-        gates.add("gate", &gate.to_string(), status);
+        add(&mut gates, "gate", &gate.to_string(), status);
     }
     for (number, fault) in verdicts.faults.iter().enumerate() {
         let name = format!("{} fault {}", fault.gate, number + 1);
-        let status = failed(NotPassed::Error, "fault", &rows::fault(fault));
-        gates.add("gate", &name, status);
+        let status = failed(NonSuccessKind::Error, "fault", &rows::fault(fault));
+        add(&mut gates, "gate", &name, status);
     }
     if !verdicts.comparison.came_to_its_end() {
-        let status = failed(NotPassed::Error, "incomplete", rows::INCOMPLETE);
-        gates.add("gate", "end", status);
+        let status = failed(NonSuccessKind::Error, "incomplete", rows::INCOMPLETE);
+        add(&mut gates, "gate", "end", status);
     }
     let mut cells = TestSuite::new("fathom compare: cells");
     for cell in &verdicts.cells {
         let (configuration, stage) = (cell.cell.configuration(), cell.cell.stage());
-        cells.add(configuration, stage, cell_status(cell));
+        add(&mut cells, configuration, stage, cell_status(cell));
     }
     let mut whole = TestSuite::new("fathom compare: configurations");
     for difference in verdicts.configurations.iter().filter(|other| other.worse) {
@@ -43,30 +43,51 @@ pub fn export(verdicts: &Verdicts<'_>) -> String {
             FigureKind::Error => CellVerdict::LessAccurate,
             _ => CellVerdict::Costlier,
         };
-        let status = failed(NotPassed::Failure, what, &told);
+        let status = failed(NonSuccessKind::Failure, what, &told);
         let class = match &difference.scope {
             DifferenceScope::Configuration(id) => id,
             DifferenceScope::Stage(stage) => stage,
             DifferenceScope::Cell(cell) => cell.configuration(),
         };
-        whole.add(class, &difference.figure, status);
+        add(&mut whole, class, &difference.figure, status);
     }
-    xml("fathom compare", [gates, cells, whole])
+    let mut report = Report::new("fathom compare");
+    report.add_test_suites([gates, cells, whole].into_iter().filter(|suite| suite.tests > 0));
+    // Writing to memory does not fail.
+    report.to_string().unwrap_or_default()
 }
 
-fn cell_status(cell: &JudgedCell) -> CaseStatus {
+fn add(suite: &mut TestSuite, class: &str, name: &str, status: TestCaseStatus) {
+    let mut case = TestCase::new(text::line(name), status);
+    case.set_classname(text::line(class));
+    suite.add_test_case(case);
+}
+
+fn failed(kind: NonSuccessKind, what: impl std::fmt::Display, message: &str) -> TestCaseStatus {
+    let mut status = TestCaseStatus::non_success(kind);
+    status.set_type(what.to_string()).set_message(text::line(message));
+    status
+}
+
+fn skipped(message: &str) -> TestCaseStatus {
+    let mut status = TestCaseStatus::skipped();
+    status.set_message(text::line(message));
+    status
+}
+
+fn cell_status(cell: &JudgedCell) -> TestCaseStatus {
     let row = rows::cell(cell);
     let told = rows::HEADER.iter().zip(&row).skip(2);
     let told = told.filter(|(_, value)| !value.is_empty() && *value != rows::NONE);
     let told = told.map(|(name, value)| format!("{name}: {value}")).join("; ");
     match cell.verdict {
         verdict @ (CellVerdict::Failed | CellVerdict::NotMeasured) => {
-            failed(NotPassed::Error, verdict, &told)
+            failed(NonSuccessKind::Error, verdict, &told)
         }
         CellVerdict::New | CellVerdict::Inconclusive | CellVerdict::NotJudged => {
             skipped(&format!("{}: {told}", cell.verdict))
         }
-        verdict if verdict.is_regression() => failed(NotPassed::Failure, verdict, &told),
-        _ => CaseStatus::Passed,
+        verdict if verdict.is_regression() => failed(NonSuccessKind::Failure, verdict, &told),
+        _ => TestCaseStatus::success(),
     }
 }

@@ -13,7 +13,6 @@ pub mod parts;
 mod pictures;
 mod plots;
 mod published;
-mod quality;
 mod scaling;
 mod time;
 mod trust;
@@ -48,12 +47,11 @@ pub const EXPORTER: RunExporter = Exporter {
 
 const STYLES: [&str; 2] = [include_str!("assets/page.css"), include_str!("assets/charts.css")];
 /// In the order in which they run.
-const SCRIPTS: [&str; 7] = [
+const SCRIPTS: [&str; 6] = [
     include_str!("assets/core.js"),
     include_str!("assets/time.js"),
     include_str!("assets/scaling.js"),
     include_str!("assets/pictures.js"),
-    include_str!("assets/quality.js"),
     include_str!("assets/plots.js"),
     include_str!("assets/cells.js"),
 ];
@@ -150,7 +148,7 @@ const COMPARED: PageSection = PageSection {
 };
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 15] = [
+const SECTIONS: [PageSection; 14] = [
     CHANGES,
     overview::SECTION,
     HISTORY,
@@ -161,7 +159,6 @@ const SECTIONS: [PageSection; 15] = [
     scaling::SECTION,
     ceilings::SECTION,
     pictures::SECTION,
-    quality::SECTION,
     published::SECTION,
     trust::SECTION,
     plots::SECTION,

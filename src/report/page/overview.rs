@@ -64,7 +64,7 @@ fn device(run: &Run) -> Markup {
                 " Read ratios, exponents and shares: absolute times count only on hardware. "
             }
             @if let Some(shard) = &run.shard {
-                span.chip.open { "shard " (shard.part) } " A part of a run: fathom merge joins the parts. "
+                span.chip.open { "shard " (shard) } " A part of a run: fathom merge joins the parts. "
             }
             span.faint {
                 (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile)

@@ -1,7 +1,4 @@
-//! Where the time of a frame goes: a bar for each frame that stands for a pipeline, and the stages of one frame after the other.
-
-use std::cmp::Reverse;
-use std::collections::BTreeMap;
+//! Where the time of a frame goes: a bar for each frame that stands for a pipeline.
 
 use itertools::Itertools;
 use maud::{Markup, html};
@@ -12,7 +9,6 @@ use crate::axis::tenth;
 use crate::facts::{self, Representative, StageShare};
 use crate::format::{self, NS_PER_MS, three};
 use fathom_base::statistics;
-use fathom_record::{Clock, StageRecord};
 
 pub const SECTION: PageSection = PageSection {
     id: "time",
@@ -27,7 +23,7 @@ type SameFrame<'a> = Vec<(&'a PageRun<'a>, Representative<'a>)>;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     let frames = frames(page);
-    let (run, default) = frames.first()?.first()?;
+    frames.first()?;
     Some(html! {
         p.lead {
             "One bar per pipeline, at the measurable setting closest to the defaults. A segment is a stage's share of the sum of all "
@@ -42,20 +38,6 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             }
         }
         div #time-frames { @for frame in &frames { (same_frame(page, frame)) } }
-        h3 { "One frame, stage by stage" }
-        p.lead {
-            "Stages in execution order. The gaps between passes are known as a "
-            "sum only, which stands last. "
-            span.script-only { "Choose another cell, and a frame of it." }
-        }
-        div.controls.script-only {
-            label { "Cell " select #waterfall-cell disabled {} }
-            label { "Frame " input #waterfall-frame type="range" min="0" value="0" disabled; }
-            label { "Zoom " input #waterfall-zoom type="range" min="0" max="6" step="0.25" value="0"; }
-            label { "Place " input #waterfall-from type="range" min="0" max="100" value="0"; }
-            output #waterfall-shown {}
-        }
-        (waterfall(page, run, default))
     })
 }
 
@@ -157,104 +139,10 @@ fn every_stage(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
     }
 }
 
-/// One of the lines of a waterfall. Places are shares of its width, per cent.
-struct Step {
-    name: String,
-    start: f64,
-    length: f64,
-    text: String,
-    color: String,
-}
-
-fn waterfall(page: &Page<'_>, run: &PageRun<'_>, frame: &Representative<'_>) -> Markup {
-    let samples = &frame.measured.frame.envelope_samples_ns;
-    let Some(index) = statistics::nearest_to_median(samples) else {
-        return html! { p.faint { "No frame of it was timed by stage." } };
-    };
-    let steps = steps(page, frame, index);
-    let of_run = if page.is_overlay() { format!(" on {}", run.label) } else { String::new() };
-    html! {
-        p #waterfall-about {
-            (frame.cell.experiment) ", " (frame.cell.cell) (of_run) ": frame " (index + 1) " of " (samples.len())
-            ", the one nearest to the median. " (clocks(&frame.measured.stages))
-        }
-        ol #waterfall.waterfall.chart-bars data-run=(run.label) data-experiment=(frame.cell.experiment) data-cell=(frame.cell.cell) data-frame=(index) {
-            @for step in &steps { (step_markup(step)) }
-        }
-    }
-}
-
-fn step_markup(step: &Step) -> Markup {
-    html! {
-        li {
-            span.step-name { (step.name) }
-            span.step-track {
-                @if step.length > 0.0 {
-                    span.step-bar.mark data-tip={ (step.name) ": " (step.text) }
-                        style={ "--start:" (step.start) ";--length:" (step.length) ";background:" (step.color) } {}
-                }
-            }
-            span.step-time { (step.text) }
-        }
-    }
-}
-
-/// The stages of a frame, then its gaps.
-fn steps(page: &Page<'_>, frame: &Representative<'_>, index: usize) -> Vec<Step> {
-    let measured = frame.measured;
-    let sample = |stage: &StageRecord| {
-        stage.samples_ns.get(index).copied().filter(|_| stage.is_resolved()).unwrap_or(0.0)
-    };
-    let gaps_ns = measured.frame.gap_samples_ns.get(index).copied().unwrap_or(0.0).max(0.0);
-    let whole_ns: f64 = measured.stages.iter().map(sample).sum::<f64>() + gaps_ns;
-    let mut end_ns = 0.0;
-    let mut step = |name: &str, ns: f64, text: String, color: String| {
-        let (start, length) = (tenth(100.0 * end_ns / whole_ns), tenth(100.0 * ns / whole_ns));
-        end_ns += ns;
-        Step { name: name.to_owned(), start, length, text, color }
-    };
-    let mut steps: Vec<Step> = Vec::new();
-    for stage in &measured.stages {
-        let ns = sample(stage);
-        let color = page.colors.of(&stage.stage).hex();
-        let text = if stage.is_resolved() { in_ms(ns) } else { below(stage) };
-        steps.push(step(&stage.stage, ns, text, color));
-    }
-    steps.push(step("gaps between passes", gaps_ns, in_ms(gaps_ns), "var(--rule)".to_owned()));
-    steps
-}
-
-fn in_ms(ns: f64) -> String {
-    format!("{} ms", three(ns / NS_PER_MS))
-}
-
-fn below(stage: &StageRecord) -> String {
-    format!("{} ms", format::stage_ms(stage))
-}
-
-/// Which clock timed the stages.
-fn clocks(stages: &[StageRecord]) -> String {
-    let mut by_clock = BTreeMap::<Clock, Vec<&StageRecord>>::new();
-    stages.iter().for_each(|stage| by_clock.entry(stage.clock).or_default().push(stage));
-    let told = by_clock.into_iter().sorted_by_key(|(_, stages)| Reverse(stages.len()));
-    let told = told.map(|(clock, stages)| of_clock(clock, &stages)).join("; ");
-    format!("Clocks: {told}.")
-}
-
-/// Stages that share a clock, by name where they are few.
-fn of_clock(clock: Clock, stages: &[&StageRecord]) -> String {
-    const NAMED: usize = 3;
-    let names = stages.iter().map(|stage| stage.stage.as_str()).join(", ");
-    match stages.len() {
-        count if count > NAMED => format!("{} ({count} stages)", clock.name()),
-        _ => format!("{} ({names})", clock.name()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{self, overlaid, page, written};
+    use crate::testing::{overlaid, written};
     use fathom_experiments::fixtures;
     use fathom_record::Cell;
 
@@ -302,18 +190,6 @@ mod tests {
         assert!(!bar.contains("caustics/trace:"), "{bar}");
         let row = frame.split("<tr>").find(|row| row.contains("caustics/trace")).unwrap();
         assert!(row.contains("&lt; ") && row.contains("–"), "{row}");
-    }
-
-    #[test]
-    fn steps_of_a_waterfall_follow_each_other_to_the_end() {
-        let view = testing::view();
-        let page = page(&[&view]);
-        let frame = facts::default_frame(&view).unwrap();
-        let steps = steps(&page, &frame, 3);
-        assert!(steps.is_sorted_by(|a, b| (a.start + a.length - b.start).abs() < 0.2));
-        let last = steps.last().unwrap();
-        assert!((last.start + last.length - 100.0).abs() < 0.3);
-        assert_eq!(steps.len(), frame.measured.stages.len() + 1);
     }
 
     #[test]

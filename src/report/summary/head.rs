@@ -67,7 +67,7 @@ fn device(run: &Run, table: &mut Table) {
         "run".to_owned(),
         format!(
             "{}{}, profile {}, shaders {}, started {}",
-            run.shard.as_ref().map_or_else(String::new, |shard| format!("shard {}, ", shard.part)),
+            run.shard.as_ref().map_or_else(String::new, |shard| format!("shard {shard}, ")),
             facts::program(run),
             run.profile,
             run.shader_checks,

@@ -281,7 +281,6 @@ impl<'g> Resources<'g> {
     ) -> wgpu::Texture {
         let [width, height, depth] =
             [size.width, size.height, size.depth_or_array_layers].map(u64::from);
-        self.gpu.allocates();
         let texture = self.gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
             size,
@@ -405,7 +404,6 @@ impl<'g> Resources<'g> {
             return self.buffer(label, bytes, usage);
         }
         self.note_buffer(label, bytes, usage);
-        self.gpu.allocates();
         let contents = &content();
         let descriptor = wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage };
         Buffer { raw: self.gpu.device.create_buffer_init(&descriptor), bytes, layout: None }
@@ -421,7 +419,6 @@ impl<'g> Resources<'g> {
 
     fn buffer(&self, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> Buffer {
         self.note_buffer(label, bytes, usage);
-        self.gpu.allocates();
         let size = if self.gpu.is_planner() { PLANNED_BYTES } else { bytes };
         let descriptor =
             wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };

@@ -1,13 +1,10 @@
-//! `fathom history` from the command line, with both databases.
+//! `fathom history` from the command line.
 #![cfg(target_os = "linux")]
 
 mod made;
-mod planted;
-mod postgres;
-mod server;
 
 use std::os::unix::process::ExitStatusExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use crate::common::hostile::HOSTILE;
@@ -57,7 +54,6 @@ fn changes(folder: &Path, db: &str) -> Value {
     history(folder, db, "changes --json").ends(0).json()
 }
 
-/// What both databases do alike.
 fn keeps_runs_whole(place: &Place, db: &str) {
     let repository = Repository::new(place.path("repository"), 2);
     let here = &repository.folder;
@@ -135,8 +131,6 @@ fn names_the_commits_of_a_change(place: &Place, db: &str) {
     let page = std::fs::read_to_string(here.join("page/index.html")).unwrap();
     let parts = ["id=\"history\"", "own n=0 caustics/trace", after, "class=\"change bad\""];
     holds(&page, &parts);
-    history(here, db, "export --otava otava").ends(0);
-    otava_reads(&here.join("otava"), 40);
     history(here, db, "show nowhere").refused("nothing in this history fits `nowhere`");
 }
 
@@ -200,20 +194,6 @@ fn a_program_of_another_language_is_measured_into_a_history() {
     command.refused("it ended with");
 }
 
-/// The configuration names files that are there, and each has the columns that it says.
-fn otava_reads(folder: &Path, runs: usize) {
-    let text = std::fs::read_to_string(folder.join("otava.yaml")).unwrap();
-    let configuration: Value = serde_json::from_str(&text).unwrap();
-    let tests = configuration["tests"].as_object().unwrap();
-    assert_eq!(tests.len(), CELLS * FIGURES_OF_A_CELL);
-    for test in tests.values() {
-        let mut reader = csv::Reader::from_path(test["file"].as_str().unwrap()).unwrap();
-        assert_eq!(reader.headers().unwrap(), vec!["time", "commit", "value"]);
-        let values = reader.records().map(|row| row.unwrap()[2].parse::<f64>().unwrap());
-        assert_eq!(values.count(), runs);
-    }
-}
-
 /// Names that mean something to SQL, terminals and file systems, and NUL.
 fn takes_hostile_names_as_text(place: &Place, db: &str) {
     let repository = Repository::new(place.path("hostile"), 1);
@@ -247,54 +227,9 @@ fn takes_hostile_names_as_text(place: &Place, db: &str) {
     let page = std::fs::read_to_string(here.join("page/index.html")).unwrap();
     assert_eq!(page.matches("<script").count(), 2);
     assert!(HOSTILE.iter().all(|name| !name.starts_with("<script") || !page.contains(name)));
-    history(here, db, "export --otava otava").ends(0);
     let mut names = names(here);
     names.retain(|name| !name.starts_with("history.sqlite"));
-    assert_eq!(names, [".git", "otava", "page", "run"]);
-}
-
-/// Kills `history add` after each of some shares of what it writes. A run whose end was not written is not stored, what was stored
-/// stays, and what is there is whole.
-fn survives_kills(folder: &Path, db: &str, target: &mut dyn Target) {
-    const MOMENTS: usize = 30;
-    const MANY: usize = 150;
-    const FIGURES: i64 = (MANY * FIGURES_OF_A_CELL) as i64;
-    let commit = "c".repeat(40);
-    let adding = |db: &str, records: &str| {
-        put(&folder.join("run"), records);
-        history(folder, db, add("run", &commit))
-    };
-    // The first makes the tables.
-    for second in [3_000, 3_001] {
-        target.add_whole(adding(&target.place(), &records(second, MANY, 5e6)));
-    }
-    let stored = runs(folder, db);
-    assert_eq!(stored.len(), 2);
-    let sources: Vec<String> = (0..MOMENTS).map(|second| records(second, MANY, 5e6)).collect();
-    for (moment, source) in sources.iter().enumerate() {
-        let share = (moment as f64 + 0.5) / MOMENTS as f64;
-        target.add_and_kill(adding(&target.place(), source), share);
-        assert_eq!(runs(folder, db), stored, "moment {moment}");
-        assert_eq!(target.figures(), [(FIGURES, FIGURES); 2], "moment {moment}");
-    }
-    for source in &sources {
-        adding(db, source).ends(0);
-    }
-    assert_eq!(target.figures(), [(FIGURES, FIGURES); MOMENTS + 2]);
-    let stored = runs(folder, db);
-    assert!(sources.contains(&got(folder, db, &stored[MOMENTS / 2])));
-}
-
-/// A database, and how a program is killed that writes to it.
-trait Target {
-    /// Where the runs are added that are killed.
-    fn place(&self) -> String;
-    /// Takes note of how much a command writes.
-    fn add_whole(&mut self, command: Command);
-    /// Kills a command that would write as much, after this share of it.
-    fn add_and_kill(&mut self, command: Command, share: f64);
-    /// Figures of each run: how many it should have, and how many there are.
-    fn figures(&mut self) -> Vec<(i64, i64)>;
+    assert_eq!(names, [".git", "page", "run"]);
 }
 
 const FIGURES: &str =
@@ -314,44 +249,52 @@ fn a_file_of_sqlite_is_a_history() {
     }
 }
 
-/// A file, its size and by how much a run makes it grow, bytes.
-struct SqliteFile {
-    path: PathBuf,
-    bytes: u64,
-    growth: u64,
-}
-
-impl Target for SqliteFile {
-    fn place(&self) -> String {
-        self.path.to_str().unwrap().to_owned()
-    }
-
-    fn add_whole(&mut self, mut command: Command) {
-        command.ends(0);
-        let bytes = std::fs::metadata(&self.path).unwrap().len();
-        (self.growth, self.bytes) = (bytes - self.bytes, bytes);
-    }
-
-    /// Neither the file nor its journal can grow beyond the limit. A tenth less than the growth: pages of runs are not filled alike.
-    fn add_and_kill(&mut self, command: Command, share: f64) {
-        let bytes = share * (self.bytes as f64 + 0.9 * self.growth as f64);
-        let killed = crate::common::killed_beyond(bytes as u64 / 512, &command).output().unwrap();
-        assert_eq!(killed.status.signal(), Some(Signal::SIGXFSZ as i32), "{share}: {killed:?}");
-    }
-
-    fn figures(&mut self) -> Vec<(i64, i64)> {
-        let connection = rusqlite::Connection::open(&self.path).unwrap();
-        let mut statement = connection.prepare(FIGURES).unwrap();
-        let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
-        rows.map(Result::unwrap).collect()
-    }
-}
-
+/// Kills `history add` after each of some shares of what it writes. A run whose end was not written is not stored, what was stored
+/// stays, and what is there is whole.
 #[test]
-fn a_killed_add_leaves_no_half_run_in_sqlite() {
+fn a_killed_add_leaves_no_half_run() {
+    const MOMENTS: usize = 5;
+    const MANY: usize = 150;
+    const OF_A_RUN: i64 = (MANY * FIGURES_OF_A_CELL) as i64;
     let place = Place::new();
-    let mut file = SqliteFile { path: place.path("history.sqlite"), bytes: 0, growth: 0 };
-    survives_kills(&place.path(""), &file.place(), &mut file);
+    let (folder, db) = (place.path(""), "history.sqlite");
+    let adding = |records: &str| {
+        put(&folder.join("run"), records);
+        history(&folder, db, add("run", "c"))
+    };
+    let bytes = || std::fs::metadata(place.path(db)).unwrap().len() as f64;
+    let mut sizes = Vec::new();
+    // The first makes the tables.
+    for second in [3_000, 3_001] {
+        adding(&records(second, MANY, 5e6)).ends(0);
+        sizes.push(bytes());
+    }
+    let stored = runs(&folder, db);
+    let sources: Vec<String> = (0..MOMENTS).map(|second| records(second, MANY, 5e6)).collect();
+    for (moment, source) in sources.iter().enumerate() {
+        // Neither the file nor its journal can grow beyond the limit. A tenth less than the growth: pages of runs are not filled alike.
+        let share = (moment as f64 + 0.5) / MOMENTS as f64;
+        let limit = share * (sizes[1] + 0.9 * (sizes[1] - sizes[0]));
+        let killed = crate::common::killed_beyond(limit as u64 / 512, &adding(source)).output();
+        let killed = killed.unwrap();
+        assert_eq!(killed.status.signal(), Some(Signal::SIGXFSZ as i32), "{share}: {killed:?}");
+        assert_eq!(runs(&folder, db), stored, "moment {moment}");
+        assert_eq!(figures(&place.path(db)), [(OF_A_RUN, OF_A_RUN); 2], "moment {moment}");
+    }
+    for source in &sources {
+        adding(source).ends(0);
+    }
+    assert_eq!(figures(&place.path(db)), [(OF_A_RUN, OF_A_RUN); MOMENTS + 2]);
+    let stored = runs(&folder, db);
+    assert!(sources.contains(&got(&folder, db, &stored[MOMENTS / 2])));
+}
+
+/// Figures of each run: how many it should have, and how many there are.
+fn figures(path: &Path) -> Vec<(i64, i64)> {
+    let connection = rusqlite::Connection::open(path).unwrap();
+    let mut statement = connection.prepare(FIGURES).unwrap();
+    let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+    rows.map(Result::unwrap).collect()
 }
 
 /// Where the tests below keep a history, and a run of few cells.
@@ -360,24 +303,6 @@ fn sqlite() -> (Place, impl Fn(&str) -> Command) {
     put(&place.path("run"), &records(1, CELLS, 5e6));
     let folder = place.path("");
     (place, move |words| history(&folder, "history.sqlite", words))
-}
-
-/// Views in the place of tables: one gives rows without end, one looks for them without end.
-#[test]
-fn views_without_end_end_in_an_error() {
-    let (place, history) = sqlite();
-    history(&add("run", "c")).ends(0);
-    let connection = rusqlite::Connection::open(place.path("history.sqlite")).unwrap();
-    connection.execute_batch("DROP TABLE fathom_figure").unwrap();
-    for condition in ["1", "x < 0"] {
-        let view = format!(
-            "DROP VIEW IF EXISTS fathom_figure; CREATE VIEW fathom_figure AS \
-             WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) \
-             SELECT x AS series, 1 AS run, 1.0 AS median, NULL AS low, NULL AS high, 1 AS n FROM c WHERE {condition}"
-        );
-        connection.execute_batch(&view).unwrap();
-        history("show").refused("no history holds so much");
-    }
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! Frames on a modelled GPU, whose true times are known, by clocks of all kinds.
 
 use super::*;
+use crate::frame::clock_fault::ClockFault;
 use crate::frame::scope::Pass;
-use crate::injected::ClockFault;
 use fathom_record::SubmitCost;
 
 /// What the host takes before the first pass and after the last one, ns.
@@ -56,7 +56,13 @@ impl ModelledGpu {
             self.now_ns = end + gap_ns;
         }
         self.now_ns += SUBMISSION_NS - gap_ns;
-        timer.distort(self.faults.iter().copied(), 1.0);
+        // The first fault is the period, if that is one.
+        let mut period_ns = 1.0;
+        for fault in &self.faults {
+            fault.distort(&mut timer.ticks, period_ns);
+            period_ns = timer.period_ns;
+        }
+        timer.note_step();
         let passes = 0..passes_ns.len();
         let fence_ns = self.now_ns;
         timer.spans =

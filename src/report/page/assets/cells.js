@@ -73,16 +73,6 @@
     addEventListener("beforeprint", whole);
     show();
 
-    /* A dot per sample, between the least and the largest, and a line at the median. */
-    const strip = (samples) => {
-      const [width, height] = [220, 18];
-      const [low, high] = [Math.min(...samples), Math.max(...samples)];
-      const x = (value) => 4 + (high > low ? (value - low) / (high - low) : 0.5) * (width - 8);
-      const middle = x(fathom.median(samples));
-      return fathom.element("svg", { width, height, class: "strip", role: "img", "aria-label": `${samples.length} samples` },
-        ...samples.map((value) => fathom.element("circle", { cx: x(value), cy: height / 2, r: 3 })),
-        fathom.element("line", { x1: middle, x2: middle, y1: 1, y2: height - 1 }));
-    };
     const line = (name, samples, clock, below) => {
       const known = samples.length > 0 && below === undefined;
       const number = (text) => fathom.element("td", { class: "number" }, text);
@@ -90,7 +80,6 @@
         fathom.element("td", {}, name),
         number(known ? fathom.three(fathom.median(samples)) : below === undefined ? "–" : `< ${fathom.three(below)}`),
         number(known ? fathom.three(Math.min(...samples)) : ""),
-        fathom.element("td", {}, known ? strip(samples) : ""),
         number(known ? fathom.three(Math.max(...samples)) : ""),
         number(samples.length),
         fathom.element("td", {}, clock));
@@ -106,7 +95,7 @@
       const cell = runs[run].cells[index];
       const lines = [line("frame, untimed", cell.untimed, ""), line("frame, timed by stage", cell.envelope, ""),
         ...cell.stages.map(({ stage, clock, samples, below }) => line(stage, samples, clock, below))];
-      const heads = ["Stage", "Median (ms)", "Least", "Samples", "Largest", "n", "Clock"];
+      const heads = ["Stage", "Median (ms)", "Minimum", "Maximum", "n", "Clock"];
       const table = fathom.element("table", {},
         fathom.element("thead", {}, fathom.element("tr", {}, ...heads.map((head) => fathom.element("th", { scope: "col" }, head)))),
         fathom.element("tbody", {}, ...lines));

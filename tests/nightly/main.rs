@@ -1,0 +1,27 @@
+//! What needs more than lavapipe, git, python3 and valgrind: Chromium, Vulkan's validation layer, a compiler of C++, the tools of jobs.
+//! `make test-all` installs these and runs it. Where one is missing, its test fails.
+#![cfg(target_os = "linux")]
+
+#[path = "../common/mod.rs"]
+mod common;
+mod jobs;
+mod jobs_server;
+mod page;
+mod tint;
+mod validation;
+mod vulkan_worker;
+
+use std::process::Command;
+
+use fathom::gpu::{Gpu, Options};
+
+fn gpu() -> Gpu {
+    Gpu::open(&Options::default()).expect("a Vulkan driver")
+}
+
+/// An ignored test of this program, to be run in a process of its own.
+fn this_program(test: &str) -> Command {
+    let mut program = Command::new(std::env::current_exe().unwrap());
+    program.args(["--exact", test, "--ignored", "--nocapture"]);
+    program
+}
