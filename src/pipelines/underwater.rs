@@ -31,7 +31,7 @@ use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{Stage, caustics, godrays, scene, shadow, water};
 
 pub use grid::PhotonGrid;
-pub use measure::{blended_fragments, photon_query, photons_at, read_photons};
+pub use measure::{blended_fragments, read_photons};
 pub use parameters::{CausticMethod, Intensity, Params, Splatting, SubdivisionMode};
 use parameters::{CausticsUnit, PhotonPath};
 
