@@ -201,7 +201,7 @@ mod tests {
             let aspect = f64::from(size[0]) / f64::from(size[1]);
             let tracer = Tracer::new(&self.objects);
             let lighting = Lighting {
-                frame: &self.light.frame(&self.camera, aspect, &bounds),
+                frame: &self.light.frame(&self.camera, aspect, &bounds, &self.water),
                 intensity_w_sr: self.light.intensity_w_sr,
                 water: &self.water,
                 tracer: &tracer,
