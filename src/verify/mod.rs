@@ -22,7 +22,7 @@ mod luminance;
 mod mesh;
 mod occlusion;
 mod photon_tracing;
-mod photons;
+pub mod photons;
 mod planar;
 mod prelude;
 mod refraction;
@@ -30,10 +30,9 @@ pub mod rig;
 mod scalar;
 mod shadow_rays;
 mod shafts;
-mod slanted;
+pub mod slanted;
 mod splats;
 mod sprites;
-mod starts;
 pub mod statistics;
 mod voxel;
 
@@ -203,7 +202,6 @@ pub fn cases() -> Vec<Case> {
         slanted::cases(),
         given_water::cases(),
         glass::cases(),
-        starts::cases(),
         splats::cases(),
         mesh::cases(),
         lines::cases(),
