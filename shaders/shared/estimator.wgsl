@@ -30,14 +30,19 @@ struct Trace {
     bottom_m: f32,
     // Places looked up for a photon, about; only the host asks.
     lookups: u32,
+    // Most turns of loops of a search: more than FEWEST_REFINED crossings take.
+    search_turns: u32,
 }
 
 // Host twin: PhotonEstimator in src/stages/photon.rs.
 const PAPER: u32 = 1u;
-// Most steps of a search. A cell of 256 photons stays below the 65,535 turns of a loop after which lavapipe ends an invocation.
-const MOST_STEPS: f32 = 128.0;
-// Most crossings of a ray that are refined; each before the last was a silhouette that the ray passes behind.
-const MOST_REFINED: u32 = 4u;
+// Crossings of a ray that are refined, however long its path; each before the last was a silhouette that the ray passes behind. The turns of
+// an invocation are bounded, for lavapipe ends one after 65,535: photons that share a cell with many others take longer steps.
+const FEWEST_REFINED: u32 = 4u;
+// Device depth from which on the light sees nothing: 1 but for the rounding of a difference.
+const NOTHING: f32 = 0.9999998;
+// In place of a share of a path.
+const NOWHERE: f32 = 2.0;
 // Gap of device depth that counts as none: four steps of 32-bit floats near 1.
 const NO_GAP: f32 = 2.4e-7;
 
@@ -231,7 +236,9 @@ fn crossing(
 
 // Linear search for the first place where the ray passes through what the light sees, and regula falsi between the steps about
 // it. A ray that is then behind an edge passes behind a silhouette, and the search goes on where the light reaches it again. If it
-// never does, the photon lands out of the light's sight: where it would meet what it passed over last if that went on.
+// never does, the photon lands out of the light's sight: where it would meet what it passed over last if that went on. A ray that passes
+// behind the edge of what it never was above, where the light sees nothing, lands nowhere.
+// What is narrower than a step can be passed.
 fn first_crossing(
     settings: Trace, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
 ) -> Photon {
@@ -241,32 +248,36 @@ fn first_crossing(
     }
     let size = vec2<f32>(textureDimensions(depth));
     let across_px = length(0.5 * size * (way.end.xy - way.begin.xy));
-    let steps = clamp(ceil(across_px / settings.step_px), 1.0, MOST_STEPS);
+    let most = settings.search_turns - FEWEST_REFINED * settings.iterations;
+    let steps = clamp(ceil(across_px / settings.step_px), 1.0, f32(most));
     var earlier = place_at(way, depth, texels, 0.0);
     var before = earlier;
-    var refined = 0u;
+    var left = settings.search_turns - u32(steps);
     // Where a photon out of the light's sight lands.
     var hidden = 1.0;
     for (var i = 1.0; i <= steps; i += 1.0) {
         let behind = place_at(way, depth, texels, i / steps);
         if before.gap < 0.0 && behind.gap >= 0.0 {
-            if refined < MOST_REFINED {
+            if left >= settings.iterations {
                 let found = crossing(settings, way, depth, texels, before, behind);
                 if abs(found.gap) <= way.edge {
                     return landed(way, found);
                 }
-                refined += 1u;
+                left -= settings.iterations;
             }
             hidden = 1.0;
+            let nothing = mix(way.begin.z, way.end.z, before.share) - before.gap >= NOTHING;
             let closing = before.gap - earlier.gap;
-            if closing > 0.0 {
+            if nothing {
+                hidden = NOWHERE;
+            } else if closing > 0.0 {
                 hidden = min(before.share - before.gap * (before.share - earlier.share) / closing, 1.0);
             }
         }
         earlier = before;
         before = behind;
     }
-    if before.gap < 0.0 || (hidden >= 1.0 && !way.to_bottom) {
+    if before.gap < 0.0 || hidden == NOWHERE || (hidden >= 1.0 && !way.to_bottom) {
         return Photon(entry, OUTSIDE, entry + way.distance_m.y * refracted, way.distance_m.y);
     }
     return landed(way, place_at(way, depth, texels, hidden));

@@ -17,11 +17,10 @@ struct Photon {
 const MISSED: f32 = -1.0;
 const OUTSIDE: f32 = -2.0;
 const ON_ITS_WAY: f32 = -3.0;
-// Newton steps for a steep ray against the height field. Each squares the error, which starts at the wave's amplitude times
-// the ray's slope: the third step is below f32 resolution, so its slope serves for the normal. Host twin: src/stages/entry.rs.
-const SURFACE_STEPS: i32 = 3;
-// Steps of safeguarded Newton within a marching step.
+// Most steps of safeguarded Newton. Host twin: src/stages/entry.rs.
 const REFINEMENTS: i32 = 8;
+// A step less than this, relative to the way along the ray, is the last: Newton's method squares the error, and 32-bit floats end there.
+const LAST_STEP: f32 = 1e-6;
 // Components of a direction below this count as this: what is divided by them stays finite.
 const LEAST_COMPONENT: f32 = 1e-9;
 
@@ -48,20 +47,16 @@ struct Entry {
     entered: bool,
 }
 
-// Where the ray enters the water first. Steep rays meet the waves once, and Newton's method finds it from the resting water.
+// Where the ray enters the water first. Steep rays meet the waves once, between the planes of crest and trough.
 fn meet_water(ray: Ray) -> Entry {
     if length(ray.direction.xz) > frame.water_newton_slant * abs(ray.direction.y) {
         return first_entry(ray);
     }
-    var t = -ray.origin_m.y / ray.direction.y;
-    var h = vec3(0.0);
-    for (var i = 0; i < SURFACE_STEPS; i++) {
-        let p = ray.origin_m + t * ray.direction;
-        h = water::surface(p.xz);
-        t += (h.x - p.y) / (ray.direction.y - dot(h.yz, ray.direction.xz));
-    }
-    let position = ray.origin_m + t * ray.direction;
-    return Entry(position, water::normal(h.yz), water::inside(position.xz));
+    let rest = -ray.origin_m.y / ray.direction.y;
+    let room = abs(frame.water_bound_m / ray.direction.y);
+    var entry = refined(ray, rest - room, rest + room, rest);
+    entry.entered = water::inside(entry.position_m.xz);
+    return entry;
 }
 
 // A place on a ray: its height above the water, the change of that along the ray, and the water's slope.
@@ -100,7 +95,8 @@ fn first_entry(ray: Ray) -> Entry {
             behind = above_water(within, mix(before.t, after.t, before.rate / (before.rate - after.rate)));
         }
         if before.height_m > 0.0 && behind.height_m <= 0.0 {
-            return refined(within, before, behind);
+            let t = mix(before.t, behind.t, before.height_m / (before.height_m - behind.height_m));
+            return refined(within, before.t, behind.t, t);
         }
         before = after;
     }
@@ -108,11 +104,11 @@ fn first_entry(ray: Ray) -> Entry {
 }
 
 // Newton's method between a place above the water and one below, which both close in; a step that leaves them is halved instead.
-fn refined(ray: Ray, before: Above, behind: Above) -> Entry {
-    var low = before.t;
-    var high = behind.t;
-    var t = mix(low, high, before.height_m / (before.height_m - behind.height_m));
-    var slope = behind.slope;
+fn refined(ray: Ray, above_t: f32, below_t: f32, first_t: f32) -> Entry {
+    var low = above_t;
+    var high = below_t;
+    var t = first_t;
+    var slope = vec2(0.0);
     for (var i = 0; i < REFINEMENTS; i++) {
         let place = above_water(ray, t);
         slope = place.slope;
@@ -121,17 +117,17 @@ fn refined(ray: Ray, before: Above, behind: Above) -> Entry {
         } else {
             high = t;
         }
-        t -= place.height_m / place.rate;
-        if !(t >= low && t <= high) {
-            t = 0.5 * (low + high);
+        var next = t - place.height_m / place.rate;
+        if !(next >= low && next <= high) {
+            next = 0.5 * (low + high);
+        }
+        let last = abs(next - t) <= LAST_STEP * abs(t);
+        t = next;
+        if last {
+            break;
         }
     }
     return Entry(ray.origin_m + t * ray.direction, water::normal(slope), true);
-}
-
-// Whether a place lies within the light's frustum, across it.
-fn in_frustum(place_m: vec3<f32>) -> bool {
-    return all(abs(divide(frame.light_view_projection * vec4(place_m, 1.0)).xy) < vec2(1.0));
 }
 
 // Whether the light that enters the water here comes past what stands above it. Nothing is known beyond the light's frustum.
@@ -139,7 +135,7 @@ fn in_mask(mask: texture_2d<f32>, entry_m: vec3<f32>) -> bool {
     let ndc = divide(frame.light_view_projection * vec4(entry_m, 1.0)).xy;
     let size = vec2<f32>(textureDimensions(mask));
     let texel = vec2<i32>((ndc * vec2(0.5, -0.5) + 0.5) * size);
-    return in_frustum(entry_m) && textureLoad(mask, texel, 0).x > 0.5;
+    return all(abs(ndc) < vec2(1.0)) && textureLoad(mask, texel, 0).x > 0.5;
 }
 
 // A photon's share of the light's energy relative to the middle of the frustum. A grid that is even in screen space is not

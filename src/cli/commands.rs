@@ -379,7 +379,6 @@ pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {
 pub fn query(catalog: &Catalog, args: QueryArgs) -> Outcome {
     match args.question {
         Question::Ao => query_occlusion(catalog, &args)?,
-        Question::Photons => query_photons(catalog, &args)?,
     }
     written(args.output)
 }
@@ -392,19 +391,6 @@ fn query_occlusion(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
     let rays = args.reference.map(|rays| rays.unwrap_or(querying::REFERENCE_RAYS));
     let exact = rays.map(|rays| querying::reference(&subject, &rows, rays)).transpose()?;
     answer(args, |name, writer| querying::write(name, writer, &rows, &occlusion, exact.as_deref()))
-}
-
-fn query_photons(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
-    if let Some(Some(rays)) = args.reference {
-        anyhow::bail!("--reference {rays}: a photon has one exact answer; leave the number out");
-    }
-    let subject = queried(catalog, "underwater", args)?;
-    let starts = querying::photons::read(&args.points)?;
-    let query = querying::photons::Query::new(&subject, starts)?;
-    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
-    let answers = query.answers(&gpu, &subject)?;
-    let exact = args.reference.map(|_| query.reference(&subject));
-    answer(args, |name, writer| query.write(name, writer, &answers, exact.as_deref()))
 }
 
 /// What is asked of a pipeline is asked of the assets themselves.

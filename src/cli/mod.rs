@@ -169,7 +169,7 @@ pub enum Command {
     Render(RenderArgs),
     /// Write a stage's outputs as .npy files with descriptions
     Dump(DumpArgs),
-    /// Compute ambient occlusion at given points, or where photons from given starts land
+    /// Compute ambient occlusion at given points
     Query(QueryArgs),
     /// Write the reports of a run or a comparison again, from its records alone; or say what changed from one run to another; or write one page of several
     Report {
@@ -381,8 +381,6 @@ pub struct DumpArgs {
 pub enum Question {
     /// Volume ambient occlusion, 0 open to 1 closed, at points with normals; pipeline volume_ao
     Ao,
-    /// Where photons from given starts enter the water and land; pipeline underwater
-    Photons,
 }
 
 #[derive(Args)]
@@ -392,14 +390,13 @@ pub struct QueryArgs {
     /// Name of a scene, or path of a scene file
     #[arg(long)]
     pub scene: String,
-    /// CSV file with the columns x, y, z (metres); ao: and nx, ny, nz; photons: starts in the air, and optionally dx, dy, dz
-    /// for directions other than the light's
+    /// CSV file with the columns x, y, z (metres), nx, ny and nz
     #[arg(long, value_name = "FILE")]
     pub points: PathBuf,
-    /// Add exact results: ao by casting RAYS rays from each point [default: 1024], photons by refraction and ray casting
+    /// Add exact results, by casting RAYS rays from each point [default: 1024]
     #[arg(long, value_name = "RAYS", num_args = 0..=1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub reference: Option<Option<u32>>,
-    /// Set a parameter of the pipeline; see `fathom list parameters --pipeline volume_ao`, or underwater for photons
+    /// Set a parameter of the pipeline; see `fathom list parameters --pipeline volume_ao`
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, Value)>,
     /// CSV file to write [default: standard output]

@@ -1,9 +1,7 @@
-//! `fathom query`: answers at the points of a CSV file. Here occlusion; photons in [`photons`].
+//! `fathom query`: ambient occlusion at the points of a CSV file.
 
-pub mod photons;
 mod table;
 
-use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
 
@@ -12,7 +10,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::subject::Subject;
-use fathom_base::input::{self, Limited};
+use fathom_base::input;
 use fathom_gpu::{Gpu, GpuError};
 use fathom_pipelines::occlusion::exact as attenuation;
 use fathom_pipelines::settings::Deform;
@@ -46,11 +44,6 @@ pub struct SurfaceRow {
 /// The points of a CSV file with the columns x, y, z (metres) and nx, ny, nz; others are left aside. An error names the first
 /// fault, its line and column.
 pub fn read(path: &Path) -> Result<Vec<SurfaceRow>> {
-    read_with(path, parse)
-}
-
-/// What `parse` makes of a file.
-fn read_with<T>(path: &Path, parse: impl Fn(Limited<File>) -> Result<T>) -> Result<T> {
     let shown = path.display();
     let file = input::plain(path, MAX_POINTS_FILE);
     let file = file.map_err(|error| anyhow!("cannot read {shown}: {error}"))?;
@@ -58,8 +51,7 @@ fn read_with<T>(path: &Path, parse: impl Fn(Limited<File>) -> Result<T>) -> Resu
 }
 
 fn parse(text: impl Read) -> Result<Vec<SurfaceRow>> {
-    let (rows, _) = table::read(text, &COLUMNS, &[])?;
-    rows.into_iter().map(row).collect()
+    table::read(text, &COLUMNS)?.into_iter().map(row).collect()
 }
 
 fn row((line, numbers): table::TableRow) -> Result<SurfaceRow> {

@@ -190,7 +190,7 @@ fn map(
     let blocks: f64 = size.iter().map(|side| f64::from(side.div_ceil(block_px))).product();
     let columns = (blocks * PHOTONS_PER_BLOCK).sqrt().ceil() as u32;
     // Photons of the whole frustum: those that the grid leaves out must be missed.
-    let frame = view.light.frame(&view.camera, view.aspect(), &view.bounds);
+    let frame = view.light.frame(&view.camera, view.aspect(), &view.bounds, &view.water);
     let Known { kept, occlusion, maps } = &mut *judge.known;
     let asked = format!(
         "{frame:?} {:?} {:?} {:?} {} {size:?} {block_px} {columns}",

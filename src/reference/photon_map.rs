@@ -206,7 +206,7 @@ mod tests {
                 Bounds { min: DVec3::new(-40.0, -3.0, -40.0), max: DVec3::new(40.0, 1.0, 40.0) };
             let tracer = Tracer::new(&self.objects);
             let lighting = Lighting {
-                frame: &self.light.frame(&self.camera, ASPECT, &bounds),
+                frame: &self.light.frame(&self.camera, ASPECT, &bounds, &self.water),
                 intensity_w_sr: self.light.intensity_w_sr,
                 water: &self.water,
                 tracer: &tracer,

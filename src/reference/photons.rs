@@ -176,7 +176,7 @@ mod tests {
         };
         let bounds =
             Bounds { min: DVec3::new(-6.0, -DEPTH_M, -6.0), max: DVec3::new(6.0, 1.0, 6.0) };
-        light.frame(&camera, 1.0, &bounds)
+        light.frame(&camera, 1.0, &bounds, &Water::default())
     }
 
     #[test]
@@ -226,7 +226,7 @@ mod tests {
         set(&mut scene.light);
         let tracer = Tracer::new(&scene.objects);
         let (camera, light) = (&scene.camera, &scene.light);
-        let whole = light.frame(camera, 1.2, &scene.bounds);
+        let whole = light.frame(camera, 1.2, &scene.bounds, &scene.water);
         let fitted = light.photon_frame(camera, 1.2, &scene.bounds, &scene.water);
         let (place, view) = (fitted.photon_grid.inverse(), camera.view_projection(1.2));
         let landings = land_all(&whole, &scene.water, &tracer, PhotonGrid::new(150, 1), 1);

@@ -8,14 +8,10 @@ use serde::{Deserialize, Serialize};
 use super::bounds::Bounds;
 use super::camera::Camera;
 use super::check::within_ranges;
-use super::frustum::{Rectangle, surface_within, visible_points};
-use super::photon_start::PhotonStart;
+use super::frustum::{Rectangle, clip, surface_within, visible_points};
+use super::photon_start::{PhotonStart, Refraction, hull};
 use super::water::Water;
 use fathom_base::{choices, settings};
-
-/// Horizontal room given to photons for the slopes of the waves, per metre of depth: refraction at
-/// index 1.33 turns a ray by about a quarter of the surface's slope, so this holds slopes to 0.6.
-pub(super) const WAVE_SPREAD: f64 = 0.15;
 
 /// Slack of the near and far planes around the bounds, as a share of their diagonal: 25 cm in scene tank.
 const DEPTH_SLACK: f64 = 0.014_145_4;
@@ -85,9 +81,26 @@ pub struct LightFrame {
 impl Light {
     /// The light frustum that follows the camera frustum (UW 3.1): it looks at the camera's
     /// [`Camera::middle`] and holds the part of the camera frustum that lies within `bounds`
-    /// together with the water column above it, for refraction shifts photons; never more than
+    /// together with where light that reaches it enters the water; never more than
     /// `bounds`. A camera that sees nothing of `bounds` gets all of it.
-    pub fn frame(&self, camera: &Camera, aspect: f64, bounds: &Bounds) -> LightFrame {
+    pub fn frame(
+        &self,
+        camera: &Camera,
+        aspect: f64,
+        bounds: &Bounds,
+        water: &Water,
+    ) -> LightFrame {
+        self.frame_and_entries(camera, aspect, bounds, water).0
+    }
+
+    /// The frustum, and places around all where light that lands in view enters the water.
+    fn frame_and_entries(
+        &self,
+        camera: &Camera,
+        aspect: f64,
+        bounds: &Bounds,
+        water: &Water,
+    ) -> (LightFrame, Vec<DVec3>) {
         let middle = camera.middle();
         let position = match self.kind {
             LightKind::Directional => middle - self.travel() * self.distance_m,
@@ -96,14 +109,21 @@ impl Light {
         let forward = (middle - position).try_normalize().unwrap_or(DVec3::NEG_Y);
         let view = view::look_to_mat4(position, forward, up_for(forward));
         let reach = (middle - position).length();
-        let seen = lit_points(camera, aspect, bounds);
+        let mut seen = visible_points(camera, aspect, bounds);
+        let (kind, steepest) = (self.kind, water.steepest());
+        let refraction = Refraction { kind, position, forward, water, steepest };
+        let entries = refraction.entries((camera, aspect), bounds);
+        seen.extend(&entries);
+        if seen.is_empty() {
+            seen.extend(bounds.corners());
+        }
         let (projection, rectangle) = match self.kind {
             LightKind::Directional => self.orthographic(&view, &seen, bounds),
             LightKind::Point => self.pyramid(&view, &seen, bounds, reach),
         };
         let view_projection = projection * view;
         let inverse = view_projection.inverse();
-        LightFrame {
+        let frame = LightFrame {
             kind: self.kind,
             position,
             forward,
@@ -114,7 +134,8 @@ impl Light {
             photon_grid: inverse,
             grid_area: rectangle.area(),
             emitted_w: self.flux_w(&rectangle),
-        }
+        };
+        (frame, entries)
     }
 
     /// The same frustum, in which photons start only where they can land in view. UW §3.1: "we must ensure that most of them intersect the
@@ -126,9 +147,9 @@ impl Light {
         bounds: &Bounds,
         water: &Water,
     ) -> LightFrame {
-        let frame = self.frame(camera, aspect, bounds);
+        let (frame, entries) = self.frame_and_entries(camera, aspect, bounds, water);
         let fits = self.half_extent_m == 0.0;
-        let start = fits.then(|| PhotonStart::new(&frame, (camera, aspect), bounds, water));
+        let start = fits.then(|| PhotonStart::new(&frame, &entries, water));
         match start.flatten().filter(|start| start.rectangle().area() < frame.grid_area) {
             Some(start) => LightFrame {
                 photon_grid: frame.inverse * start.placement(&frame.projection),
@@ -204,7 +225,9 @@ impl Light {
         reach: f64,
     ) -> (DMat4, Rectangle) {
         let tangents = |points: &[DVec3]| {
-            Rectangle::around(points.iter().map(|p| tangent(view.transform_point3(*p))))
+            let points: Vec<DVec3> = points.iter().map(|p| view.transform_point3(*p)).collect();
+            let [x, y] = [DVec3::X, DVec3::Y].map(|side| tangent_range(&points, side));
+            Rectangle { min: DVec2::new(x[0], y[0]), max: DVec2::new(x[1], y[1]) }
         };
         let r = match self.half_extent_m {
             h if h > 0.0 => Rectangle::square((h / reach).min(POINT_MAX_TANGENT)),
@@ -245,28 +268,6 @@ fn up_for(forward: DVec3) -> DVec3 {
     if forward.z.abs() < 0.9 { DVec3::Z } else { DVec3::X }
 }
 
-/// Where the seen part of the scene can get its light from: its corners, and for those under water
-/// the top of the water column above each, widened for the waves. A refracted ray lies between the
-/// straight one, which has the corner's own place in light space, and the vertical.
-fn lit_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec3> {
-    let mut seen = visible_points(camera, aspect, bounds);
-    if seen.is_empty() {
-        return bounds.corners().to_vec();
-    }
-    for i in 0..seen.len() {
-        let p = seen[i];
-        let spread = WAVE_SPREAD * (-p.y).max(0.0);
-        if spread > 0.0 {
-            let top = DVec3::new(p.x, 0.0, p.z);
-            let around = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
-            for base in [p, top] {
-                seen.extend(around.map(|(x, z)| base + DVec3::new(x, 0.0, z) * spread));
-            }
-        }
-    }
-    seen
-}
-
 /// Smallest and largest distance of points along the view direction.
 fn depth_range(view: &DMat4, points: &[DVec3]) -> (f64, f64) {
     let depths = || points.iter().map(|point| -view.transform_point3(*point).z);
@@ -289,11 +290,23 @@ fn lit_within(bounds: &Bounds, view: &DMat4, r: &Rectangle) -> Vec<DVec3> {
     if points.is_empty() { bounds.corners().to_vec() } else { points }
 }
 
-/// Tangents of a view-space point's angles off the axis, limited to [`POINT_MAX_TANGENT`]; a point
-/// at or behind the light has the limit in its direction.
+/// Least depth of a view-space point.
+const LEAST_DEPTH: f64 = 1e-9;
+
+/// Tangents of a view-space point's angles off the axis, limited to [`POINT_MAX_TANGENT`].
 pub(super) fn tangent(p: DVec3) -> DVec2 {
-    let depth = (-p.z).max(1e-9);
+    let depth = (-p.z).max(LEAST_DEPTH);
     (p.truncate() / depth).clamp(DVec2::splat(-POINT_MAX_TANGENT), DVec2::splat(POINT_MAX_TANGENT))
+}
+
+/// Smallest and largest tangent along a side of what of the points' hull, in view space, lies before a light: where the hull passes beside
+/// the light counts, and not what of it is behind.
+fn tangent_range(points: &[DVec3], side: DVec3) -> [f64; 2] {
+    let flat = points.iter().map(|p| DVec2::new(p.dot(side), p.z)).collect::<Vec<_>>();
+    let outline = hull(&flat).iter().map(|p| DVec3::new(p.x, 0.0, p.y)).collect();
+    let ahead = clip(outline, &[DVec4::new(0.0, 0.0, -1.0, -LEAST_DEPTH)]);
+    let tangents = ahead.iter().map(|p| tangent(*p).x);
+    tangents.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], t| [a.min(t), b.max(t)])
 }
 
 /// Solid angle of the pyramid with these tangents, steradians.
@@ -328,7 +341,7 @@ mod tests {
 
     fn frames() -> [LightFrame; 3] {
         let lights = [Light::default(), point([1.0, 9.0, 2.0]), steep()];
-        lights.map(|light| light.frame(&camera(), 1.0, &bounds()))
+        lights.map(|light| light.frame(&camera(), 1.0, &bounds(), &Water::default()))
     }
 
     /// Points of the floor that the camera sees.
@@ -363,11 +376,11 @@ mod tests {
     #[test]
     fn frustum_never_exceeds_the_bounds() {
         let wide = Camera { fov_y_deg: 150.0, z_far_m: 500.0, ..camera() };
-        let frame = steep().frame(&wide, 1.0, &bounds());
+        let frame = steep().frame(&wide, 1.0, &bounds(), &Water::default());
         assert!(frame.emitted_w <= 9.2 * 12.0 * 14.0 + 1e-9, "{}", frame.emitted_w);
         // A camera that sees nothing gets all of them.
         let away = Camera { position_m: [0.0, 50.0, 0.0], target_m: [0.0, 60.0, 1.0], ..camera() };
-        let frame = steep().frame(&away, 1.0, &bounds());
+        let frame = steep().frame(&away, 1.0, &bounds(), &Water::default());
         assert!((frame.emitted_w - 9.2 * 12.0 * 14.0).abs() < 1e-6);
     }
 
@@ -376,7 +389,7 @@ mod tests {
         let wide = Bounds { min: DVec3::new(-60.0, -4.0, -60.0), max: DVec3::new(60.0, 1.0, 60.0) };
         let near_m = |position_m: [f64; 3]| {
             let light = Light { half_extent_m: 2.0, ..point(position_m) };
-            let frame = light.frame(&camera(), 1.0, &wide);
+            let frame = light.frame(&camera(), 1.0, &wide, &Water::default());
             let cells = iproduct!(0..=240, 0..=10, 0..=240);
             let places =
                 cells.map(|(i, j, k)| wide.min + DVec3::from([i, j, k].map(f64::from)) * 0.5);
@@ -416,7 +429,7 @@ mod tests {
     fn photons_start_where_light_reaches_what_is_seen_and_nowhere_beside_the_water() {
         let water = Water { half_size_m: [5.0, 6.5], ..Water::default() };
         for light in [Light::default(), point([1.0, 9.0, 2.0]), steep()] {
-            let whole = light.frame(&camera(), 1.0, &bounds());
+            let whole = light.frame(&camera(), 1.0, &bounds(), &water);
             let fitted = light.photon_frame(&camera(), 1.0, &bounds(), &water);
             assert!(fitted.grid_area < 0.95 * whole.grid_area, "{:?}", light.kind);
             assert!(fitted.emitted_w < whole.emitted_w && fitted.inverse == whole.inverse);
@@ -446,7 +459,7 @@ mod tests {
         let set = Light { half_extent_m: 2.0, ..Light::default() };
         let away = Camera { position_m: [0.0, 50.0, 0.0], target_m: [0.0, 60.0, 1.0], ..camera() };
         for (light, camera) in [(set, camera()), (Light::default(), away)] {
-            let whole = light.frame(&camera, 1.0, &bounds());
+            let whole = light.frame(&camera, 1.0, &bounds(), &water);
             assert_eq!(light.photon_frame(&camera, 1.0, &bounds(), &water), whole);
         }
     }
@@ -458,10 +471,10 @@ mod tests {
         let sixth = 4.0 * std::f64::consts::PI / 6.0;
         assert!((solid_angle(&full) - sixth).abs() < 1e-12);
         let light = Light { half_extent_m: 2.0, ..Light::default() };
-        let frame = light.frame(&camera(), 1.0, &bounds());
+        let frame = light.frame(&camera(), 1.0, &bounds(), &Water::default());
         assert!((frame.emitted_w - 9.2 * 16.0).abs() < 1e-9);
         let light = Light { half_extent_m: 1.0, ..point([0.0, 5.0, 0.0]) };
-        let frame = light.frame(&camera(), 1.0, &bounds());
+        let frame = light.frame(&camera(), 1.0, &bounds(), &Water::default());
         let reach = (camera().middle() - DVec3::new(0.0, 5.0, 0.0)).length();
         let expected = 9.2 * solid_angle(&Rectangle::square(1.0 / reach));
         assert!((frame.emitted_w - expected).abs() < 1e-9);

@@ -5,6 +5,10 @@ use glam::{DVec2, DVec3};
 /// Lattice cells per tile of the first octave; the second has twice as many.
 pub const NOISE_CELLS: u32 = 8;
 
+/// Bound of the slope of [`tile_noise`], per tile: that of an octave is at most 2.93 per lattice cell (over all gradients and
+/// places), and both octaves together have that of 8 + 16 / 2 cells, over 1.5.
+pub const TILE_NOISE_SLOPE: f64 = 2.93 * (NOISE_CELLS + NOISE_CELLS) as f64 / 1.5;
+
 /// Value and derivatives by u and v, in tile units, of two octaves (weights 1 and 1/2).
 ///
 /// The gradients have length √2, so an octave never leaves [−1, 1]; the sum is divided by 1.5 and

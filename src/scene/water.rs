@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::check::within_ranges;
 use super::height_map::{HeightMap, Tile};
-use super::noise::tile_noise;
+use super::noise::{TILE_NOISE_SLOPE, tile_noise};
 use super::waves::{self, Wave};
 use fathom_base::parameter::{Listed, ParamError};
 use fathom_base::{choices, settings};
@@ -144,6 +144,18 @@ impl Water {
         }
     }
 
+    /// Bound of the slope's magnitude.
+    pub fn steepest(&self) -> f64 {
+        match self.model {
+            WaterModel::Circular | WaterModel::Directional => {
+                let wave = (1.0 - self.noise) * self.wavenumber_per_m();
+                self.amplitude_m * (wave + self.noise * TILE_NOISE_SLOPE / self.noise_tile_m)
+            }
+            WaterModel::Waves => waves::steepest(&self.waves),
+            WaterModel::HeightMap => self.tile.as_ref().map_or(0.0, |tile| tile.steepest()),
+        }
+    }
+
     /// Unit normal of the surface, pointing up.
     pub fn normal(&self, x: f64, z: f64) -> DVec3 {
         let g = self.gradient(x, z);
@@ -267,6 +279,7 @@ mod tests {
                 assert!((g - DVec2::new(dx, dz)).length() < 1e-6, "{g} at {x}, {z}");
                 assert!(water.normal(x, z).dot(DVec3::new(1.0, g.x, 0.0)).abs() < 1e-12);
                 assert!(water.height(x, z).abs() <= water.amplitude_m);
+                assert!(g.length() <= water.steepest());
             }
         }
     }

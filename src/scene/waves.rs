@@ -88,6 +88,11 @@ pub fn bound_m(waves: &[Wave]) -> f64 {
     waves.iter().map(|wave| wave.amplitude_m.abs()).sum()
 }
 
+/// Bound of the slope of the sum.
+pub fn steepest(waves: &[Wave]) -> f64 {
+    waves.iter().map(|wave| wave.amplitude_m.abs() * wave.vector().length()).sum()
+}
+
 /// Length of the shortest wave, metres.
 pub fn shortest_m(waves: &[Wave]) -> f64 {
     let lengths = waves.iter().map(|wave| TAU / wave.vector().length());

@@ -1,12 +1,10 @@
 //! How a ray finds where it enters the water: host twin of `meet_water` in `shaders/shared/photon.wgsl`.
 
-use std::f64::consts::TAU;
-
 use super::uniforms::water_turns;
 use fathom_scene::{LightFrame, Water, WaterModel, shortest_wave_m};
 
-/// Largest slope of the water times the tangent of the ray's angle to the vertical at which Newton's method is enough. At 1 a ray can touch
-/// a wave a second time. From 0.5 a wave of length λ leaves q³ / 2(1 − q) = 0.125 of λ/2π after a step, and 3e-5 of it after the third.
+/// Largest slope of the water times the tangent of the ray's angle to the vertical at which a ray is taken to meet the waves once: its height
+/// above them then falls all the way. At 1 a ray can touch a wave a second time.
 const NEWTON_SLOPE: f64 = 0.5;
 /// Marching steps per wave. A dip between two steps is then followed by a parabola to (2π/16)⁴/384 = 6e-5 of its amplitude.
 const STEPS_PER_WAVE: f64 = 16.0;
@@ -22,7 +20,6 @@ const MOST_STEPS: u64 = 64;
 /// Most turns of a search, which leaves others to what follows in the same invocation.
 const MOST_TURNS: u64 = 40_000;
 /// As in the shader.
-const NEWTON_STEPS: u64 = 3;
 const REFINEMENTS: u64 = 8;
 
 /// How rays search for the surface of a water.
@@ -37,12 +34,11 @@ pub struct EntrySearch {
 
 impl EntrySearch {
     pub fn new(water: &Water) -> Self {
-        let (wave_m, slope) = shape(water);
         Self {
             bound_m: water.bound_m() * BOUND_ROOM,
-            step_m: wave_m / STEPS_PER_WAVE,
+            step_m: shortest_m(water) / STEPS_PER_WAVE,
             steps: (MOST_TURNS / step_turns(water)).min(MOST_STEPS),
-            newton_slant: (NEWTON_SLOPE / slope).min(f64::from(f32::MAX)),
+            newton_slant: (NEWTON_SLOPE / water.steepest()).min(f64::from(f32::MAX)),
         }
     }
 
@@ -51,7 +47,7 @@ impl EntrySearch {
         let slant = slant(light);
         let height = 1 + water_turns(water);
         if slant <= self.newton_slant {
-            return 1 + NEWTON_STEPS * height;
+            return 1 + REFINEMENTS * height;
         }
         let steps = (2.0 * self.bound_m * slant / self.step_m).ceil() as u64;
         height + steps.clamp(1, self.steps) * step_turns(water) + 1 + REFINEMENTS * height + 1
@@ -63,25 +59,13 @@ fn step_turns(water: &Water) -> u64 {
     1 + 2 * water_turns(water)
 }
 
-/// Length of the shortest wave, metres, and a bound of the slope.
-fn shape(water: &Water) -> (f64, f64) {
+/// Length of the shortest wave, metres.
+fn shortest_m(water: &Water) -> f64 {
     match (water.model, &water.tile) {
-        (WaterModel::Waves, _) => {
-            let slopes = water.waves.iter().map(|w| w.amplitude_m.abs() * w.vector().length());
-            (shortest_wave_m(&water.waves), slopes.sum())
-        }
-        (WaterModel::HeightMap, Some(tile)) => {
-            (SAMPLES_PER_WAVE * tile.spacing_m(), tile.steepest())
-        }
-        _ => {
-            let wave = (1.0 - water.noise) * water.wavenumber_per_m();
-            let noise_m = CELLS_PER_WAVE * water.noise_tile_m / FINEST_NOISE_CELLS;
-            let shortest_m = match water.noise {
-                0.0 => water.wavelength_m,
-                _ => water.wavelength_m.min(noise_m),
-            };
-            (shortest_m, water.amplitude_m * (wave + water.noise * TAU / noise_m))
-        }
+        (WaterModel::Waves, _) => shortest_wave_m(&water.waves),
+        (WaterModel::HeightMap, Some(tile)) => SAMPLES_PER_WAVE * tile.spacing_m(),
+        _ if water.noise == 0.0 => water.wavelength_m,
+        _ => water.wavelength_m.min(CELLS_PER_WAVE * water.noise_tile_m / FINEST_NOISE_CELLS),
     }
 }
 

@@ -19,7 +19,6 @@ pub mod lit_scene;
 pub mod low_pass;
 pub mod marching;
 pub mod photon;
-pub mod photons;
 pub mod planar;
 pub mod pool;
 pub mod post;
@@ -75,7 +74,6 @@ pub const REGISTRY: &[StageInfo] = &[
     caustics::trace::INFO,
     caustics::splat::INFO,
     caustics::filter::INFO,
-    photons::query::INFO,
     godrays::trace::INFO,
     godrays::lines::INFO,
     godrays::filter::INFO,

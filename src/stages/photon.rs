@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::kit::{Resource, square_workgroups};
 use super::uniforms::View;
 use crate::prelude::*;
+use fathom_gpu::MOST_LOOP_TURNS;
 use fathom_scene::LightKind;
 
 shader_struct! {
@@ -138,15 +139,15 @@ pub enum PhotonEstimator {
 
 fathom_base::choices!(PhotonEstimator);
 
-/// Most steps of a search, and most crossings of a ray that are refined, as in `shaders/shared/estimator.wgsl`.
-const MOST_STEPS: u32 = 128;
-const MOST_REFINED: u32 = 4;
+/// Steps of a search and crossings of a ray that are refined, as many as there is always room for: as in `shaders/shared/estimator.wgsl`.
+const FEWEST_STEPS: u32 = 128;
+const FEWEST_REFINED: u32 = 4;
 
 impl PhotonEstimator {
-    /// Most turns of loops for a photon.
-    pub fn most_turns(self, iterations: u32) -> u32 {
+    /// Turns of loops that a photon has room for at least.
+    pub fn fewest_turns(self, iterations: u32) -> u32 {
         match self {
-            PhotonEstimator::Secant => MOST_STEPS + MOST_REFINED * iterations,
+            PhotonEstimator::Secant => FEWEST_STEPS + FEWEST_REFINED * iterations,
             PhotonEstimator::Paper => iterations,
         }
     }
@@ -156,7 +157,7 @@ impl PhotonEstimator {
     pub fn lookups(self, iterations: u32, across_px: f64, step_px: f64) -> u32 {
         match self {
             PhotonEstimator::Secant => {
-                ((across_px / step_px).ceil() as u32).clamp(1, MOST_STEPS) + iterations.min(2) + 1
+                ((across_px / step_px).ceil() as u32).max(1) + iterations.min(2) + 1
             }
             PhotonEstimator::Paper => iterations,
         }
@@ -183,6 +184,8 @@ shader_struct! {
         pub bottom_m: f32,
         /// Places looked up for a photon, about.
         pub lookups: u32,
+        /// Turns of loops of a search at most; [`tracing`] sets it.
+        pub search_turns: u32,
     }
 }
 
@@ -191,9 +194,25 @@ impl TraceUniforms {
         self.grid * self.grid * self.side * self.side
     }
 
+    /// With as many turns as steps along the longest path of the light's depth and a refined crossing every second step take, so far as an
+    /// invocation has room for them.
+    fn with_search(&self, shadow_px: u32, entry: u64) -> Self {
+        if self.estimator == PhotonEstimator::Paper as u32 {
+            return Self { search_turns: self.iterations, ..self.clone() };
+        }
+        let fewest = PhotonEstimator::Secant.fewest_turns(self.iterations);
+        let diagonal_px = f64::from(shadow_px) * std::f64::consts::SQRT_2;
+        let steps = (diagonal_px / f64::from(self.step_px)).ceil() as u32;
+        let whole = steps.saturating_add((steps / 2).saturating_mul(self.iterations));
+        let side = u64::from(self.side);
+        let room = (MOST_LOOP_TURNS / (side * side)).saturating_sub(entry + 5);
+        let search_turns = fewest.max(whole.min(room as u32));
+        Self { search_turns, ..self.clone() }
+    }
+
     /// Turns of loops of a cell at most, where a photon's entry into the water takes `entry`.
     fn turns(&self, entry: u64) -> u64 {
-        let photon = entry + u64::from(self.iterations) + 2;
+        let photon = entry + u64::from(self.search_turns) + 2;
         let side = u64::from(self.side);
         (side * (side * photon + 2)).saturating_add(1)
     }
@@ -210,6 +229,7 @@ pub fn tracing(
     (dynamic, conserving): (bool, bool),
 ) -> Result<Stage<Photons>, GpuError> {
     let name = info.name;
+    let settings = &settings.with_search(depth.width(), shared.entry_turns);
     let turns = settings.turns(shared.entry_turns);
     resources.turns(&format!("{name}, subdivision × iterations"), turns);
     let side = if dynamic { 0 } else { settings.side as i32 };

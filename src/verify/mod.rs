@@ -21,7 +21,7 @@ mod lines;
 mod luminance;
 mod occlusion;
 mod photon_tracing;
-mod photons;
+pub mod photons;
 mod planar;
 mod prelude;
 pub mod refraction;
@@ -29,10 +29,9 @@ pub mod rig;
 mod scalar;
 mod shadow_rays;
 mod shafts;
-mod slanted;
+pub mod slanted;
 mod splats;
 mod sprites;
-mod starts;
 pub mod statistics;
 mod voxel;
 
@@ -202,7 +201,6 @@ pub fn cases() -> Vec<Case> {
         slanted::cases(),
         given_water::cases(),
         glass::cases(),
-        starts::cases(),
         splats::cases(),
         lines::cases(),
         fresnel::cases(),

@@ -58,12 +58,22 @@ impl Traced {
     /// Depth map, mask and one tracing stage.
     fn by(
         rig: &Rig<'_>,
-        (info, dynamic): (&'static StageInfo, bool),
+        by: (&'static StageInfo, bool),
         scene: Scene,
         settings: TraceUniforms,
     ) -> Result<Self> {
-        let stand = rig.stand(scene, [256, 256])?;
-        let depth = shadow::depth::new(rig, &stand.shared, &stand.geometry, SHADOW_TEXELS)?;
+        Self::over(rig, by, rig.stand(scene, [256, 256])?, SHADOW_TEXELS, settings)
+    }
+
+    /// The same, with so many texels a side of the light's depth.
+    pub fn over(
+        rig: &Rig<'_>,
+        (info, dynamic): (&'static StageInfo, bool),
+        stand: Stand,
+        shadow_px: u32,
+        settings: TraceUniforms,
+    ) -> Result<Self> {
+        let depth = shadow::depth::new(rig, &stand.shared, &stand.geometry, shadow_px)?;
         let mask = shadow::mask::new(rig, &stand.shared, &depth, 64)?;
         let light = (&*depth, &*mask);
         let grid = PhotonGrid::new(settings.grid, settings.side);
@@ -113,6 +123,7 @@ pub fn settings(grid: u32, side: u32) -> TraceUniforms {
         // Below the floor of scene `plane`.
         bottom_m: -3.01,
         lookups: 12,
+        search_turns: 0,
     }
 }
 

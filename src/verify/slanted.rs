@@ -250,7 +250,7 @@ fn enter_wrong(entries: impl Iterator<Item = Option<DVec3>>, landings: &[Landing
 }
 
 /// Where three steps of Newton's method from the resting water take a ray.
-fn three_newton_steps(water: &Water, (origin, direction): (DVec3, DVec3)) -> DVec3 {
+pub fn three_newton_steps(water: &Water, (origin, direction): (DVec3, DVec3)) -> DVec3 {
     let from_rest = -origin.y / direction.y;
     let t = (0..3).fold(from_rest, |t, _| {
         let p = origin + t * direction;

@@ -9,7 +9,7 @@ use fathom::record::Work;
 use fathom::stages::REGISTRY;
 
 /// Stages that no frame holds: a picture of the volume, and answers at given points.
-const APART: [&str; 3] = ["voxel/view", "ao/query", "photons/query"];
+const APART: [&str; 2] = ["voxel/view", "ao/query"];
 
 #[test]
 fn every_stage_is_registered_and_pushed_into_a_pipeline() {

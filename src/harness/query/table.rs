@@ -14,17 +14,13 @@ pub const SHORT: f64 = 1e-6;
 /// A row's line and its numbers, in the order of the columns asked for.
 pub type TableRow = (u64, Vec<f64>);
 
-/// Columns in any order and among others, which are left aside. Those of `optional` come all or not at all; the second part
-/// of the answer says whether they are there.
-pub fn read(text: impl Read, needed: &[&str], optional: &[&str]) -> Result<(Vec<TableRow>, bool)> {
+/// Columns in any order and among others, which are left aside.
+pub fn read(text: impl Read, columns: &[&str]) -> Result<Vec<TableRow>> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text);
     let header = reader.headers().map_err(fault)?.clone();
-    let more = optional.iter().any(|column| header.iter().any(|name| name == *column));
-    let mut columns = needed.to_vec();
-    columns.extend(optional.iter().filter(|_| more));
     let places = columns.iter().map(|column| {
         let found = header.iter().position(|name| name == *column);
-        let needed = || format!("{} are needed", list(&columns));
+        let needed = || format!("{} are needed", list(columns));
         let missing = || format!("line 1: there is no column `{column}`: {}", needed());
         Ok((*column, found.with_context(missing)?))
     });
@@ -32,7 +28,7 @@ pub fn read(text: impl Read, needed: &[&str], optional: &[&str]) -> Result<(Vec<
     let rows = reader.records().map(|record| row(&record.map_err(fault)?, &places));
     let rows = rows.collect::<Result<Vec<TableRow>>>()?;
     ensure!(!rows.is_empty(), "line 2: there is no point");
-    Ok((rows, more))
+    Ok(rows)
 }
 
 /// `a, b and c`.

@@ -70,6 +70,7 @@ impl PhotonGrid {
             step_px: self.step_px as f32,
             bottom_m: bottom_m(view) as f32,
             lookups: self.estimator.lookups(iterations, across_px, self.step_px),
+            search_turns: 0,
         }
     }
 
@@ -97,7 +98,7 @@ impl PhotonGrid {
             )));
         }
         // Those chosen are few.
-        let turns = self.subdivision * self.estimator.most_turns(self.iterations.max(8));
+        let turns = self.subdivision * self.estimator.fewest_turns(self.iterations.max(8));
         if turns > MOST_TURNS {
             return Err(ParamError::Unfit(format!(
                 "{name}.subdivision × {name}.iterations is too much for one invocation: {turns} turns of loops, and lavapipe ends \

@@ -5,17 +5,12 @@ use std::collections::BTreeMap;
 use glam::{DVec2, DVec4};
 
 use super::grid::largest_contraction;
-use super::{Intensity, Params, Underwater, view};
-use crate::{Built, Pipeline};
+use super::{Intensity, Params, Underwater};
+use crate::Built;
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_reference::godray::covered_px;
 use fathom_scene::Scene;
-use fathom_stages::geometry::Geometry;
-use fathom_stages::kit::{Buffer, Resources, When};
 use fathom_stages::photon::{MISSED, OUTSIDE, Photon, PhotonEstimator, Photons};
-use fathom_stages::photons::query::{self, Answer, Start};
-use fathom_stages::shadow;
-use fathom_stages::uniforms::Shared;
 
 impl Underwater {
     /// Pixels that the lines of godrays cover in their buffer, each line's counted, hidden or not.
@@ -83,49 +78,6 @@ impl Underwater {
 /// Reads a photon buffer back.
 pub fn read_photons(gpu: &Gpu, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
     Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &photons.buffer)?))
-}
-
-/// Pushes what asking where photons land makes: the scene as the light sees it, and the query over it. By the settings of `caustics`. One
-/// start at least. It leaves an [`Answer`] for each.
-///
-/// # Errors
-/// What the GPU reports.
-pub fn photon_query(
-    resources: &Resources<'_>,
-    scene: &Scene,
-    params: &Params,
-    starts: &[Start],
-) -> Result<Buffer, GpuError> {
-    scene.needs_objects(Underwater::NAME).map_err(GpuError::Unusable)?;
-    let view = view(params, scene);
-    let shared = Shared::new(resources, &view);
-    let geometry = Geometry::new(resources, scene);
-    let of_light = resources.sized_by("shadow.size");
-    let depth = shadow::depth::new(&of_light, &shared, &geometry, params.shadow.size)?;
-    let depth = of_light.push_as(depth, When::Once);
-    let mask = shadow::mask::new(&of_light, &shared, &depth, params.surface.cells)?;
-    let mask = of_light.push_as(mask, When::Once);
-    let settings = params.caustics.grid_settings().uniforms(&view, params.shadow.size);
-    let conserving = params.caustics.intensity == Intensity::Conserving;
-    let light = (&depth, &mask);
-    let query = query::new(resources, &shared, light, starts, &settings, conserving)?;
-    Ok(resources.push_as(query, When::Once))
-}
-
-/// Photons from given starts: see [`photon_query`].
-///
-/// # Errors
-/// As there.
-pub fn photons_at(
-    gpu: &Gpu,
-    scene: &Scene,
-    params: &Params,
-    starts: &[Start],
-) -> Result<Vec<Answer>, GpuError> {
-    let resources = Resources::new(gpu);
-    let answers = photon_query(&resources, scene, params, starts)?;
-    resources.into_parts().run_once(gpu)?;
-    Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &answers)?))
 }
 
 /// Fragments that `caustics/splat` and `godrays/lines` blend in a frame, by stage.

@@ -137,8 +137,8 @@ macro_rules! photon_settings {
                 /// and the ray ρ off the vertical. 0 takes as many as reach 1/4000 of the depth in the light's frustum, at least 6 and at most 64. Under 72° is
                 /// the limit at index 1.33: beyond it the factor is above 1, and no number of iterations converges.
                 iterations: u32 = 0 => 0 ..= 1000, "1";
-                /// Of `secant`: longest step of the search along the ray, in texels of the light's depth. What is narrower can be passed. Paths
-                /// longer than 128 steps take longer ones.
+                /// Of `secant`: longest step of the search along the ray, in texels of the light's depth. What is narrower can be passed. Steps
+                /// are never longer in cells of up to 144 photons over a light's depth of 1024 texels a side, and of up to 36 over one of 4096.
                 step_px: f64 = 4.0 => 0.5 ..= 1024.0, "px";
                 /// Of `paper`: first estimate d0 of the path under water. UW gives none. A share of the scene, 1 m in scene tank.
                 start_m: f64 = $file.times_tank() => 0.0 ..= 1e4, "m";

@@ -2,6 +2,7 @@
 //! a scene at another scale. `FATHOM_DRAWS` sets the number of draws; each draw's seed is its number, so a failure names what to repeat.
 
 mod ao;
+mod light;
 mod photons;
 mod refraction;
 mod scaled;

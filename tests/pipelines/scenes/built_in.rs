@@ -312,7 +312,7 @@ fn cameras_and_lights_are_placed_sensibly() {
     for name in WET.split(' ') {
         let scene = Scene::load(name).unwrap();
         assert!(scene.bounds.contains(scene.camera.middle()), "{name}");
-        let frame = scene.light.frame(&scene.camera, 1.0, &scene.bounds);
+        let frame = scene.light.frame(&scene.camera, 1.0, &scene.bounds, &scene.water);
         assert!(frame.emitted_w > 0.0, "{name}");
         for (x, y) in [(0.0, 0.0), (-0.9, 0.9), (0.9, -0.9)] {
             let (origin, direction) = frame.ray(x, y);
