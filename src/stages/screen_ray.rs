@@ -154,6 +154,8 @@ pub struct Rays<'a> {
 
 /// Share of the scene's size by which its box is larger, so that rays end behind what bounds it.
 const ROOM: f64 = 0.01;
+/// The same in pixels of a view as wide as the scene: a plane is found up to a pixel behind it.
+const ROOM_PX: f64 = 2.0;
 
 fn most_steps(layers: &Layers, least: u32) -> u32 {
     let [width, height] = layers.size_px();
@@ -167,8 +169,8 @@ pub fn walk_turns(steps: u32, layers: u32) -> u64 {
 
 /// Of rays through layers within a box, of so many steps at least.
 pub fn walk_uniforms(layers: &Layers, bounds: Bounds, least: u32) -> WalkUniforms {
-    let room = bounds.size().max_element() * ROOM;
     let [width, height] = layers.size_px();
+    let room = bounds.size().max_element() * ROOM.max(ROOM_PX / f64::from(width.min(height)));
     WalkUniforms {
         low_m: (bounds.min - room).as_vec3(),
         tolerance_m: 0.0,
