@@ -162,9 +162,10 @@ fn most_steps(layers: &Layers, least: u32) -> u32 {
     (width.max(height) + 1).max(least)
 }
 
-/// Turns of loops of a ray at most: its steps, at each of which it is held against each layer.
+/// Turns of loops of a ray at most: its steps, at each of which it is held against each layer of a pixel, or of one of four about an empty
+/// one. Planes that it crosses far from their pixel, which are few, are not counted.
 pub fn walk_turns(steps: u32, layers: u32) -> u64 {
-    1 + u64::from(steps) * (u64::from(layers) + 2)
+    1 + u64::from(steps) * (u64::from(layers) + 7)
 }
 
 /// Of rays through layers within a box, of so many steps at least.
