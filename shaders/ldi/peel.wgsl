@@ -5,7 +5,7 @@
 // `verify` would find a layer twice where it were not.
 #import fathom::uniforms::{frame}
 #import fathom::surface::{Material}
-#import fathom::surface_texel::{Surface, packed}
+#import fathom::surface_texel::{packed}
 
 @group(1) @binding(0) var<storage, read> materials: array<Material>;
 // Seven words a vertex: position, normal, material.
@@ -20,6 +20,7 @@ struct Varying {
     @location(0) shading_normal: vec3<f32>,
     @location(1) @interpolate(flat) geometric_normal: vec3<f32>,
     @location(2) @interpolate(flat) optics: f32,
+    @location(3) from_camera_m: vec3<f32>,
 }
 
 struct Corner {
@@ -47,7 +48,8 @@ fn vertex(@builtin(vertex_index) number: u32) -> Varying {
     let own = corners[number - first];
     let clip = frame.camera_view_projection * vec4(own.position_m, 1.0);
     let geometric = select(plane, -plane, dot(plane, outwards) < 0.0);
-    return Varying(clip, own.normal, geometric, materials[own.material].optics);
+    let from_camera_m = own.position_m - frame.camera_position_m;
+    return Varying(clip, own.normal, geometric, materials[own.material].optics, from_camera_m);
 }
 
 @fragment
@@ -57,5 +59,5 @@ fn fragment(in: Varying) -> @location(0) vec4<u32> {
         discard;
     }
 #endif
-    return packed(Surface(in.shading_normal, in.optics, in.geometric_normal));
+    return packed(in.shading_normal, in.optics, in.geometric_normal, in.from_camera_m);
 }

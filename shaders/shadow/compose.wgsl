@@ -1,7 +1,7 @@
 // defs: WATER=0
 // The picture: what the camera sees, lit where its ray to the light meets nothing, and by the sky.
 #import fathom::uniforms::{frame, world_at}
-#import fathom::photon::{Photon}
+#import fathom::photon::{MISSED, Photon}
 #import fathom::screen
 #import fathom::shading::{PI, SKY_SHARE, display, lambert, sky, to_light}
 
@@ -16,10 +16,10 @@ struct Compose {
 @group(1) @binding(3) var depths: texture_depth_2d;
 @group(1) @binding(4) var<storage, read> photons: array<Photon>;
 
-// Whether something lies between a place and the light.
+// Whether something lies between a place and the light, the place's own triangle included.
 fn shadowed(photon: Photon, place: vec3<f32>) -> bool {
     if photon.residual_m < 0.0 {
-        return false;
+        return photon.residual_m == MISSED;
     }
     return frame.light_is_point == 0u || photon.distance_m < distance(place, frame.light_position_m);
 }

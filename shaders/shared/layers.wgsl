@@ -4,7 +4,7 @@
 #import fathom::uniforms::{frame, view_depth_m}
 #import fathom::surface_texel::{Surface, unpacked}
 
-const NO_SURFACE: Surface = Surface(vec3<f32>(0.0), 0.0, vec3<f32>(0.0));
+const NO_SURFACE: Surface = Surface(vec3<f32>(0.0), 0.0, vec3<f32>(0.0), 0.0);
 
 fn surface_at(surfaces: texture_2d_array<u32>, texel: vec2<i32>, layer: u32) -> Surface {
     return unpacked(textureLoad(surfaces, texel, layer, 0));

@@ -45,16 +45,28 @@ struct Segment {
     steps: f32,
 }
 
-// A tangent plane stands for its surface up to so many footprints of a pixel: at a slope of 83 degrees the surface within a pixel is as
-// long. With fewer, steep surfaces are lost; with more, rays end in the air before silhouettes. Tuned on scenes tank, port and storage.
+// The plane of a triangle stands for its surface up to so many footprints of a pixel: at a slope of 83 degrees the surface within a pixel
+// is as long. What is farther counts where the pixel beyond it shows the same plane: see `continues`. Without that, rays end in the air
+// before silhouettes. Tuned on scenes tank, port and storage.
 const MOST_FOOTPRINTS: f32 = 8.0;
 // How far a step reaches beyond its pixel, in pixels: beside an edge the ray may pass one face while the pixel shows the other. Tuned on
 // the same scenes.
 const OVERLAP: f32 = 0.5;
+// Rays are followed so much farther than the far plane, and surfaces this near to it may be cut away by rounding: within a pixel, a level
+// floor reaches from before the far plane to far behind it.
+const BEYOND_FAR: f32 = 1.1;
+// Footprints within which a ray does not meet the plane that it starts on: corners are moved by up to 1/32 of a pixel.
+const OWN_PLANE: f32 = 0.25;
+// Cosine of the angle between two normals of one plane: 8 degrees.
+const SAME_PLANE: f32 = 0.99;
 const NOTHING: Segment = Segment(vec4<f32>(0.0), vec4<f32>(0.0), 0.0, 0.0, 0.0);
 
 fn place_px(walk: Walk, clip: vec4<f32>) -> vec2<f32> {
     return (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * walk.size_px;
+}
+
+fn texel_at(walk: Walk, place_px: vec2<f32>) -> vec2<i32> {
+    return vec2<i32>(clamp(floor(place_px), vec2(0.0), walk.size_px - 1.0));
 }
 
 // Distance at which a ray leaves the scene's box; 0 where it is outside and goes on.
@@ -92,7 +104,8 @@ fn segment(walk: Walk, ray: Transfer) -> Segment {
     part = cut(part, a.w + a.y, b.w + b.y);
     part = cut(part, a.w - a.y, b.w - b.y);
     part = cut(part, a.z, b.z);
-    part = cut(part, a.w - a.z, b.w - b.z);
+    let far_m = BEYOND_FAR * frame.z_far_m;
+    part = cut(part, far_m - a.w, far_m - b.w);
     if part.x >= part.y {
         return NOTHING;
     }
@@ -121,13 +134,23 @@ fn screen_at(seg: Segment, at_m: f32) -> f32 {
     return far / (far + (1.0 - share) * seg.near.w);
 }
 
-// Whether a ray can hit a surface from the side from which it comes: normals point outwards.
-fn can_hit(ray: Transfer, surface: Surface) -> bool {
+// A pixel's height at a depth: the second row of the projection holds cot(fov / 2) times a unit vector.
+fn footprint_at(walk: Walk, view_m: f32) -> f32 {
+    let row = vec3(frame.camera_view_projection[0].y, frame.camera_view_projection[1].y, frame.camera_view_projection[2].y);
+    return 2.0 * view_m / (length(row) * walk.size_px.y);
+}
+
+// Whether a ray can hit a surface at a distance. Normals of glass point out of it. Other surfaces are hit from both sides, but for
+// the one that a ray has left: about the start a curved mirror is crossed from behind, and a sheet is in its own plane.
+fn can_hit(ray: Transfer, surface: Surface, at_m: f32, footprint_m: f32) -> bool {
     if ray.state == FIRST {
         return true;
     }
     let from_outside = dot(ray.direction, surface.geometric_normal) < 0.0;
-    return from_outside != (ray.state == INSIDE && optics::is_glass(surface.optics));
+    if optics::is_glass(surface.optics) {
+        return from_outside == (ray.state != INSIDE);
+    }
+    return at_m > select(MOST_FOOTPRINTS, OWN_PLANE, from_outside) * footprint_m;
 }
 
 struct Hit {
@@ -138,13 +161,66 @@ struct Hit {
 
 const NONE_HIT: Hit = Hit(NO_HIT, NO_SURFACE);
 
+// Whether a plane is among the layers at a texel.
+struct PlaneInLayers {
+    is_shown: bool,
+    // It may be there unseen: before the near plane, about or behind the far plane, or behind the last layer.
+    may_be_hidden: bool,
+}
+
+fn find_plane(
+    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, place_px: vec2<f32>, on_plane_m: vec3<f32>,
+    normal: vec3<f32>, footprint_m: f32
+) -> PlaneInLayers {
+    let texel = texel_at(walk, place_px);
+    let uv = (vec2<f32>(texel) + 0.5) / walk.size_px;
+    let to_far = world_at(uv, 1.0) - frame.camera_position_m;
+    let from_camera_m = on_plane_m - frame.camera_position_m;
+    let expected_m = frame.z_far_m * dot(from_camera_m, normal) / dot(to_far, normal);
+    var last_m = 0.0;
+    for (var layer = 0u; layer < walk.layers; layer++) {
+        let z = textureLoad(depths, texel, layer, 0).x;
+        if z >= 1.0 {
+            last_m = frame.z_far_m / BEYOND_FAR;
+            break;
+        }
+        last_m = view_depth_m(z);
+        let surface = surface_at(surfaces, texel, layer);
+        let off_m = dot(from_camera_m, surface.geometric_normal) - surface.plane_m;
+        if dot(surface.geometric_normal, normal) > SAME_PLANE && abs(off_m) < footprint_m {
+            return PlaneInLayers(true, false);
+        }
+    }
+    return PlaneInLayers(false, expected_m < frame.z_near_m || expected_m > last_m);
+}
+
+// Whether the plane that a texel shows goes on to a place on it, some pixels away: the next pixel beyond the place shows it too, or where
+// it may be hidden there, the one on the other side.
+fn continues(
+    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, texel: vec2<i32>, on_plane_m: vec3<f32>,
+    normal: vec3<f32>, footprint_m: f32
+) -> bool {
+    let middle = vec2<f32>(texel) + 0.5;
+    let aside = place_px(walk, frame.camera_view_projection * vec4(on_plane_m, 1.0)) - middle;
+    let pixel = aside / max(abs(aside.x), abs(aside.y));
+    let twice = max(abs(aside.x), abs(aside.y)) > 0.5;
+    let beyond = find_plane(walk, depths, surfaces, middle + select(pixel, 2.0 * aside, twice), on_plane_m, normal, footprint_m);
+    if !beyond.may_be_hidden {
+        return beyond.is_shown;
+    }
+    let before = find_plane(walk, depths, surfaces, middle - pixel, on_plane_m, normal, footprint_m);
+    return before.is_shown || before.may_be_hidden;
+}
+
 // The surface that step `number` hits.
 fn hit(
     walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
 ) -> Hit {
     let middle = (number + 0.5) / seg.steps;
-    let place = mix(place_px(walk, seg.near), place_px(walk, seg.far), middle);
-    let texel = vec2<i32>(clamp(floor(place), vec2(0.0), walk.size_px - 1.0));
+    let start_px = place_px(walk, seg.near);
+    let way_px = place_px(walk, seg.far) - start_px;
+    let place = start_px + middle * way_px;
+    let texel = texel_at(walk, place);
 #if TEST != 1
     let share = share_at(seg, middle);
     let at_m = mix(seg.from_m, seg.to_m, share);
@@ -167,7 +243,7 @@ fn hit(
         let near = abs(layer_m - view_m) * stretch <= walk.tolerance_m;
         if near {
             let surface = surface_at(surfaces, texel, layer);
-            if can_hit(ray, surface) {
+            if can_hit(ray, surface, at_m, footprint_at(walk, view_m)) {
                 return Hit(at_m, surface);
             }
         }
@@ -176,27 +252,38 @@ fn hit(
 #else
     let from_m = distance_at(seg, (number - OVERLAP) / seg.steps);
     let to_m = distance_at(seg, (number + 1.0 + OVERLAP) / seg.steps);
-    let uv = (vec2<f32>(texel) + 0.5) / walk.size_px;
+    // A plane that leaves the view within a pixel that shows nothing may show in one of the other three about the place.
+    let is_empty = textureLoad(depths, texel, 0, 0).x >= 1.0;
+    var shown = texel;
+    for (var i = 0u; i < 4u && is_empty; i++) {
+        let other = texel_at(walk, place - 0.5 + vec2(f32(i & 1u), f32(i >> 1u)));
+        shown = select(shown, other, textureLoad(depths, other, 0, 0).x < 1.0);
+    }
+    let uv = (vec2<f32>(shown) + 0.5) / walk.size_px;
     var first = NONE_HIT;
     for (var layer = 0u; layer < walk.layers; layer++) {
-        let z = textureLoad(depths, texel, layer, 0).x;
+        let z = textureLoad(depths, shown, layer, 0).x;
         if z >= 1.0 {
             break;
         }
         let surface_m = world_at(uv, z);
-        let surface = surface_at(surfaces, texel, layer);
+        let surface = surface_at(surfaces, shown, layer);
         let normal = surface.geometric_normal;
-        let before = dot(ray.position_m + from_m * ray.direction - surface_m, normal);
-        let behind = dot(ray.position_m + to_m * ray.direction - surface_m, normal);
-        if before * behind > 0.0 || before == behind || !can_hit(ray, surface) {
+        let start_m = dot(ray.position_m - frame.camera_position_m, normal) - surface.plane_m;
+        let rise = dot(ray.direction, normal);
+        let before = start_m + from_m * rise;
+        let behind = start_m + to_m * rise;
+        if before * behind > 0.0 || before == behind {
             continue;
         }
         let at_m = mix(from_m, to_m, before / (before - behind));
-        // A pixel's height at this depth: the second row of the projection holds cot(fov / 2) times a unit vector.
-        let row = vec3(frame.camera_view_projection[0].y, frame.camera_view_projection[1].y, frame.camera_view_projection[2].y);
-        let footprint_m = 2.0 * view_depth_m(z) / (length(row) * walk.size_px.y);
-        let off_m = distance(ray.position_m + at_m * ray.direction, surface_m);
-        if off_m <= MOST_FOOTPRINTS * footprint_m && at_m < first.at_m {
+        let footprint_m = footprint_at(walk, view_depth_m(z));
+        if at_m >= first.at_m || !can_hit(ray, surface, at_m, footprint_m) {
+            continue;
+        }
+        let place_m = ray.position_m + at_m * ray.direction;
+        let is_near = distance(place_m, surface_m) <= MOST_FOOTPRINTS * footprint_m && !is_empty;
+        if is_near || continues(walk, depths, surfaces, shown, place_m, normal, footprint_m) {
             first = Hit(at_m, surface);
         }
     }

@@ -21,7 +21,7 @@ const NEVER: f32 = 0.0;
 const FIRST: f32 = 1.0;
 // Inside glass: glass is hit from within.
 const INSIDE: f32 = 2.0;
-// It has left a mirror or glass: surfaces are hit from outside.
+// It has left a mirror or glass: glass is hit from outside.
 const AGAIN: f32 = 3.0;
 // It has ended, and its end is stored.
 const ENDED: f32 = 4.0;

@@ -1,7 +1,8 @@
 // defs: WATER=0
 // A ray from each pixel's surface back to the light: SPT §5, "for every pixel being covered by the receiver, a photon is traced
-// backward to the light source". Surfaces that face away from the light have none.
+// backward to the light source". Triangles that face away from the light have none.
 #import fathom::uniforms::{frame, world_at}
+#import fathom::layers::{surface_at}
 #import fathom::shading::{to_light}
 #import fathom::transfer::{FIRST, NEVER, Transfer}
 
@@ -10,8 +11,8 @@ struct Shadow {
 }
 
 @group(1) @binding(0) var<uniform> settings: Shadow;
-@group(1) @binding(1) var depths: texture_depth_2d;
-@group(1) @binding(2) var normal_texels: texture_2d<f32>;
+@group(1) @binding(1) var depths: texture_2d_array<f32>;
+@group(1) @binding(2) var surfaces: texture_2d_array<u32>;
 @group(1) @binding(3) var<storage, read_write> transfers: array<Transfer>;
 
 @compute @workgroup_size(8, 8)
@@ -21,9 +22,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let texel = vec2<i32>(id.xy);
-    let z = textureLoad(depths, texel, 0);
+    let z = textureLoad(depths, texel, 0, 0).x;
     let place = world_at((vec2<f32>(id.xy) + 0.5) / settings.size_px, z);
     let direction = to_light(place);
-    let lit = z < 1.0 && dot(textureLoad(normal_texels, texel, 0).xyz, direction) > 0.0;
+    let lit = z < 1.0 && dot(surface_at(surfaces, texel, 0u).geometric_normal, direction) > 0.0;
     transfers[id.x + id.y * size.x] = Transfer(place, select(NEVER, FIRST, lit), direction, 0.0);
 }

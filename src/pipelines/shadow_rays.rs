@@ -52,7 +52,8 @@ impl Parameters for Params {
 pub struct ShadowRays {
     params: Params,
     view: View,
-    photons: Photons,
+    /// Ends of the rays to the light, a pixel each.
+    pub photons: Photons,
     image: wgpu::Texture,
 }
 
@@ -73,7 +74,7 @@ impl Pipeline for ShadowRays {
         let opaque = (geometry, Part::Opaque);
         let peel = ldi::peel::new(of_layers, shared, opaque, size_px, params.ldi.layers)?;
         let layers = of_layers.push(peel);
-        let starts = of_view.push(transfer::shadow::new(of_view, shared, &gbuffer)?);
+        let starts = of_view.push(transfer::shadow::new(of_view, shared, &layers)?);
         let traced = Rays {
             transfers: &starts,
             layers: &layers,

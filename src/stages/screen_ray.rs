@@ -154,14 +154,17 @@ pub struct Rays<'a> {
 
 /// Share of the scene's size by which its box is larger, so that rays end behind what bounds it.
 const ROOM: f64 = 0.01;
+/// The same in pixels of a view as wide as the scene: a plane is found up to a pixel behind it.
+const ROOM_PX: f64 = 2.0;
 
 fn most_steps([width, height]: [u32; 2], least: u32) -> u32 {
     (width.max(height) + 1).max(least)
 }
 
-/// Turns of loops of a ray at most: its steps, at each of which it is held against each layer.
+/// Turns of loops of a ray at most: its steps, at each of which it is held against each layer of a pixel, or of one of four about an empty
+/// one. Planes that it crosses far from their pixel, which are few, are not counted.
 pub fn walk_turns(steps: u32, layers: u32) -> u64 {
-    1 + u64::from(steps) * (u64::from(layers) + 2)
+    1 + u64::from(steps) * (u64::from(layers) + 7)
 }
 
 /// Of rays through layers within a box, of so many steps at least.
@@ -171,8 +174,8 @@ pub fn walk_uniforms(layers: &Layers, bounds: Bounds, least: u32) -> WalkUniform
 
 /// The same over so many pixels.
 pub fn walk_without_layers(size_px: [u32; 2], bounds: Bounds, least: u32) -> WalkUniforms {
-    let room = bounds.size().max_element() * ROOM;
     let [width, height] = size_px;
+    let room = bounds.size().max_element() * ROOM.max(ROOM_PX / f64::from(width.min(height)));
     WalkUniforms {
         low_m: (bounds.min - room).as_vec3(),
         tolerance_m: 0.0,

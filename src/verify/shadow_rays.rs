@@ -35,6 +35,7 @@ pub fn cases() -> Vec<Case> {
 struct Setup {
     stand: Stand,
     gbuffer: GbufferTextures,
+    layers: Layers,
     starts: Stage<Transfers>,
     /// What each pixel shows exactly, row by row.
     hits: Vec<Option<Hit>>,
@@ -49,9 +50,12 @@ impl Setup {
         scene.light.position_m = [2.5, 1.0, 1.5];
         let stand = rig.stand(scene, SIZE)?;
         let gbuffer = rig.gbuffer(&stand)?;
-        let starts = shadow::new(rig, &stand.shared, &gbuffer)?;
+        let peel = peel::new(rig, &stand.shared, (&stand.geometry, Part::Opaque), SIZE, LAYERS)?;
+        rig.run(&[&peel])?;
+        let layers = peel.left;
+        let starts = shadow::new(rig, &stand.shared, &layers)?;
         let hits = pixels(SIZE).map(|at| stand.hit(at)).collect();
-        Ok(Setup { stand, gbuffer, starts, hits })
+        Ok(Setup { stand, gbuffer, layers, starts, hits })
     }
 
     fn to_light(&self, place: DVec3) -> DVec3 {
@@ -88,7 +92,9 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
     };
     let facing = |sign: f64| {
         share(pairs().filter_map(|(ray, hit)| {
-            let cosine = sign * hit.shading_normal.dot(setup.to_light(hit.position));
+            // On the side of the vertices' normals.
+            let outwards = hit.normal * hit.normal.dot(hit.shading_normal).signum();
+            let cosine = sign * outwards.dot(setup.to_light(hit.position));
             // At the terminator either is right.
             (cosine.abs() > 0.02).then_some((cosine > 0.0) != (ray.state != NEVER))
         }))
@@ -109,8 +115,7 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
 /// Shadows by marching against ray casting. A tolerance is for what a tangent plane does beside silhouettes, and for contacts within the start.
 fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Result<Check> {
     let setup = Setup::new(rig, name, kind)?;
-    let Stand { shared, geometry, scene, tracer, .. } = &setup.stand;
-    let peel = peel::new(rig, shared, (geometry, Part::Opaque), SIZE, LAYERS)?;
+    let Stand { shared, scene, tracer, .. } = &setup.stand;
     let walking = Walking {
         test: HitTest::Crossing,
         tolerance_m: TOLERANCE_M,
@@ -119,10 +124,14 @@ fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Re
         rows: 1,
         ways: 1,
     };
-    let rays =
-        Rays { transfers: &setup.starts, layers: &peel, bounds: scene.solid_bounds(), walking };
+    let rays = Rays {
+        transfers: &setup.starts,
+        layers: &setup.layers,
+        bounds: scene.solid_bounds(),
+        walking,
+    };
     let march = march::new(rig, shared, &rays)?;
-    rig.run(&[&peel, &setup.starts, &march])?;
+    rig.run(&[&setup.starts, &march])?;
     let ends = rig.read_photons(&march)?;
     let stored = setup.stored(rig)?;
     let shadowed = |end: &StoredPhoton| end.landed() && end.distance_m < setup.light_m(end.entry);

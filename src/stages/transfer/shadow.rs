@@ -2,9 +2,8 @@
 
 use glam::Vec2;
 
-use crate::gbuffer::GbufferTextures;
 use crate::prelude::*;
-use crate::screen_ray::{Transfer, Transfers};
+use crate::screen_ray::{Layers, Transfer, Transfers};
 
 pub const INFO: StageInfo = StageInfo {
     name: "transfer/shadow",
@@ -22,17 +21,17 @@ shader_struct! {
     }
 }
 
-/// The stage leaves a pixel an entry, row by row.
+/// From the nearest layer; the stage leaves a pixel an entry, row by row.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
-    gbuffer: &GbufferTextures,
+    layers: &Layers,
 ) -> Result<Stage<Transfers>, GpuError> {
-    let size = kit::size_px(&gbuffer.depth);
+    let size = layers.size_px();
     let transfers = Transfers::new(resources, INFO.name, size[0].saturating_mul(size[1]));
     let settings = ShadowUniforms { size_px: Vec2::from(size.map(|side| side as f32)) };
     let uniforms = resources.uniform(INFO.name, &settings);
-    let own = Group::new(&[&uniforms, &gbuffer.depth, &gbuffer.normal, &transfers]);
+    let own = Group::new(&[&uniforms, &layers.depths, &layers.surfaces, &transfers]);
     let (groups, workgroups) = ([&shared.group, &own], kit::square_workgroups(size, WORKGROUP));
     let dispatch = Dispatch::new(resources, INFO.name, &groups, workgroups)?;
     let rays = u64::from(transfers.count);
