@@ -100,7 +100,7 @@ fn passes(ray: Transfer, inside: bool, texel: vec2<i32>, layer: u32) -> End {
     let surface = surface_at(surfaces, texel, layer);
     let place_m = world_at((vec2<f32>(texel) + 0.5) / walk.size_px, textureLoad(depths, texel, layer, 0).x);
     let rate = dot(ray.direction, surface.geometric_normal);
-    let at_m = dot(place_m - ray.position_m, surface.geometric_normal) / rate;
+    let at_m = (surface.plane_m - dot(ray.position_m - frame.camera_position_m, surface.geometric_normal)) / rate;
     return End(select(NO_HIT, at_m, rate != 0.0 && (rate > 0.0) == inside), surface, place_m);
 }
 
@@ -123,7 +123,7 @@ fn column(ray: Transfer, inside: bool, texel: vec2<i32>, from_m: f32, middle_m: 
         let is_back = dot(normal, end.place_m - frame.camera_position_m) > 0.0;
         // The camera is in glass.
         solids += select(0, 1, layer == 0u && is_back);
-        let is_behind = (dot(middle - end.place_m, normal) > 0.0) == is_back;
+        let is_behind = (dot(middle - frame.camera_position_m, normal) > end.surface.plane_m) == is_back;
         solids += select(0, select(1, -1, is_back), is_behind);
         if end.at_m >= from_m && end.at_m < found.next.at_m {
             found.next = end;
