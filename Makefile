@@ -1,8 +1,9 @@
 # `make bench` builds and runs the main job; `make test` checks everything. Both set themselves up.
 .PHONY: bench test setup setup-test
 
+# The program is run from where it is built to, whatever the environment says of cargo's folders.
 bench: setup
-	cargo build --release --locked
+	env -u CARGO_BUILD_TARGET cargo build --release --locked --target-dir target
 	target/release/fathom fetch || echo "note: scenes whose meshes are absent use their stand-ins"
 	target/release/fathom run
 
