@@ -6,6 +6,7 @@ mod claims;
 mod cli;
 #[path = "../common/mod.rs"]
 mod common;
+mod documents;
 mod dumps;
 mod faults;
 mod fleet;
@@ -15,6 +16,7 @@ mod history;
 mod hostile_names;
 mod masks;
 mod merge;
+mod missing_figures;
 mod overlay;
 mod page;
 mod printing;
