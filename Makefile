@@ -1,8 +1,9 @@
 # `make bench` builds and runs the main job; `make test` checks a change; `make test-all` checks a release. Each sets itself up.
 .PHONY: bench test test-all setup setup-all
 
+# The program is run from where it is built to, whatever the environment says of cargo's folders.
 bench: setup
-	cargo build --release --locked --target-dir target
+	env -u CARGO_BUILD_TARGET cargo build --release --locked --target-dir target
 	target/release/fathom fetch || echo "note: scenes whose meshes are absent use their stand-ins"
 	target/release/fathom run
 

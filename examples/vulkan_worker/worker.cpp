@@ -3,7 +3,7 @@
 //
 // vulkan_worker [--work FACTOR] [--counted] [--timestamps]
 //
-// `--work 1.05` makes 5 % more turns, so that two sides differ. `--counted` tells ten nanoseconds for each turn that the shader has
+// `--work 1.05` makes 5 % more turns, so that two sides differ. `--counted` tells a picosecond for each turn that the shader has
 // counted in place of a time, so that figures have no noise.
 //
 // On a software driver the process does the GPU's work. Its timestamps need not cover all of it: those of lavapipe (Mesa 22.3) around
@@ -105,7 +105,7 @@ class Gpu {
         check(vkWaitForFences(device, 1, &fence, VK_TRUE, UINT64_MAX), "vkWaitForFences");
         const double process = process_ns() - begin_ns;
         if (options.counted) {
-            return 10.0 * *done;
+            return 0.001 * *done;
         }
         return software() && !options.timestamps ? process : between_timestamps();
     }

@@ -51,14 +51,9 @@ pub fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outco
         },
         batch: args.batch,
         most_launches: args.most_launches,
-        out: args.out.clone().map_or_else(flow::fresh, Ok)?,
+        out: args.out.clone().map_or_else(|| flow::fresh("bisect"), Ok)?,
+        resume: args.resume,
     };
-    if !args.resume && options.out.exists() {
-        anyhow::bail!(
-            "{} is there already: go on with it by --resume, or choose another folder",
-            options.out.display()
-        );
-    }
     let found = bisect::bisect(&options, &INTERRUPT, &|line| tell::note(line));
     if INTERRUPT.load(Ordering::Relaxed) {
         if let Err(error) = found {
@@ -83,24 +78,15 @@ pub fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outco
 
 /// What is searched among; the command line has one of these.
 fn searched(args: &BisectArgs) -> anyhow::Result<Searched> {
-    if let Some(list) = &args.drivers {
-        let this = || std::env::current_exe().context("cannot tell where this program lies");
-        let program = args.program.clone().map_or_else(this, Ok)?;
-        return Ok(Searched::Drivers { list: list.clone(), program });
+    let by = building(&args.search);
+    if let Some(list) = args.candidates.clone() {
+        return Ok(Searched::Lines { list, by });
     }
-    if let Some(package) = &args.package {
-        return Ok(Searched::Versions {
-            package: package.clone(),
-            versions: args.versions.clone(),
-        });
-    }
-    let good = args.good.clone().context("give --good REV, --drivers FILE or --crate NAME")?;
-    Ok(Searched::Revisions { good, bad: args.bad.clone(), by: building(&args.search) })
+    let good = args.good.clone().context("give --good REV or --candidates FILE")?;
+    Ok(Searched::Revisions { good, bad: args.bad.clone(), by })
 }
 
 pub fn building(args: &SearchArgs) -> Building {
-    match (&args.build_cmd, &args.cmd) {
-        (Some(build), Some(run)) => Building::Commands { build: build.clone(), run: run.clone() },
-        _ => Building::Cargo,
-    }
+    let build = args.build_cmd.as_deref().unwrap_or(":").to_owned();
+    args.cmd.clone().map_or(Building::Cargo, |run| Building::Commands { build, run })
 }

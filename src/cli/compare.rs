@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
-use crate::compare::build::{self, SetAside};
+use crate::compare::build::{self, BuiltProgram, SetAside};
 use crate::compare::cells::Gates;
 use crate::compare::driver::{self, GivenEnvironment};
 use crate::compare::flow::{self, CompareOptions, Program};
 use crate::compare::launch::{Waiting, WorkerStart};
-use crate::compare::tables;
+use crate::compare::{settings, tables};
 use crate::gates::changes::Changes;
 use crate::gates::files::RunFile;
 use crate::gates::schedule::MORE_PAIRS;
@@ -53,17 +53,21 @@ pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
     Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { status })
 }
 
-fn settings(args: &CompareArgs) -> GateSettings {
+fn gate_settings(args: &CompareArgs) -> GateSettings {
     let mut gates = args.gates.clone();
     gates.sort();
     gates.dedup();
+    let begun = || {
+        let folder = args.out.as_ref().filter(|_| args.resume)?;
+        settings::stored(folder).ok()?.get("seed")?.as_u64()
+    };
     GateSettings {
         threshold: args.threshold,
         instruction_threshold: args.instruction_threshold,
         launches: args.launches,
         pairs: args.pairs,
         // A seed that JSON readers of every kind keep exactly.
-        seed: args.seed.unwrap_or_else(|| u64::from(rand::random::<u32>())),
+        seed: args.seed.or_else(begun).unwrap_or_else(|| u64::from(rand::random::<u32>())),
         gates,
         ..GateSettings::default()
     }
@@ -73,7 +77,7 @@ fn settings(args: &CompareArgs) -> GateSettings {
 fn dry_run(catalog: &Catalog, args: &CompareArgs) -> Outcome {
     let gates = gates(catalog, args)?;
     let place = args.base.as_ref().map(|revision| base_place(catalog, revision)).transpose()?;
-    let settings = settings(args);
+    let settings = gate_settings(args);
     let rows = gates
         .configurations
         .iter()
@@ -156,12 +160,15 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     for (side, start) in Side::BOTH.into_iter().zip(&starts) {
         driver::try_driver(side, start, &waiting)?;
     }
-    let (base, base_label) = match (&args.base, &args.base_bin) {
-        (Some(revision), _) => (built(catalog, revision)?, revision.clone()),
+    let (base, base_label, commit) = match (&args.base, &args.base_bin) {
+        (Some(revision), _) => {
+            let BuiltProgram { path, commit } = built(catalog, revision)?;
+            (path, revision.clone(), Some(commit))
+        }
         (None, path) => {
             let path = path.clone().unwrap_or(this);
             let label = private::path(&path);
-            (path, label)
+            (path, label, None)
         }
     };
     let base = build::set_aside(&base)?;
@@ -169,14 +176,17 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     let caches = [cache(&starts[0])?, cache(&starts[1])?];
     let program = |side: Side, aside: &SetAside, label| {
         let shader_cache = caches[side as usize].as_ref().map(|folder| folder.path().to_owned());
-        let program = aside.path.clone();
-        Program {
-            label,
-            start: WorkerStart { program, shader_cache, ..starts[side as usize].clone() },
-        }
+        let (program, commit) = (aside.path.clone(), commit.clone().filter(|_| side == Side::Base));
+        let own = starts[side as usize].clone();
+        Program { label, start: WorkerStart { program, shader_cache, commit, ..own } }
     };
     let programs = [program(Side::Base, &base, base_label), program(Side::Head, &head, head_label)];
-    flow::measure(&options(catalog, args, programs), &INTERRUPT, &|text| tell::note(text))
+    // The head of a pull request is meant to be what is checked out.
+    let is_checkout = args.base.is_some() && args.head_bin.is_none();
+    let folder = std::env::current_dir().context("there is no current folder")?;
+    let checkout = is_checkout.then(|| build::checkout(&folder)).flatten();
+    let options = CompareOptions { checkout, ..options(catalog, args, programs) };
+    flow::measure(&options, &INTERRUPT, &|text| tell::note(text))
 }
 
 /// A comparison of two programs that speak the worker protocol.
@@ -203,13 +213,14 @@ fn options(catalog: &Catalog, args: &CompareArgs, programs: [Program; 2]) -> Com
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
         env_values: args.env_values,
-        settings: settings(args),
+        settings: gate_settings(args),
         out: args.out.clone(),
         resume: args.resume,
+        checkout: None,
     }
 }
 
-fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {
+fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<BuiltProgram> {
     tell::note(format!("building {revision}"));
     let folder = std::env::current_dir().context("there is no current folder")?;
     let mut progress = |line: &str| tell::note(line);

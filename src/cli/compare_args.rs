@@ -89,24 +89,15 @@ pub struct CompareArgs {
 
 #[derive(Args)]
 pub struct BisectArgs {
-    /// Revision that is well
-    #[arg(long, value_name = "REV", required_unless_present_any = ["drivers", "package"])]
+    /// Known-good revision
+    #[arg(long, value_name = "REV", required_unless_present = "candidates")]
     pub good: Option<String>,
     /// Later revision that is worse
     #[arg(long, value_name = "REV", default_value = "HEAD")]
     pub bad: String,
-    /// Search among Vulkan drivers in place of revisions: a file with the path of a manifest (ICD.json) on each line, oldest first
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["good", "bad", "package", "build_cmd"])]
-    pub drivers: Option<PathBuf>,
-    /// A built fathom to run with each driver [default: this one]
-    #[arg(long, value_name = "PATH", requires = "drivers")]
-    pub program: Option<PathBuf>,
-    /// Search among versions of a crate in place of revisions: HEAD is built with each of them
-    #[arg(long = "crate", value_name = "NAME", requires = "versions", conflicts_with_all = ["good", "bad", "build_cmd"])]
-    pub package: Option<String>,
-    /// Versions of that crate, oldest first
-    #[arg(long, value_name = "VERSION,…", value_delimiter = ',', requires = "package")]
-    pub versions: Vec<String>,
+    /// Search among the lines of a file in place of revisions, the known-good one first. The commands find a line in $CANDIDATE
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["good", "bad"], requires = "cmd")]
+    pub candidates: Option<PathBuf>,
     #[command(flatten)]
     pub search: SearchArgs,
 }
@@ -114,11 +105,12 @@ pub struct BisectArgs {
 /// How a search goes, whatever is searched among.
 #[derive(Args)]
 pub struct SearchArgs {
-    /// Command of the shell that builds a revision in its checkout, in place of cargo
+    /// Command of the shell that builds a candidate, a revision in its checkout
     #[arg(long, value_name = "COMMAND", requires = "cmd")]
     pub build_cmd: Option<String>,
-    /// Command that starts a worker in a built checkout: any program that speaks the worker protocol (docs/worker-protocol.md)
-    #[arg(long, value_name = "COMMAND", requires = "build_cmd")]
+    /// Command that starts a candidate's worker, in place of cargo's program: any program that speaks the worker protocol
+    /// (docs/worker-protocol.md)
+    #[arg(long, value_name = "COMMAND")]
     pub cmd: Option<String>,
     /// Gates that tell a change; the first of exact, instructions and time that does is searched by [default: instructions,time; of a
     /// change in a history that of its figure]

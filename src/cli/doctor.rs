@@ -219,20 +219,14 @@ fn precision(cell: &Cell, run: &Run) -> Finding {
     };
     let (median_ms, reached) =
         (measured.frame.untimed.median * 1e-6, measured.frame.untimed.relative_half_width());
-    let found = format!(
-        "{name}: {median_ms:.1} ms ±{:.1} % after {:.1} s",
-        100.0 * reached,
-        spent_s(measured)
-    );
+    let spent_s = spent_s(measured);
     let asked = run.asked_precision();
-    let needed_s = spent_s(measured) * (reached / asked).powi(2);
-    if !needed_s.is_finite() {
-        return Finding::new(
-            "precision",
-            Level::Warning,
-            format!("{found}: too few samples for an interval"),
-        );
+    let needed_s = spent_s * (reached / asked).powi(2);
+    if !needed_s.is_finite() || measured.frame.untimed.n == 0 {
+        let found = format!("{name}: too few samples for an interval after {spent_s:.1} s");
+        return Finding::new("precision", Level::Warning, found);
     }
+    let found = format!("{name}: {median_ms:.1} ms ±{:.1} % after {spent_s:.1} s", 100.0 * reached);
     Finding::new(
         "precision",
         Level::Ok,
@@ -304,6 +298,33 @@ fn tools() -> Vec<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_precision_that_is_not_known_is_no_figure() {
+        for samples in [vec![], vec![1e6; 5], vec![0.0; 8], vec![1e6; 8]] {
+            let untimed = crate::statistics::estimate(&samples);
+            let frame = record::FrameRecord {
+                untimed_samples_ns: samples,
+                untimed,
+                ..record::FrameRecord::default()
+            };
+            let outcome =
+                record::Outcome::Measured(Box::new(Measured { frame, ..Measured::default() }));
+            let cell = Cell {
+                experiment: "e".to_owned(),
+                cell: "c".to_owned(),
+                axes: serde_json::Map::new(),
+                pipeline: String::new(),
+                scene: String::new(),
+                stand_ins: Vec::new(),
+                params: json!({}).into(),
+                outcome,
+            };
+            let found = precision(&cell, &Run::default()).found;
+            assert!(!found.contains("inf") && !found.contains("NaN"), "{found}");
+            assert_eq!(found.contains('±'), untimed.interval.is_some() && untimed.median > 0.0);
+        }
+    }
 
     #[test]
     fn the_worst_finding_decides_the_status() {

@@ -47,6 +47,11 @@ pub fn main(catalog: &Catalog) -> ExitCode {
     }
 }
 
+/// Reads a command line, the program's name first, and does nothing.
+pub fn parse<W: AsRef<str>>(words: &[W]) -> Result<(), clap::Error> {
+    Cli::try_parse_from(words.iter().map(AsRef::as_ref)).map(drop)
+}
+
 fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
     match command {
         Command::Run(args) => commands::run(catalog, args),
@@ -203,7 +208,7 @@ pub enum Command {
             4 times not judged, exact figures no worse; 130 interrupted, with everything measured so far stored."
     )]
     Compare(Box<compare_args::CompareArgs>),
-    /// Find the revision, driver or version of a crate that made a stage slower, costlier or less accurate, through noise
+    /// Find the revision, or the line of a list of candidates, that made a stage slower, costlier or less accurate, through noise
     #[command(
         after_help = "The ends are compared first. Then revisions between them are built and compared with the good one, in the cell that \
             regressed most. Exit status: 0 the first one is found, with a probability of 95 % or more; 1 nothing to find; 2 could not \

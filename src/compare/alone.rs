@@ -5,7 +5,6 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow};
 
-use super::bench::sound;
 use super::cells::Gates;
 use super::launch::{Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
@@ -70,25 +69,13 @@ fn launch(
             other => return Err(worker.unexpected(&other)),
         }
         for cell in configuration.cells() {
-            sample(&mut worker, &cell, waiting)?;
-            let ns = sample(&mut worker, &cell, waiting)?;
+            worker.sample(&cell, FRAMES, &waiting)?;
+            let (ns, _) = worker.sample(&cell, FRAMES, &waiting)?;
             medians.entry(cell).or_default().push(median(&ns));
         }
     }
     worker.quit();
     Ok(greeting)
-}
-
-fn sample(
-    worker: &mut WorkerProcess,
-    cell: &CellId,
-    waiting: Waiting<'_>,
-) -> Result<Vec<f64>, WorkerFault> {
-    let (config, stage) = (cell.configuration().to_owned(), cell.stage().to_owned());
-    match worker.ask(&WorkerRequest::Sample { config, stage, frames: FRAMES }, &waiting)? {
-        Reply::Sample { ns, .. } if sound(&ns, FRAMES) => Ok(ns),
-        other => Err(worker.unexpected(&other)),
-    }
 }
 
 fn record(

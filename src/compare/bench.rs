@@ -190,17 +190,7 @@ impl LaunchWorkers for Processes<'_> {
         };
         let known = self.frames.get(cell).copied();
         let frames = known.unwrap_or(1);
-        let request = WorkerRequest::Sample {
-            config: cell.configuration().to_owned(),
-            stage: cell.stage().to_owned(),
-            frames,
-        };
-        let (ns, machine) = match worker.ask(&request, &self.waiting)? {
-            Reply::Sample { ns, machine } if sound(&ns, frames) => {
-                (ns, machine.map(|state| *state))
-            }
-            other => return Err(worker.unexpected(&other)),
-        };
+        let (ns, machine) = worker.sample(cell, frames, &self.waiting)?;
         let shortest_ns = ns.into_iter().fold(f64::INFINITY, f64::min);
         if known.is_none() {
             let frames = (SAMPLE_NS / shortest_ns).ceil().clamp(1.0, MAX_FRAMES);
@@ -218,11 +208,6 @@ impl LaunchWorkers for Processes<'_> {
 
 fn of(role: WorkerRole) -> impl FnOnce(WorkerFault) -> RoleFault {
     move |fault| RoleFault { role, configuration: None, fault }
-}
-
-pub(super) fn sound(ns: &[f64], frames: u32) -> bool {
-    let positive = |ns: &f64| ns.is_finite() && *ns > 0.0;
-    ns.len() == frames as usize && ns.iter().all(positive)
 }
 
 /// The starting order, and with it the core that a worker starts on, alternates every second launch, while the core that is

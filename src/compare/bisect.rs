@@ -15,6 +15,7 @@ use super::candidates::{Candidate, Made, Maker, Searched};
 use super::cells::Gates;
 use super::flow::{self, CompareOptions};
 use super::launch::Waiting;
+use super::settings;
 use fathom_base::text;
 use fathom_gates::adapters::AdapterRelation;
 use fathom_gates::bisect::{ENOUGH, Found, Scatter, Search};
@@ -25,7 +26,7 @@ use fathom_gates::time::{self, TimeVerdict};
 use fathom_gates::verdict::{Status, Verdicts};
 use fathom_gpu as gpu;
 use fathom_harness::catalog::Catalog;
-use fathom_record::comparison::{CellId, Gate, GateSettings, Side};
+use fathom_record::comparison::{CellId, Gate, GateSettings};
 use fathom_record::output::RECORDS;
 
 /// Folder of the comparison of the ends.
@@ -50,6 +51,28 @@ pub struct BisectOptions {
     /// Launches between the ends after which the search gives up.
     pub most_launches: u32,
     pub out: PathBuf,
+    /// Go on with the search in `out`.
+    pub resume: bool,
+}
+
+impl BisectOptions {
+    /// All that defines what is measured. How long the search may go on is no part of it.
+    fn to_settings(&self, candidates: &[Candidate]) -> Result<Value> {
+        let mut gates = Gates::load(self.cells_file.as_deref(), self.catalog.gates)?;
+        if let Some(filter) = &self.filter {
+            gates = gates.filtered(filter)?;
+        }
+        let names: Vec<&String> = candidates.iter().map(|candidate| &candidate.name).collect();
+        let more = json!({
+            "good": names.first(),
+            "bad": names.last(),
+            "candidates": names,
+            "by": self.searched.building(),
+            "batch": self.batch,
+            "options": self.gpu.words(),
+        });
+        Ok(settings::of(&self.settings, &gates, more))
+    }
 }
 
 /// What is searched for: the figure of a cell that became worse.
@@ -219,12 +242,22 @@ pub fn bisect(
 ) -> Result<Bisected> {
     let BisectOptions { searched, folder, gpu, .. } = options;
     let mut candidates = searched.candidates(folder)?;
+    let settings = options.to_settings(&candidates)?;
+    if options.resume {
+        settings::check(&options.out, &settings)?;
+    } else {
+        let begun = options.out.join(settings::SETTINGS).exists();
+        let shown = options.out.display();
+        let rule = "go on with it by --resume, or choose another folder";
+        ensure!(!begun, "a search was begun in {shown} already: {rule}");
+        settings::store(&options.out, &settings)?;
+    }
     let good = candidates.remove(0);
     let flags = [interrupted];
     let waiting = Waiting { interrupted: &flags, tell };
     let (target, checkouts) = (options.catalog.program, options.out.join(CHECKOUTS));
     let maker = Maker::new(searched, folder, target, gpu.clone(), checkouts, waiting);
-    let base = maker.make(&good, Side::Base)?;
+    let base = maker.make(&good)?;
     let run = Bisection { options, candidates: &candidates, base, good, maker, waiting };
     let (ends, regressed, others) = run.ends()?;
     let answer = regressed.map(|regressed| run.search(regressed, others)).transpose()?;
@@ -255,22 +288,11 @@ impl Bisection<'_> {
         let begun = fathom_base::folder::is_there(&folder.join(RECORDS));
         if begun {
             let stored = StoredComparison::read(&folder)?;
-            let header = &stored.header;
-            let sides = [&header.base.label, &header.head.label];
-            if sides != [&self.good.label, &candidate.label]
-                || header.cells != self.cells(&filter)?
-            {
-                bail!(
-                    "{} is of other {}s or cells: resume with the same, or choose another folder with --out",
-                    folder.display(),
-                    self.options.searched.noun()
-                );
-            }
             if stored.came_to_its_end() {
                 return Ok(stored);
             }
         }
-        let head = self.maker.make(candidate, Side::Head)?;
+        let head = self.maker.make(candidate)?;
         let options = CompareOptions {
             catalog: self.options.catalog.clone(),
             programs: [self.base.program.clone(), head.program.clone()],
@@ -280,6 +302,7 @@ impl Bisection<'_> {
             settings,
             out: Some(folder.clone()),
             resume: begun,
+            checkout: None,
         };
         let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
         flow::measure(&options, interrupted, self.waiting.tell)?;
@@ -287,16 +310,6 @@ impl Bisection<'_> {
             bail!("interrupted; `--resume` goes on");
         }
         StoredComparison::read(&folder)
-    }
-
-    /// What a comparison with this filter measures.
-    fn cells(&self, filter: &Option<String>) -> Result<Vec<CellId>> {
-        let options = self.options;
-        let gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
-        Ok(match filter {
-            Some(filter) => gates.filtered(filter)?.cells(),
-            None => gates.cells(),
-        })
     }
 
     /// What regressed most between the ends, if anything did, and what else.

@@ -10,14 +10,15 @@ use std::time::SystemTime;
 
 use anyhow::{Result, anyhow, bail};
 use itertools::Itertools;
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
 use fathom_base::folder::Folder;
 use fathom_base::input;
 use fathom_base::process::{self, Limits, ProcessError};
-use fathom_base::text;
 use fathom_harness::catalog::CargoTarget;
+use fathom_record::Build;
 
 /// Built revisions that are kept.
 const KEPT: usize = 8;
@@ -25,10 +26,27 @@ const KEPT: usize = 8;
 pub const KEPT_BY_SEARCH: usize = 32;
 /// Folder of the cache, in the repository's target folder.
 pub const CACHE: &str = "target/compare";
-/// Variables that change what a compiler makes of a source.
-const FLAGS: [&str; 2] = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS"];
-/// Hexadecimal digits that tell one way of compiling from another.
-const WAY_DIGITS: usize = 8;
+/// Variables that change what cargo and the compilers make of a source.
+const VARIABLES: [&str; 7] = [
+    "RUSTFLAGS",
+    "CARGO_ENCODED_RUSTFLAGS",
+    "RUSTC",
+    "RUSTC_WRAPPER",
+    "RUSTC_WORKSPACE_WRAPPER",
+    "CC",
+    "CFLAGS",
+];
+/// Beginnings of more of them.
+const PREFIXES: [&str; 3] = ["CARGO_PROFILE_", "CARGO_BUILD_", "CARGO_TARGET_"];
+/// Hexadecimal digits of [`build_fingerprint`].
+const FINGERPRINT_DIGITS: usize = 8;
+
+/// A program that was built of a commit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BuiltProgram {
+    pub path: PathBuf,
+    pub commit: String,
+}
 
 /// The release build of `target` at `revision` of the repository around `folder`; see [`Source::build`].
 pub fn revision(
@@ -37,8 +55,8 @@ pub fn revision(
     revision: &str,
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
-) -> Result<PathBuf> {
-    let source = Source { folder, target, revision, pin: None, kept: KEPT };
+) -> Result<BuiltProgram> {
+    let source = Source { folder, target, revision, kept: KEPT };
     source.build(interrupted, progress)
 }
 
@@ -49,8 +67,6 @@ pub struct Source<'a> {
     pub folder: &'a Path,
     pub target: CargoTarget,
     pub revision: &'a str,
-    /// Name and version of a dependency that is built in place of the lock file's.
-    pub pin: Option<(&'a str, &'a str)>,
     /// Builds that are kept after this one, with it.
     pub kept: usize,
 }
@@ -62,9 +78,9 @@ impl Source<'_> {
         &self,
         interrupted: &AtomicBool,
         progress: &mut dyn FnMut(&str),
-    ) -> Result<PathBuf> {
+    ) -> Result<BuiltProgram> {
         let Self { folder, target, revision, .. } = *self;
-        let Place { repository, commit, program } = self.place()?;
+        let Place { repository, commit, program } = Place::of(folder, target, revision)?;
         if !program.is_file() {
             let cache = repository.join(CACHE);
             let kept = program.parent().unwrap_or(&cache);
@@ -72,48 +88,12 @@ impl Source<'_> {
             let prefix = printed(&mut git(folder, ["rev-parse", "--show-prefix"]))?;
             let source = worktree.path.join(prefix);
             let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
-            if let Some(pin) = self.pin {
-                update(source, pin, interrupted)?;
-            }
             let folders = (source, &*cache.join("target"));
             let built = compile(folders, target, revision, &[], interrupted, progress)?;
             keep(&built, &program)?;
             forget_old(&cache.join("builds"), kept, self.kept);
         }
-        Ok(program)
-    }
-
-    fn place(&self) -> Result<Place> {
-        let mut place = Place::of(self.folder, self.target, self.revision)?;
-        if let (Some((name, version)), Some(kept)) = (self.pin, place.program.parent()) {
-            let pinned = text::file_stem(&format!("{name}-{version}"));
-            let kept = format!("{}-{pinned}", kept.display());
-            place.program = Path::new(&kept).join(place.program.file_name().unwrap_or_default());
-        }
-        Ok(place)
-    }
-}
-
-/// Puts another version of a dependency into a checkout's lock file.
-fn update(source: &Path, (name, version): (&str, &str), interrupted: &AtomicBool) -> Result<()> {
-    let mut command = cargo();
-    command.args(["update", "--color=never", "-p", name, "--precise", version]);
-    let limits = Limits { time: None, interrupted: Some(interrupted) };
-    match process::run(command.current_dir(source), limits, &mut |_| {}) {
-        // Of a vendored crate cargo takes another version in silence.
-        Ok(_) => {
-            let chosen = format!("{}@{version}", name.split('@').next().unwrap_or(name));
-            let mut asked = cargo();
-            asked.args(["pkgid", &chosen]).current_dir(source);
-            let lacks = |_| anyhow!("{name} {version} was not chosen by `cargo update`");
-            process::printed(&mut asked).map(drop).map_err(lacks)
-        }
-        Err(ProcessError::Interrupted) => bail!("choosing {name} {version} was interrupted"),
-        Err(ProcessError::Failed { complaint, .. }) => {
-            let said = complaint.lines().map(|line| line.trim().to_owned()).join(" ");
-            bail!("{name} {version} cannot be chosen; cargo says: {said}")
-        }
-        Err(other) => bail!("`cargo update` failed: {other}"),
+        Ok(BuiltProgram { path: program, commit })
     }
 }
 
@@ -134,8 +114,12 @@ impl Place {
     pub fn of(folder: &Path, target: CargoTarget, revision: &str) -> Result<Self> {
         let repository = repository(folder)?;
         let commit = commit(&repository, revision)?;
-        let way = way(&compiler(&repository)?, |name| std::env::var_os(name));
-        let kept = repository.join(CACHE).join("builds").join(format!("{commit}-{way}"));
+        let cache = repository.join(CACHE);
+        let configurations = cargo_configurations(&cache);
+        let variables = std::env::vars_os();
+        let fingerprint =
+            build_fingerprint(&compiler(&repository)?, target, variables, &configurations);
+        let kept = cache.join("builds").join(format!("{commit}-{fingerprint}"));
         let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
         Ok(Self { repository, commit, program })
     }
@@ -147,15 +131,39 @@ fn compiler(folder: &Path) -> Result<String> {
     printed(Command::new(rustc).arg("-vV").current_dir(folder))
 }
 
-/// A short name of a compiler with its flags.
-fn way(compiler: &str, variable: impl Fn(&str) -> Option<OsString>) -> String {
-    let mut sum = Sha256::new();
-    sum.update(compiler);
-    for name in FLAGS {
-        // Neither an unset variable nor the other's value passes for this one's.
-        sum.update(format!("\n{name} {:?}", variable(name)));
-    }
-    hex::encode(sum.finalize())[..WAY_DIGITS].to_owned()
+/// What cargo's configuration files hold that count in a folder, beside those of the checkout in it (The Cargo Book, *Configuration*,
+/// "Hierarchical structure").
+fn cargo_configurations(folder: &Path) -> Vec<Vec<u8>> {
+    let of_user = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    let of_user = of_user.or_else(|| Some(std::env::home_dir()?.join(".cargo")));
+    let folders = folder.ancestors().map(|folder| folder.join(".cargo")).chain(of_user);
+    let files = folders.flat_map(|folder| ["config", "config.toml"].map(|name| folder.join(name)));
+    files.filter_map(|file| std::fs::read(file).ok()).collect()
+}
+
+/// A short name of all that decides what is built of a commit.
+fn build_fingerprint(
+    compiler: &str,
+    target: CargoTarget,
+    variables: impl IntoIterator<Item = (OsString, OsString)>,
+    configurations: &[Vec<u8>],
+) -> String {
+    let counts = |name: &str| {
+        VARIABLES.contains(&name) || PREFIXES.iter().any(|prefix| name.starts_with(prefix))
+    };
+    let variables = variables.into_iter().filter(|(name, _)| name.to_str().is_some_and(counts));
+    let variables: Vec<_> = variables.sorted().collect();
+    // Written as values of Rust, none of them passes for another.
+    let all = format!("{compiler:?} {target:?} {variables:?} {configurations:?}");
+    hex::encode(Sha256::digest(all))[..FINGERPRINT_DIGITS].to_owned()
+}
+
+/// What `git` says of the checkout around a folder, as [`fathom_harness::catalog::Catalog::built_of`] takes it: its commit, and
+/// whether files differ.
+pub fn checkout(folder: &Path) -> Option<Build> {
+    let arguments = ["describe", "--always", "--dirty=-dirty", "--abbrev=40", "--exclude=*"];
+    let described = process::printed(&mut git(folder, arguments)).ok()?;
+    Some(Build::described(&described))
 }
 
 pub fn repository(folder: &Path) -> Result<PathBuf> {
@@ -237,15 +245,15 @@ pub fn compile(
     progress: &mut dyn FnMut(&str),
 ) -> Result<PathBuf> {
     let limits = Limits { time: None, interrupted: Some(interrupted) };
+    remove_products(built, target);
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--locked", "--color=never"]);
+    cargo.arg("--message-format=json-render-diagnostics");
     cargo.args(["-p", target.package, "--bin", target.binary, "--target-dir"]).arg(built);
     cargo.args(arguments).current_dir(source);
     match process::run(&mut cargo, limits, progress) {
-        Ok(_) => {
-            let program = format!("release/{}{}", target.binary, std::env::consts::EXE_SUFFIX);
-            Ok(built.join(program))
-        }
+        Ok(messages) => executable(&messages, target.binary)
+            .ok_or_else(|| anyhow!("cargo names no program that it has built of `{revision}`")),
         Err(ProcessError::Interrupted) => bail!("building `{revision}` was interrupted"),
         Err(ProcessError::Failed { complaint, .. }) => {
             let said = complaint.lines().join("\n");
@@ -253,6 +261,23 @@ pub fn compile(
         }
         Err(other) => bail!("`cargo build` failed: {other}"),
     }
+}
+
+/// Removes what builds have left, for this machine's own target and for others, so that it cannot pass for the next one's.
+fn remove_products(built: &Path, target: CargoTarget) {
+    let of_targets = std::fs::read_dir(built).into_iter().flatten().flatten();
+    for folder in of_targets.map(|entry| entry.path()).chain([built.to_owned()]) {
+        let name = format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX);
+        let _ = std::fs::remove_file(folder.join("release").join(name));
+    }
+}
+
+/// The program that cargo says it has made (The Cargo Book, *External tools*, "Artifact messages"): where it lies depends on
+/// variables and configuration.
+fn executable(messages: &str, binary: &str) -> Option<PathBuf> {
+    let messages = messages.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let mut of_binary = messages.filter(|message| message["target"]["name"] == binary);
+    of_binary.find_map(|message| message["executable"].as_str().map(PathBuf::from))
 }
 
 /// Copies a program into the cache. It appears there whole or not at all.
@@ -376,7 +401,7 @@ mod tests {
             let built = revision(&self.path, TARGET, name, &AtomicBool::new(false), &mut |_| {
                 lines += 1;
             });
-            (built, lines)
+            (built.map(|built| built.path), lines)
         }
     }
 
@@ -398,21 +423,51 @@ mod tests {
     }
 
     #[test]
-    fn another_compiler_or_other_flags_make_another_build() {
-        let none = |_: &str| None;
-        let set = |wanted: &'static str, value: &'static str| {
-            move |name: &str| (name == wanted).then(|| OsString::from(value))
+    fn whatever_changes_what_is_built_makes_another_build() {
+        let plain = |variables: &[(&str, &str)], configurations: &[&str]| {
+            let variables = variables.iter().map(|(name, value)| (name.into(), value.into()));
+            let configurations: Vec<_> =
+                configurations.iter().map(|text| text.as_bytes().to_vec()).collect();
+            build_fingerprint("rustc 1", TARGET, variables, &configurations)
         };
-        let ways = [
-            way("rustc 1", none),
-            way("rustc 2", none),
-            way("rustc 1", set("RUSTFLAGS", "")),
-            way("rustc 1", set("RUSTFLAGS", "-Ctarget-cpu=native")),
-            way("rustc 1", set("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native")),
+        let other = CargoTarget { package: "other", ..TARGET };
+        let fingerprints = [
+            plain(&[], &[]),
+            build_fingerprint("rustc 2", TARGET, [], &[]),
+            build_fingerprint("rustc 1", other, [], &[]),
+            plain(&[("RUSTFLAGS", "")], &[]),
+            plain(&[("RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
+            plain(&[("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native")], &[]),
+            plain(&[("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0")], &[]),
+            plain(&[("CARGO_BUILD_TARGET", "x86_64-unknown-linux-gnu")], &[]),
+            plain(&[("CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_LINKER", "lld")], &[]),
+            plain(&[], &["[profile.release]\nlto = true"]),
+            plain(&[], &["", "[profile.release]\nlto = true"]),
         ];
-        let different: BTreeSet<&String> = ways.iter().collect();
-        assert_eq!(different.len(), ways.len(), "{ways:?}");
-        assert_eq!(way("rustc 1", none), ways[0]);
+        let different: BTreeSet<&String> = fingerprints.iter().collect();
+        assert_eq!(different.len(), fingerprints.len(), "{fingerprints:?}");
+        assert_eq!(plain(&[("PATH", "/bin"), ("CARGO_TERM_COLOR", "never")], &[]), fingerprints[0]);
+        let folder = tempfile::tempdir().unwrap();
+        let before = cargo_configurations(folder.path()).len();
+        let deep = folder.path().join("a/b");
+        std::fs::create_dir_all(folder.path().join(".cargo")).unwrap();
+        std::fs::write(folder.path().join(".cargo/config.toml"), "[build]").unwrap();
+        assert_eq!(cargo_configurations(&deep).len(), before + 1);
+    }
+
+    /// A target that is configured moves what cargo builds: what an earlier build has left is not taken for it.
+    #[test]
+    fn a_build_for_a_configured_target_is_not_the_one_before() {
+        let repository = Repository::new();
+        repository.build("HEAD~1").0.unwrap();
+        repository.write("src/main.rs", "fn main() { println!(\"third\"); }\n");
+        repository.commit();
+        let compiler = compiler(&repository.path).unwrap();
+        let host = compiler.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
+        let configuration = format!("[build]\ntarget = \"{host}\"\n");
+        repository.write("../../.cargo/config.toml", &configuration);
+        let built = repository.build("HEAD").0.unwrap();
+        assert_eq!(Command::new(&built).output().unwrap().stdout, b"third\n");
     }
 
     #[test]

@@ -7,18 +7,18 @@ use std::rc::Rc;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use itertools::Itertools;
-use tempfile::TempDir;
+use serde::Serialize;
 
 use super::build::{self, KEPT_BY_SEARCH, SetAside, Source, Worktree};
-use super::driver;
 use super::flow::Program;
 use super::launch::{Waiting, WorkerStart};
 use fathom_base::process::{self, Limits, ProcessError};
 use fathom_base::{input, private, text};
 use fathom_gpu as gpu;
 use fathom_harness::catalog::CargoTarget;
-use fathom_record::comparison::Side;
 
+/// The variable in which a command finds the name of its candidate.
+const CANDIDATE: &str = "CANDIDATE";
 /// Digits of a commit in names.
 const SHORT: usize = 12;
 /// Built checkouts of a search by commands that are kept until its end, besides the good one.
@@ -32,23 +32,19 @@ pub enum Searched {
         bad: String,
         by: Building,
     },
-    /// One program with the drivers of the manifests that a file lists.
-    Drivers {
+    /// What each line of a file names, by commands that find it in `$CANDIDATE`.
+    Lines {
         list: PathBuf,
-        program: PathBuf,
-    },
-    /// The current revision with versions of a crate.
-    Versions {
-        package: String,
-        versions: Vec<String>,
+        by: Building,
     },
 }
 
-/// How a revision becomes a worker.
-#[derive(Clone, Debug)]
+/// How a candidate becomes a worker.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Building {
     Cargo,
-    /// Commands of the shell, in a checkout: one builds, and one starts a worker.
+    /// Commands of the shell, a revision's in its checkout: one builds, and one starts a worker.
     Commands {
         build: String,
         run: String,
@@ -57,7 +53,7 @@ pub enum Building {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
-    /// A commit, the path of a manifest, or a version.
+    /// A commit, or a line.
     pub name: String,
     /// What tables and records call it.
     pub label: String,
@@ -77,15 +73,7 @@ impl Searched {
     pub fn candidates(&self, folder: &Path) -> Result<Vec<Candidate>> {
         let found = match self {
             Self::Revisions { good, bad, .. } => revisions(folder, good, bad)?,
-            Self::Drivers { list, .. } => drivers(list)?,
-            Self::Versions { package, versions } => {
-                let named = |version: &String| Candidate {
-                    name: version.clone(),
-                    label: format!("{package} {version}"),
-                    subject: String::new(),
-                };
-                versions.iter().map(named).collect()
-            }
+            Self::Lines { list, .. } => lines(list)?,
         };
         ensure!(found.len() > 1, "a search needs two candidates or more");
         if let Some(twice) = found.iter().map(|candidate| &candidate.name).duplicates().next() {
@@ -98,9 +86,13 @@ impl Searched {
     pub fn noun(&self) -> &'static str {
         match self {
             Self::Revisions { .. } => "revision",
-            Self::Drivers { .. } => "driver",
-            Self::Versions { .. } => "version",
+            Self::Lines { .. } => "candidate",
         }
+    }
+
+    pub fn building(&self) -> &Building {
+        let (Self::Revisions { by, .. } | Self::Lines { by, .. }) = self;
+        by
     }
 }
 
@@ -125,25 +117,21 @@ fn revisions(folder: &Path, good: &str, bad: &str) -> Result<Vec<Candidate>> {
     Ok(std::iter::once(Candidate::of_commit(&good, "")).chain(later).collect())
 }
 
-/// The manifests that a file lists, one a line. Relative paths begin at the file.
-fn drivers(list: &Path) -> Result<Vec<Candidate>> {
-    let shown = || list.display().to_string();
-    let text = input::text(list, input::MAX_TEXT).with_context(shown)?;
-    let folder = std::path::absolute(list)?;
+/// What a file lists, one a line.
+fn lines(list: &Path) -> Result<Vec<Candidate>> {
+    let text = input::text(list, input::MAX_TEXT).with_context(|| list.display().to_string())?;
     let lines = text.lines().map(str::trim);
-    let paths = lines.filter(|line| !line.is_empty() && !line.starts_with('#')).map(|line| {
-        let path = folder.parent().unwrap_or(Path::new("")).join(line);
-        let name = path.display().to_string();
-        Candidate { label: private::path(&path), name, subject: String::new() }
+    let named = lines.filter(|line| !line.is_empty() && !line.starts_with('#')).map(|line| {
+        let label = private::words(line);
+        Candidate { name: line.to_owned(), label, subject: String::new() }
     });
-    Ok(paths.collect())
+    Ok(named.collect())
 }
 
 /// A candidate's program, which is there as long as this is.
 pub struct Made {
     pub program: Program,
     _aside: Option<SetAside>,
-    _shaders: Option<TempDir>,
     _checkout: Option<Rc<Worktree>>,
 }
 
@@ -172,59 +160,36 @@ impl<'a> Maker<'a> {
         Self { searched, folder, target, gpu, checkouts, waiting, built: RefCell::default() }
     }
 
-    pub fn make(&self, candidate: &Candidate, side: Side) -> Result<Made> {
+    pub fn make(&self, candidate: &Candidate) -> Result<Made> {
         match self.searched {
-            Searched::Revisions { by: Building::Cargo, .. } => {
-                self.compiled(candidate, &candidate.name, None)
-            }
             Searched::Revisions { by: Building::Commands { build, run }, .. } => {
-                self.commanded(candidate, build, run)
+                let checkout = self.checkout(candidate, build)?;
+                let path = text::shell(&checkout.path.display().to_string());
+                let made = of_command(candidate, &format!("cd {path} || exit 1\n{run}"));
+                Ok(Made { _checkout: Some(checkout), ..made })
             }
-            Searched::Versions { package, .. } => {
-                self.compiled(candidate, "HEAD", Some((package, &candidate.name)))
+            Searched::Lines { by: Building::Commands { build, run }, .. } => {
+                (self.waiting.tell)(&format!("building {}", candidate.label));
+                self.shell(candidate, build, self.folder)?;
+                Ok(of_command(candidate, run))
             }
-            Searched::Drivers { program, .. } => {
-                let manifest = Path::new(&candidate.name);
-                let environment = driver::environment(side, &[], Some(manifest))?;
-                let shaders = driver::shader_cache(&environment)?;
-                let shader_cache = shaders.as_ref().map(|folder| folder.path().to_owned());
-                let made = self.of_program(candidate, build::set_aside(program)?);
-                let start = WorkerStart { environment, shader_cache, ..made.program.start };
-                driver::try_driver(side, &start, &self.waiting)?;
-                let program = Program { start, ..made.program };
-                Ok(Made { program, _shaders: shaders, ..made })
-            }
+            Searched::Revisions { .. } => self.compiled(candidate),
+            Searched::Lines { .. } => bail!("candidates of a file need a command (--cmd)"),
         }
     }
 
     /// cargo's build, out of reach of later ones.
-    fn compiled(
-        &self,
-        candidate: &Candidate,
-        revision: &str,
-        pin: Option<(&str, &str)>,
-    ) -> Result<Made> {
+    fn compiled(&self, candidate: &Candidate) -> Result<Made> {
         (self.waiting.tell)(&format!("building {}", candidate.label));
         let (folder, target, kept) = (self.folder, self.target, KEPT_BY_SEARCH);
         let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
-        let source = Source { folder, target, revision, pin, kept };
-        let program = source.build(interrupted, &mut |line| (self.waiting.tell)(line))?;
-        Ok(self.of_program(candidate, build::set_aside(&program)?))
-    }
-
-    fn of_program(&self, candidate: &Candidate, aside: SetAside) -> Made {
-        let start = WorkerStart { gpu: self.gpu.clone(), ..WorkerStart::new(&aside.path) };
+        let source = Source { folder, target, revision: &candidate.name, kept };
+        let built = source.build(interrupted, &mut |line| (self.waiting.tell)(line))?;
+        let aside = build::set_aside(&built.path)?;
+        let (gpu, commit) = (self.gpu.clone(), Some(built.commit));
+        let start = WorkerStart { gpu, commit, ..WorkerStart::new(&aside.path) };
         let program = Program { label: candidate.label.clone(), start };
-        Made { program, _aside: Some(aside), _shaders: None, _checkout: None }
-    }
-
-    /// A worker that a command starts in a built checkout.
-    fn commanded(&self, candidate: &Candidate, build: &str, run: &str) -> Result<Made> {
-        let checkout = self.checkout(candidate, build)?;
-        let path = text::shell(&checkout.path.display().to_string());
-        let start = WorkerStart::of_command(&format!("cd {path} || exit 1\n{run}"));
-        let program = Program { label: candidate.label.clone(), start };
-        Ok(Made { program, _aside: None, _shaders: None, _checkout: Some(checkout) })
+        Ok(Made { program, _aside: Some(aside), _checkout: None })
     }
 
     fn checkout(&self, candidate: &Candidate, command: &str) -> Result<Rc<Worktree>> {
@@ -237,7 +202,7 @@ impl<'a> Maker<'a> {
             let path = std::path::absolute(self.checkouts.join(&candidate.label))?;
             let repository = build::repository(self.folder)?;
             let checkout = Worktree::add(&repository, path, &candidate.name)?;
-            self.shell(command, &checkout.path)?;
+            self.shell(candidate, command, &checkout.path)?;
             built.push((candidate.name.clone(), Rc::new(checkout)));
             if built.len() > CHECKOUTS {
                 built.remove(0);
@@ -248,11 +213,12 @@ impl<'a> Maker<'a> {
     }
 
     /// Runs a build's command; its output is passed on.
-    fn shell(&self, command: &str, folder: &Path) -> Result<()> {
+    fn shell(&self, candidate: &Candidate, command: &str, folder: &Path) -> Result<()> {
         let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
         let limits = Limits { time: None, interrupted: Some(interrupted) };
         let mut shell = Command::new("sh");
         shell.args(["-c", &format!("exec >&2\n{command}")]).current_dir(folder);
+        shell.env(CANDIDATE, &candidate.name);
         match process::run(&mut shell, limits, &mut |line| (self.waiting.tell)(line)) {
             Ok(_) => Ok(()),
             Err(ProcessError::Interrupted) => bail!("building was interrupted"),
@@ -264,19 +230,27 @@ impl<'a> Maker<'a> {
     }
 }
 
+/// A worker that a command starts.
+fn of_command(candidate: &Candidate, run: &str) -> Made {
+    let name = text::shell(&candidate.name);
+    let start = WorkerStart::of_command(&format!("export {CANDIDATE}={name}\n{run}"));
+    let program = Program { label: candidate.label.clone(), start };
+    Made { program, _aside: None, _checkout: None }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_list_of_drivers_has_a_manifest_on_each_line() {
+    fn a_list_has_a_candidate_on_each_line() {
         let folder = tempfile::tempdir().unwrap();
-        let list = folder.path().join("drivers.txt");
-        let searched = Searched::Drivers { list: list.clone(), program: PathBuf::new() };
-        std::fs::write(&list, "# Mesa\na/icd.json\n\n/b/icd.json\n").unwrap();
+        let list = folder.path().join("list.txt");
+        let searched = Searched::Lines { list: list.clone(), by: Building::Cargo };
+        std::fs::write(&list, "# Mesa\na b\n\n/b/icd.json\n").unwrap();
         let found = searched.candidates(folder.path()).unwrap();
         let names: Vec<&str> = found.iter().map(|candidate| &*candidate.name).collect();
-        assert_eq!(names, [folder.path().join("a/icd.json").to_str().unwrap(), "/b/icd.json"]);
+        assert_eq!(names, ["a b", "/b/icd.json"]);
         for (text, reason) in [("a\n", "two candidates"), ("a\nb\na\n", "named twice")] {
             std::fs::write(&list, text).unwrap();
             let error = searched.candidates(folder.path()).unwrap_err().to_string();

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
 use itertools::Itertools;
+use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use super::bench::Processes;
@@ -15,6 +16,7 @@ use super::instructions;
 use super::launch::{Quiet, Waiting, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
 use super::rounds::{self, Before};
+use super::settings;
 use super::survey::{self, SurveyedBuild};
 use fathom_base::input;
 use fathom_gates::adapters::AdapterRelation;
@@ -23,13 +25,13 @@ use fathom_gates::schedule::Schedule;
 use fathom_gates::store::{self, StoredComparison};
 use fathom_gates::time;
 use fathom_harness::catalog::Catalog;
-use fathom_record::RecordError;
 use fathom_record::calendar;
 use fathom_record::comparison::{
     CellId, CellSubject, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate,
     GateSettings, Side, Skip,
 };
 use fathom_record::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Taken, unused};
+use fathom_record::{Build, RecordError};
 
 /// A build to compare.
 #[derive(Clone, Debug)]
@@ -56,6 +58,8 @@ pub struct CompareOptions {
     pub out: Option<PathBuf>,
     /// Go on with the comparison in `out`.
     pub resume: bool,
+    /// What the head should be built of: a note says where it is not.
+    pub checkout: Option<Build>,
 }
 
 impl CompareOptions {
@@ -75,7 +79,7 @@ pub fn measure(
     if let Some(filter) = &options.filter {
         gates = gates.filtered(filter)?;
     }
-    let folder = options.out.clone().map_or_else(fresh, Ok)?;
+    let folder = options.out.clone().map_or_else(|| fresh("compare"), Ok)?;
     let taken = taken(&folder, options.resume)?;
     let flags = [interrupted];
     let waiting = Waiting { interrupted: &flags, tell };
@@ -96,10 +100,12 @@ pub fn measure(
         );
     }
     let header = header(options, &gates, &greetings, skipped)?;
+    let settings = settings(options, &gates, &header);
     let mut held = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
-        resumed(&mut held, &header, tell)?
+        resumed(&mut held, &settings, tell)?
     } else {
+        settings::store(&folder, &settings)?;
         store::write(&mut held, vec![Compared::Header(Box::new(header.clone()))])?;
         StoredComparison::new(header)
     };
@@ -122,9 +128,9 @@ pub fn taken(folder: &Path, resume: bool) -> Result<Taken, OutputError> {
     if resume { Taken::measured(folder, FolderKind::Comparison) } else { Taken::free(folder) }
 }
 
-/// A new folder for a comparison without `--out`.
-pub fn fresh() -> Result<PathBuf, OutputError> {
-    let name = format!("compare-{}", calendar::compact(jiff::Timestamp::now()));
+/// A new folder for a command without `--out`.
+pub fn fresh(command: &str) -> Result<PathBuf, OutputError> {
+    let name = format!("{command}-{}", calendar::compact(jiff::Timestamp::now()));
     unused(&Path::new(DEFAULT_FOLDER).join(name))
 }
 
@@ -182,6 +188,8 @@ fn header(
         })
     };
     let [base, head] = greetings;
+    let notes = base.notes.iter().chain(&head.notes).unique().cloned();
+    let notes = notes.chain(of_builds(options, greetings));
     let mut settings = options.settings.clone();
     settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));
     let unchecked = without_checks(greetings).filter(|_| settings.gates.contains(&Gate::Exact));
@@ -193,9 +201,37 @@ fn header(
         settings,
         cells: gates.cells(),
         skipped,
-        notes: base.notes.iter().chain(&head.notes).unique().cloned().chain(unchecked).collect(),
+        notes: notes.chain(unchecked).collect(),
         ..ComparisonHeader::default()
     })
+}
+
+/// That the base does not say of which commit it was built, and that the head was built of another than the checkout holds.
+fn of_builds(options: &CompareOptions, [base, head]: &[Greeting; 2]) -> Vec<String> {
+    let is_silent = options.programs[0].start.commit.is_some() && base.build.is_none();
+    let silent = "the base build does not say of which commit it was built";
+    let stale = head.build.as_ref().zip(options.checkout.as_ref());
+    let stale = stale.filter(|(head, checkout)| head != checkout);
+    let stale = stale.map(|(head, checkout)| {
+        format!("the head was built of {head}, and the checkout is at {checkout}: build it again")
+    });
+    is_silent.then(|| silent.to_owned()).into_iter().chain(stale).collect()
+}
+
+/// All that defines what is measured. Of variables there are names and a digest, as their values may be secret.
+fn settings(options: &CompareOptions, gates: &Gates, header: &ComparisonHeader) -> Value {
+    let side = |build: &ComparedBuild, program: &Program| {
+        let environment = program.start.environment.recorded(false);
+        json!({ "program": build.digest, "environment": environment, "options": program.start.gpu.words() })
+    };
+    let [base, head] = &options.programs;
+    let sides = json!({
+        "base": side(&header.base, base),
+        "head": side(&header.head, head),
+        "adapter": header.adapter,
+        "base_adapter": header.base_adapter,
+    });
+    settings::of(&options.settings, gates, sides)
 }
 
 /// The gates asked for that cannot be run.
@@ -229,28 +265,12 @@ fn obstacle(gate: Gate, greetings: &[Greeting; 2], options: &CompareOptions) -> 
 }
 
 /// The folder's comparison, if it is this one.
-fn resumed(
-    held: &mut Held,
-    now: &ComparisonHeader,
-    tell: &dyn Fn(&str),
-) -> Result<StoredComparison> {
+fn resumed(held: &mut Held, settings: &Value, tell: &dyn Fn(&str)) -> Result<StoredComparison> {
     held.notices.iter().for_each(|notice| tell(notice));
     let folder = held.output.folder.clone();
     let before = StoredComparison::from_records(std::mem::take(&mut held.before));
     let before = before.ok_or_else(|| OutputError::NoHeader { path: folder.clone() })?;
-    let then = &before.header;
-    let same = [
-        ("base", then.base.digest == now.base.digest),
-        ("head", then.head.digest == now.head.digest),
-        ("environment or driver of the base", then.base.environment.is_same(&now.base.environment)),
-        ("environment or driver of the head", then.head.environment.is_same(&now.head.environment)),
-        ("adapter", then.adapter == now.adapter && then.base_adapter == now.base_adapter),
-        ("selection of cells", then.cells == now.cells),
-    ];
-    if let Some((what, _)) = same.iter().find(|(_, same)| !same) {
-        let rule = "resume it with the same, or choose another folder with --out";
-        bail!("{} was begun with another {what}: {rule}", folder.display());
-    }
+    settings::check(&folder, settings)?;
     Ok(before)
 }
 

@@ -18,6 +18,8 @@ use fathom_base::quiet;
 pub use fathom_base::quiet::{Quiet, allowed_cores};
 use fathom_gpu as gpu;
 use fathom_gpu::ClockPlan;
+use fathom_record::MachineState;
+use fathom_record::comparison::CellId;
 
 /// Runs the command of a worker that is no build of fathom.
 const SHELL: &str = "sh";
@@ -30,6 +32,10 @@ const REPLIES_AHEAD: usize = 1;
 const EXCERPT: usize = 80;
 /// The same of the reason that a worker gives.
 const REASON: usize = 1000;
+/// Shortest time of a frame that is believed: below a picosecond it is none, and ratios to it have no logarithm.
+const SHORTEST_NS: f64 = 1e-3;
+/// What a sample may be longer than its request: as the audit allows of timestamps, which another clock counts.
+const CLOCK_TOLERANCE: f64 = 1.15;
 /// A worker that was asked to end is killed after this.
 const FAREWELL: Duration = Duration::from_secs(2);
 /// A reply that takes longer than this is announced as being waited for.
@@ -127,6 +133,8 @@ pub struct WorkerStart {
     pub environment: GivenEnvironment,
     /// Where its driver keeps compiled shaders, if apart from those of all other programs.
     pub shader_cache: Option<PathBuf>,
+    /// The commit that its program is built of: a worker that names another is refused.
+    pub commit: Option<String>,
     /// The audited clock of a hardware adapter: both sides must read the same one.
     pub clock: Option<ClockPlan>,
     /// How long the reply to one kind of request may take, in place of what is usual.
@@ -171,6 +179,7 @@ pub struct WorkerProcess {
     requests: Option<Sender<String>>,
     replies: Receiver<std::io::Result<String>>,
     errors: Option<Listener>,
+    commit: Option<String>,
     patience: Option<(RequestKind, Duration)>,
     asked: RequestKind,
 }
@@ -213,8 +222,8 @@ impl WorkerProcess {
         }
         let errors = tree.stderr.take().map(Listener::start);
         let WorkerStart { name, patience, .. } = *start;
-        let (requests, asked) = (Some(requests), RequestKind::Hello);
-        Ok(Self { name, tree, requests, replies, errors, patience, asked })
+        let (requests, asked, commit) = (Some(requests), RequestKind::Hello, start.commit.clone());
+        Ok(Self { name, tree, requests, replies, errors, commit, patience, asked })
     }
 
     /// Sends a request; [`Self::receive`] takes its reply, so that two workers can prepare at the same time.
@@ -304,11 +313,45 @@ impl WorkerProcess {
         self.receive(waiting)
     }
 
-    /// What the worker says of itself, if it speaks this protocol.
+    /// What the worker says of itself, if it speaks this protocol and was not built of another commit than is asked for.
     pub fn greeted(&mut self, waiting: &Waiting<'_>) -> Result<Greeting, WorkerFault> {
-        match self.receive(waiting)? {
-            Reply::Hello(greeting) => Ok(*greeting),
-            other => Err(self.unexpected(&other)),
+        let greeting = match self.receive(waiting)? {
+            Reply::Hello(greeting) => *greeting,
+            other => return Err(self.unexpected(&other)),
+        };
+        if let (Some(asked), Some(build)) = (&self.commit, &greeting.build)
+            && build.commit.as_ref().is_some_and(|commit| commit != asked)
+        {
+            let reason = format!("it was built of {build} and not of {asked}");
+            self.tree.kill();
+            return Err(WorkerFault::fatal(excerpt(&reason, REASON)));
+        }
+        Ok(greeting)
+    }
+
+    /// Times of so many frames of a cell, ns, and the state of the adapter after them. Times that cannot be are the worker's fault.
+    pub fn sample(
+        &mut self,
+        cell: &CellId,
+        frames: u32,
+        waiting: &Waiting<'_>,
+    ) -> Result<(Vec<f64>, Option<MachineState>), WorkerFault> {
+        let (config, stage) = (cell.configuration().to_owned(), cell.stage().to_owned());
+        let asked = Instant::now();
+        let reply = self.ask(&WorkerRequest::Sample { config, stage, frames }, waiting)?;
+        let request_ns = asked.elapsed().as_secs_f64() * 1e9;
+        let fault = match &reply {
+            Reply::Sample { ns, .. } => impossible(ns, frames, request_ns),
+            _ => None,
+        };
+        match (reply, fault) {
+            (Reply::Sample { ns, machine }, None) => Ok((ns, machine.map(|state| *state))),
+            (other, fault) => Err(match (self.unexpected(&other), fault) {
+                (WorkerFault::Garbage { request, excerpt }, Some(fault)) => {
+                    WorkerFault::Garbage { request, excerpt: format!("{excerpt}: {fault}") }
+                }
+                (garbage, _) => garbage,
+            }),
         }
     }
 
@@ -355,6 +398,22 @@ impl WorkerProcess {
             let _ = self.tree.status_within(farewell);
         }
     }
+}
+
+/// Why these cannot be the times of so many frames, taken one after the other within a request that took so long by this process's clock.
+fn impossible(ns: &[f64], frames: u32, request_ns: f64) -> Option<String> {
+    // On one core no process has more CPU time than the wall has; where none can be chosen it may have that of all.
+    let cores = if allowed_cores().is_empty() {
+        std::thread::available_parallelism().map_or(1, usize::from)
+    } else {
+        1
+    };
+    let longest_ns = CLOCK_TOLERANCE * request_ns * cores as f64;
+    if ns.len() != frames as usize {
+        return Some(format!("{} times of {frames} frames", ns.len()));
+    }
+    let wrong = ns.iter().find(|ns| !(SHORTEST_NS..=longest_ns).contains(*ns))?;
+    Some(format!("{wrong:e} ns, in a request that took {request_ns:.3e} ns"))
 }
 
 /// So many characters of a text that a worker has written.
@@ -418,6 +477,26 @@ mod tests {
     use std::ffi::OsStr;
 
     use super::*;
+
+    #[test]
+    fn times_are_finite_and_above_0_and_no_longer_than_their_request() {
+        let request_ns = 1e6;
+        for ns in [SHORTEST_NS, 1.0, 1e6] {
+            assert_eq!(impossible(&[ns], 1, request_ns), None);
+        }
+        for ns in [0.0, -0.0, -1.0, 5e-324, f64::NAN, f64::INFINITY, 1.8e19] {
+            for place in 0..2 {
+                let mut frames = [1e5; 2];
+                frames[place] = ns;
+                assert!(impossible(&frames, 2, request_ns).is_some(), "{ns}");
+            }
+        }
+        assert!(impossible(&[1e5], 2, request_ns).is_some(), "one is missing");
+        assert!(impossible(&[1.1e6], 1, request_ns).is_none(), "clocks differ by a little");
+        if cfg!(target_os = "linux") {
+            assert!(impossible(&[1.2e6], 1, request_ns).is_some());
+        }
+    }
 
     /// Every gate starts its workers so, under callgrind too.
     #[test]

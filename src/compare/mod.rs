@@ -17,6 +17,7 @@ pub mod flow;
 pub mod instructions;
 pub mod launch;
 pub mod rounds;
+pub mod settings;
 pub mod survey;
 mod valgrind;
 pub mod worker;

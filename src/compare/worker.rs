@@ -155,6 +155,7 @@ impl RequestServer<'_> {
             cores: Some(quiet::allowed_cores()).filter(|cores| !cores.is_empty()),
             randomized: quiet::randomized(),
             notes: device.gpu.notes.clone(),
+            build: Some(self.catalog.build()).filter(|build| build.commit.is_some()),
         })))
     }
 }

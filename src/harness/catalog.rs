@@ -27,15 +27,12 @@ impl CargoTarget {
     pub const FATHOM: Self = Self { package: "fathom", binary: "fathom" };
 }
 
-/// Behind a revision whose files were changed.
-const DIRTY: &str = "-dirty";
-
 /// Everything that the commands know by name.
 #[derive(Clone, Debug)]
 pub struct Catalog {
     /// The program itself: `compare --base REV` builds it of that revision.
     pub program: CargoTarget,
-    /// Hash of the commit that the program was built of, with [`DIRTY`] behind it where files differed; empty outside a repository.
+    /// Hash of the commit that the program was built of, with `-dirty` behind it where files differed; empty outside a repository.
     revision: &'static str,
     pub kinds: Vec<PipelineKind>,
     pub shaders: Folders,
@@ -70,10 +67,7 @@ impl Catalog {
 
     /// What the program was built of, as records hold it.
     pub fn build(&self) -> Build {
-        let commit = self.revision.strip_suffix(DIRTY);
-        let dirty = commit.is_some();
-        let commit = Some(commit.unwrap_or(self.revision)).filter(|commit| !commit.is_empty());
-        Build { commit: commit.map(str::to_owned), dirty }
+        Build::described(self.revision)
     }
 
     /// Names the revision, as `git describe --always --dirty=-dirty --abbrev=40 --exclude='*'` gives it.

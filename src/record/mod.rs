@@ -7,6 +7,7 @@
 //! Samples of cells that have no line yet stand in a file beside it, a [`SampleLine`] for each visit to a cell.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -139,6 +140,23 @@ pub struct Build {
     pub commit: Option<String>,
     /// Its files differed from the commit.
     pub dirty: bool,
+}
+
+impl Build {
+    /// As `git describe --always --dirty=-dirty --abbrev=40 --exclude='*'` names a checkout; of nothing where that is empty.
+    pub fn described(revision: &str) -> Self {
+        let commit = revision.strip_suffix("-dirty");
+        let dirty = commit.is_some();
+        let commit = Some(commit.unwrap_or(revision)).filter(|commit| !commit.is_empty());
+        Self { commit: commit.map(str::to_owned), dirty }
+    }
+}
+
+impl fmt::Display for Build {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let commit = self.commit.as_deref().unwrap_or("an unknown commit");
+        write!(f, "{commit}{}", if self.dirty { " with changed files" } else { "" })
+    }
 }
 
 /// The text of an experiment's file as it was when its cells were measured, so that its published

@@ -14,7 +14,7 @@ use strum::{Display, EnumDiscriminants, EnumString};
 use thiserror::Error;
 
 use super::comparison::CellId;
-use super::{Adapter, ClockPlan, ErrorFigure, MachineState, PassKind, Work, nan};
+use super::{Adapter, Build, ClockPlan, ErrorFigure, MachineState, PassKind, Work, nan};
 
 /// Version of these messages.
 pub const PROTOCOL: u32 = 1;
@@ -168,6 +168,9 @@ pub struct Greeting {
     /// What degrades on this adapter.
     #[serde(default)]
     pub notes: Vec<String>,
+    /// What the program was built of; absent from programs that do not know.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build: Option<Build>,
 }
 
 /// `llvmpipe (Mesa 22.3.6)`.
@@ -393,6 +396,7 @@ mod tests {
                 cores: Some(vec![1]),
                 randomized: None,
                 notes: Vec::new(),
+                build: Some(Build::described("0-dirty")),
             })),
         ];
         replies.iter().for_each(|reply| assert_eq!(read(reply), *reply));

@@ -59,8 +59,8 @@ const OF_FRAME: [(&str, OfFrame); 12] = [
     ("frame_untimed_low_ns", |cell| end(&cell.frame.untimed, |interval| interval.low)),
     ("frame_untimed_high_ns", |cell| end(&cell.frame.untimed, |interval| interval.high)),
     ("frame_untimed_samples", |cell| cell.frame.untimed.n.to_string()),
-    ("accounting_error", |cell| cell.frame.accounting_error.to_string()),
-    ("timing_cost", |cell| cell.frame.timing_cost.median.to_string()),
+    ("accounting_error", |cell| number(cell.frame.accounting_error)),
+    ("timing_cost", |cell| number(cell.frame.timing_cost.median)),
     ("allocated_bytes", |cell| cell.allocated_bytes.to_string()),
     ("warm_up_frames", |cell| cell.warm_up_frames.to_string()),
     ("rejected_frames", |cell| cell.rejected_frames().to_string()),
@@ -123,25 +123,30 @@ fn resolved(stage: &StageRecord) -> Estimate {
 }
 
 fn fenced(stage: &StageRecord, field: fn(&Fenced) -> f64) -> String {
-    stage.fenced.as_ref().map(|fenced| field(fenced).to_string()).unwrap_or_default()
+    stage.fenced.as_ref().map(|fenced| number(field(fenced))).unwrap_or_default()
 }
 
 fn held(cell: &Measured) -> Option<Throttling> {
     Throttling::of(&cell.frame.machine)
 }
 
+/// Empty where it is not finite.
+fn number(value: f64) -> String {
+    if value.is_finite() { value.to_string() } else { String::new() }
+}
+
 fn middle(estimate: &Estimate) -> String {
-    if estimate.n > 0 { estimate.median.to_string() } else { String::new() }
+    if estimate.n > 0 { number(estimate.median) } else { String::new() }
 }
 
 fn end(estimate: &Estimate, end: fn(&Interval) -> f64) -> String {
-    estimate.interval.as_ref().map_or_else(String::new, |interval| end(interval).to_string())
+    estimate.interval.as_ref().map_or_else(String::new, |interval| number(end(interval)))
 }
 
 /// `NAME=VALUE` of each quantity and error.
 fn quantities(measured: &Measured) -> String {
     let figures = measured.figures();
-    figures.iter().map(|(name, value)| format!("{name}={value}")).join("; ")
+    figures.iter().map(|(name, value)| format!("{name}={}", number(*value))).join("; ")
 }
 
 #[cfg(test)]

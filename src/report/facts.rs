@@ -267,15 +267,16 @@ impl Exponent<'_, '_> {
     }
 }
 
-/// The exponent that claims rest on, with its interval: `0.98 (0.95 – 1.01)`
+/// The exponent that claims rest on, with its interval: `0.98 (0.95 – 1.01)`; of cells that were measured apart it says so.
 pub fn exponent(fit: &Scaling) -> String {
     // Without a minus before what is rounded to zero.
     let two = |value: f64| format!("{:.2}", if value.abs() < 0.005 { 0.0 } else { value });
-    let value = two(fit.of_rounds.median());
-    match fit.interval() {
+    let value = two(fit.exponent());
+    let value = match fit.interval() {
         Some(Interval { low, high }) => format!("{value} ({} – {})", two(low), two(high)),
         None => value,
-    }
+    };
+    if fit.is_apart() { value + " of medians" } else { value }
 }
 
 /// The exponents of all scaling plots, in the order of the plan. Plots over categories have none.

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::builds::CELLS;
 use super::common::{Ends, Place, holds};
-use super::script::{Script, hello};
+use super::script::{Script, hello, sample};
 
 const MANIFEST: &str = "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n\
     [[bin]]\nname = \"fathom\"\npath = \"main.rs\"\n\n[workspace]\n";
@@ -21,14 +21,14 @@ static LAUNCH: std::sync::OnceLock<u64> = std::sync::OnceLock::new();
 fn wild(prepared: u32) -> u64 {
     use std::io::Write;
     if prepared < 2 {
-        return 2_100_000;
+        return 210;
     }
     let count = || {
         let mut file = std::fs::OpenOptions::new().create(true).append(true).open("launches").unwrap();
         file.write_all(b".").unwrap();
         file.metadata().unwrap().len()
     };
-    1_600_000 + *LAUNCH.get_or_init(count) % 2 * 800_000
+    160 + *LAUNCH.get_or_init(count) % 2 * 80
 }
 
 fn main() {
@@ -42,7 +42,9 @@ fn main() {
             prepared += 1;
             println!("{}", r#"{"message":"prepared","stages":[{"name":"a","kind":"compute"},{"name":"b","kind":"compute"}]}"#);
         } else if asks("sample") {
-            let ns = if line.contains("\"stage\":\"a\"") { NS } else { 2000000 };
+            let ns = if line.contains("\"stage\":\"a\"") { NS } else { 200 };
+            let frames = line.rsplit("\"frames\":").next().unwrap().trim_end_matches('}');
+            let ns = vec![ns.to_string(); frames.parse().unwrap()].join(",");
             println!("{{\"message\":\"sample\",\"ns\":[{ns}]}}");
         } else {
             let _ = prepared;
@@ -57,6 +59,11 @@ struct History(Place);
 
 impl History {
     fn new(times: &[&str]) -> Self {
+        Self::greeting(times, &hello(1, r#""time""#))
+    }
+
+    /// The same with this greeting.
+    fn greeting(times: &[&str], hello: &str) -> Self {
         let history = Self(Place::new());
         history.git(&["init", "--quiet"]);
         for (name, text) in [("Cargo.toml", MANIFEST), ("Cargo.lock", LOCK), (".gitignore", "*\n")]
@@ -64,7 +71,6 @@ impl History {
             history.0.write(name, text);
         }
         history.0.write("cells.toml", CELLS);
-        let hello = hello(1, r#""time""#);
         let hello = hello.trim_start_matches("echo '").trim_end_matches('\'');
         for (number, ns) in times.iter().enumerate() {
             let text = MAIN.replace("HELLO", hello);
@@ -111,8 +117,8 @@ impl History {
     }
 }
 
-const USUAL: &str = "2_000_000";
-const SLOWER: &str = "2_100_000";
+const USUAL: &str = "200";
+const SLOWER: &str = "210";
 const WILD: &str = "wild(prepared)";
 const BROKEN: &str = "no number";
 
@@ -131,11 +137,27 @@ fn the_revision_that_made_a_stage_slower_is_found_past_one_that_does_not_build()
     assert!((answer["change"].as_f64().unwrap() - 0.05).abs() < 1e-3, "{answer}");
     // The same again from its folder, which asks for no build.
     let again = history.bisect("--good HEAD~8 --resume").ends(0);
-    assert_eq!(again.out, told.out);
-    for other in ["--good HEAD~7 --resume", "--good HEAD~8 --cells two --resume"] {
-        let told = history.bisect(other).ends(2);
-        assert!(told.err.contains("other revisions or cells"), "{}", told.err);
+    let told_first = told.out;
+    assert_eq!(again.out, told_first);
+    for (other, named) in [
+        ("--good HEAD~7", "`good` was "),
+        ("--good HEAD~8 --bad HEAD~1", "`bad` was "),
+        ("--good HEAD~8 --cells two", "`cells.one.configuration.id` was \"one\" and is now absent"),
+        ("--good HEAD~8 --batch 8", "`batch` was 4 and is now 8"),
+        ("--good HEAD~8 --threshold 0.05", "`threshold` was 0.02 and is now 0.05"),
+        ("--good HEAD~8 --gates exact", "`gates` was [\"time\"] and is now [\"time\",\"exact\"]"),
+        ("--good HEAD~8 --cmd true", "`by` was \"cargo\" and is now absent"),
+        ("--good HEAD~8 --unchecked", "`options` was "),
+    ] {
+        let told = history.bisect(&format!("{other} --resume")).ends(2);
+        holds(&told.err, &["was begun with other settings: ", named]);
     }
+    let changed = CELLS.replace("id = \"one\"", "id = \"one\"\nparams.turns = 2");
+    history.0.write("cells.toml", changed);
+    let told = history.bisect("--good HEAD~8 --resume").ends(2);
+    holds(&told.err, &["`cells.one.configuration.params.turns` was absent and is now 2"]);
+    history.0.write("cells.toml", CELLS);
+    assert_eq!(history.bisect("--good HEAD~8 --resume").ends(0).out, told_first);
     let taken = history.bisect("--good HEAD~8").ends(2);
     assert!(taken.err.contains("--resume"), "{}", taken.err);
 }
@@ -161,6 +183,11 @@ fn equal_ends_leave_nothing_to_find() {
     for (bad, reason) in [("0", "could not measure"), (BROKEN, "does not build")] {
         let told = History::new(&[USUAL, bad]).bisect("--good HEAD~1").ends(2);
         assert!(format!("{}{}", told.out, told.err).contains(reason), "{}", told.err);
+    }
+    // Twice, each time into a new folder.
+    for _ in 0..2 {
+        let words = "bisect --good HEAD~2 --gates time --cells-file cells.toml --launches 10";
+        holds(&history.0.fathom(words).ends(1).out, &["nothing to find"]);
     }
     let backwards = history.bisect("--good HEAD --bad HEAD~1").output().unwrap();
     assert_eq!(backwards.status.code(), Some(2));
@@ -228,103 +255,51 @@ fn a_cell_that_became_less_accurate_or_needs_more_memory_is_searched_by_bisectio
 }
 
 #[test]
-fn the_driver_that_made_a_stage_slower_is_found_past_one_that_cannot_be_loaded() {
+fn lines_of_a_file_are_searched_by_a_command_past_one_that_cannot_be_measured() {
     let place = Place::new();
-    let hello = hello(1, r#""time""#).replace(r#""backend":"""#, r#""backend":"vulkan""#);
-    // The manifest's folder has the time, which a driver without one does not give.
-    let sample = r#"read -r ns < "${VK_DRIVER_FILES%/*}/ns" && echo "{\"message\":\"sample\",\"ns\":[$ns]}""#;
-    let broken = format!(r#"test -e "${{VK_DRIVER_FILES%/*}}/ns" && {hello} || exit 1"#);
-    let instead = [("\"sample\"", sample)];
-    Script { hello: broken, instead: &instead, ..Script::default() }
-        .write(&place.path(""), "program");
+    let hello = format!("test -e \"$CANDIDATE/ns\" && {} || exit 1", hello(1, r#""time""#));
+    let answer = format!("read -r ns < \"$CANDIDATE/ns\" && {{ {}; }}", sample("$ns"));
+    let instead = [("\"sample\"", answer.as_str())];
+    Script { hello, instead: &instead, ..Script::default() }.write(&place.path(""), "worker");
     place.write("cells.toml", CELLS);
-    let mut list = String::new();
-    for (number, ns) in
-        [2_000_000, 2_000_000, 0, 2_100_000, 2_100_000, 2_100_000].iter().enumerate()
-    {
-        place.write(format!("{number}/icd.json"), r#"{"ICD": {"library_path": "driver.so"}}"#);
-        if *ns > 0 {
-            place.write(format!("{number}/ns"), format!("{ns}\n"));
-        }
-        list += &format!("{number}/icd.json\n");
+    let times = ["200", "200", "", "210", "210", "210"];
+    for (number, ns) in times.iter().enumerate().filter(|(_, ns)| !ns.is_empty()) {
+        place.write(format!("mesa 2{number}/time"), format!("{ns}\n"));
     }
-    place.write("drivers.txt", list);
-    let words = "bisect --drivers drivers.txt --program ./program --cells-file cells.toml --gates time --launches 10 --json --out out";
-    let found = place.fathom(words).ends(3).json();
+    let list = (0..times.len()).map(|number| format!("mesa 2{number}\n"));
+    place.write("list.txt", list.collect::<String>());
+    let words = "bisect --candidates list.txt --cells-file cells.toml --gates time --launches 10 --json --out out";
+    let build = "test ! -e \"$CANDIDATE/time\" || cp \"$CANDIDATE/time\" \"$CANDIDATE/ns\"";
+    let mut command = place.fathom(words);
+    command.args(["--build-cmd", build, "--cmd", "./worker"]);
+    let found = command.ends(3).json();
     let answer = &found["answer"];
-    let names: Vec<String> =
-        answer["candidates"].as_array().unwrap().iter().map(|of| of["name"].to_string()).collect();
-    assert!(
-        names.len() == 2 && names[0].contains("/2/icd") && names[1].contains("/3/icd"),
-        "{found}"
-    );
-    holds(&answer["skipped"][0]["reason"].to_string(), &["gives no Vulkan adapter"]);
+    let candidates = answer["candidates"].as_array().unwrap();
+    let names: Vec<&str> = candidates.iter().map(|of| of["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["mesa 22", "mesa 23"], "{found}");
+    holds(&answer["skipped"][0]["reason"].to_string(), &["it ended with exit status: 1"]);
+    let other = command.args(["--cmd", "./other", "--resume"]).output().unwrap();
+    assert_ne!(other.status.code(), Some(0));
 }
 
-/// A crate in a registry of files, whose number is the time of stage `a`, and a program that depends on it.
+/// A build that says of which commit it is: another than was asked for would be compared in silence.
 #[test]
-fn the_version_of_a_crate_that_made_a_stage_slower_is_found_past_one_that_does_not_fit() {
-    let history = History::of(1, |folder, _| {
-        let write = |name: String, text: &str| {
-            let path = folder.join(name);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(path, text).unwrap();
-        };
-        let versions = [
-            ("1.0.0", USUAL),
-            ("1.1.0", USUAL),
-            ("1.2.0", SLOWER),
-            ("1.3.0", SLOWER),
-            ("2.0.0", USUAL),
-        ];
-        for (version, ns) in versions {
-            let manifest = format!(
-                "[package]\nname = \"small\"\nversion = \"{version}\"\nedition = \"2024\"\n"
-            );
-            write(format!("registry/small-{version}/Cargo.toml"), &manifest);
-            let source = format!("pub const NS: u64 = {};\n", ns);
-            write(format!("registry/small-{version}/src/lib.rs"), &source);
-            let pack = format!(
-                r#"tar czf small-{version}.crate small-{version} && mkdir -p index/sm/al &&
-                sum=$(sha256sum small-{version}.crate) && cat >> index/sm/al/small <<END
-{{"name":"small","vers":"{version}","deps":[],"cksum":"${{sum%% *}}","features":{{}},"yanked":false}}
-END"#
-            );
-            let mut shell = Command::new("sh");
-            shell.args(["-c", &pack]).current_dir(folder.join("registry"));
-            assert!(shell.status().unwrap().success());
-        }
-        let source = "[source.crates-io]\nreplace-with = \"here\"\n[source.here]\nlocal-registry = \"registry\"\n";
-        write(".cargo/config.toml".into(), source);
-        write("Cargo.toml".into(), &format!("{MANIFEST}\n[dependencies]\nsmall = \"1\"\n"));
-        write("main.rs".into(), "");
-        let mut cargo = Command::new(env!("CARGO"));
-        cargo.args(["generate-lockfile", "--offline"]).current_dir(folder);
-        assert!(cargo.env("CARGO_HOME", folder.join("home")).status().unwrap().success());
-        let hello = hello(1, r#""time""#);
-        let hello = hello.trim_start_matches("echo '").trim_end_matches('\'');
-        write("main.rs".into(), &MAIN.replace("HELLO", hello).replace("{ NS }", "{ small::NS }"));
-        write("cells.toml".into(), CELLS);
-        write(".gitignore".into(), "/target\n/out\n/home\n");
-    });
-    let words = "bisect --crate small --versions 1.0.0,2.0.0,1.1.0,1.2.0,1.3.0 --cells-file cells.toml --gates time --launches 10 --json --out out";
-    let home = history.0.path("home");
-    let found = history.0.fathom(words).env("CARGO_HOME", &home).ends(0).json();
-    let answer = &found["answer"];
-    assert_eq!(
-        (&answer["first"], &found["good"]),
-        (&"1.2.0".into(), &"small 1.0.0".into()),
-        "{found}"
-    );
-    for skipped in answer["skipped"].as_array().unwrap() {
-        let reason = skipped["reason"].as_str().unwrap();
-        holds(reason, &["small 2.0.0 cannot be chosen; cargo says: error: "]);
-        assert_eq!(reason.lines().count(), 1, "{reason}");
-    }
-    let refused = history
-        .0
-        .fathom("bisect --crate small --versions 2.0.0,1.0.0 --out other")
-        .env("CARGO_HOME", &home)
-        .ends(2);
-    holds(&refused.err, &["small 2.0.0 cannot be chosen"]);
+fn a_base_of_another_commit_is_refused_and_one_that_does_not_say_is_noted() {
+    let build = |text: &str| {
+        let greeting = hello(1, r#""time""#).replace("\"notes\"", &format!("{text}\"notes\""));
+        let history = History::greeting(&[USUAL, SLOWER], &greeting);
+        Script::default().write(&history.0.path(""), "head");
+        history
+    };
+    let compare = "compare --base HEAD~1 --head-bin ./head --cells-file cells.toml --gates time --launches 10 --pairs 2 --out out";
+    let silent = build("");
+    let told = silent.0.fathom(compare).ends(0);
+    holds(&told.out, &["the base build does not say of which commit it was built"]);
+    let other = build(r#""build":{"commit":"0123","dirty":true},"#);
+    let told = other.0.fathom(compare).ends(2);
+    let reason = "the base build: it was built of 0123 with changed files and not of ";
+    told.error(reason);
+    // This program is not of that repository.
+    let stale = other.0.fathom(compare.replace("--head-bin ./head", "--dry-run")).ends(0);
+    holds(&stale.out, &["base HEAD~1: kept from an earlier comparison"]);
 }

@@ -12,7 +12,7 @@ use fathom::record::comparison::{Gate, Pair, Side};
 use fathom::record::{Adapter, Measured, Record};
 
 use super::common::{Ends, Place, Told, holds, names, reference_of, write_records};
-use super::script::{Script, hello, refusal};
+use super::script::{Script, hello, refusal, sample};
 
 pub const CELLS: &str = r#"
 id = "toy"
@@ -102,6 +102,12 @@ impl Builds {
     }
 }
 
+/// The arguments of a command.
+fn words(command: &Command) -> String {
+    let words: Vec<&str> = command.get_args().map(|word| word.to_str().unwrap()).collect();
+    words.join(" ")
+}
+
 fn verdict(stored: &StoredComparison, cell: &str) -> CellVerdict {
     let cells = Verdicts::of(stored).cells;
     let found = cells.iter().find(|found| found.cell.as_str() == cell);
@@ -116,7 +122,7 @@ fn equal_builds_are_the_same_and_unequal_ones_are_not() {
     // No more of a path than its last part goes into records.
     assert_eq!((&*stored.header.base.label, &*stored.header.head.label), ("base", "head"));
 
-    let other = Script { bytes: 1001, error: "0.02", ns: 1_500_000, ..Script::default() };
+    let other = Script { bytes: 1001, error: "0.02", ns: 150, ..Script::default() };
     let builds = Builds::new(&usual, &other);
     let (told, stored) = builds.compare(1);
     assert_eq!(verdict(&stored, "one a"), CellVerdict::Faster);
@@ -175,6 +181,9 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
         (b, "printf '\\377\\376\\n'", "garbage to `sample`: `stream did not contain valid UTF-8`"),
         (b, "echo '{\"message\":\"sample\",\"ns\":[]}'", "\"ns\":[]"),
         (b, "echo '{\"message\":\"sample\",\"ns\":[-1]}'", "\"ns\":[-1.0]"),
+        // No stage takes 570 years, nor less than a picosecond.
+        (b, &sample("1.8e19"), "1.8e19 ns, in a request that took"),
+        (b, &sample("5e-324"), "5e-324 ns, in a request that took"),
         (b, "echo '{\"message\":\"prepared\",\"stages\":[]}'", "\"prepared\""),
         (b, &refusal("too hot", false), "head worker: too hot"),
         (
@@ -255,7 +264,27 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     let held = |output: &Output| String::from_utf8_lossy(&output.stderr).contains("is in use by");
     Told::of(tries.find(|output| !held(output)).unwrap(), 2).error("--resume");
     builds.build("other", &Script { bytes: 7, ..Script::default() });
-    builds.between("base", "other").arg("--resume").refused("was begun with another head");
+    builds.between("base", "other").arg("--resume").refused("`head.program` was ");
+    for (options, named) in [
+        ("--threshold 0.05", "`threshold` was 0.02 and is now 0.05"),
+        ("--seed 7", "`seed` was "),
+        ("--unchecked", "`base.options` was "),
+        ("--cells one", "`cells.two.configuration.id` was \"two\" and is now absent"),
+    ] {
+        builds.command(&format!("{options} --resume")).refused(named);
+    }
+    for (from, to, named) in [
+        ("--pairs 2", "--pairs 3", "`pairs` was 2 and is now 3"),
+        ("exact,time", "time", "`gates` was [\"exact\",\"time\"] and is now [\"time\"]"),
+    ] {
+        let words = words(&builds.command("--resume")).replace(from, to);
+        builds.0.fathom(words).refused(named);
+    }
+    let changed = CELLS.replace("id = \"one\"", "id = \"one\"\nparams.turns = 2");
+    builds.0.write("cells.toml", changed);
+    let named = "`cells.one.configuration.params.turns` was absent and is now 2";
+    builds.command("--resume").refused(named);
+    builds.0.write("cells.toml", CELLS);
 
     builds.command("--resume").ends(0);
     let stored = builds.stored();
@@ -296,13 +325,12 @@ fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
     }
     assert!(stored.header.head.environment.is_empty() && stored.header.base_adapter.is_none());
     assert_eq!(builds.0.fathom("compare --replay out").answer(), told);
-    for (options, side) in [
-        (&["--base-env", "MARK=another", "--resume"][..], "base"),
-        (&["--head-env", "MARK=of base", "--resume"], "base"),
-        (&["--base-env", "MARK=of base", "--head-env", "MARK=x", "--resume"], "head"),
+    for (options, named) in [
+        (&["--base-env", "MARK=another", "--resume"][..], "base.environment.values_digest"),
+        (&["--head-env", "MARK=of base", "--resume"], "base.environment.values_digest"),
+        (&["--base-env", "MARK=of base", "--head-env", "MARK=x", "--resume"], "head.environment"),
     ] {
-        let reason = format!("was begun with another environment or driver of the {side}");
-        given(options).refused(&reason);
+        given(options).refused(named);
     }
     given(&["--base-env", "MARK=of base", "--resume"]).ends(0);
 }
@@ -312,11 +340,7 @@ fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
 fn sides_on_different_adapters_are_told_only_where_they_were_given_different_things() {
     let named = |name: &str| {
         let hello = hello(1, r#""exact","checks","time""#).replace("\"toy\"", "\"'$NAME'\"");
-        Script {
-            hello,
-            ns: if name == "slow" { 3_000_000 } else { 2_000_000 },
-            ..Script::default()
-        }
+        Script { hello, ns: if name == "slow" { 300 } else { 200 }, ..Script::default() }
     };
     let builds = Builds::new(&named(""), &named("slow"));
     let told = builds.command("--base-env NAME=one --head-env NAME=two --env-values").ends(4).out;

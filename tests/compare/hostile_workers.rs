@@ -59,8 +59,8 @@ const WAYS: [(&str, &str, &str); 25] = [
     ("overflow", "garbage", "start hello exact checks clock sample"),
     ("negative", "garbage", "start hello exact sample"),
     ("zero", "garbage", "sample"),
-    ("great", "garbage", "hello exact"),
-    ("small", "garbage", "hello exact"),
+    ("great", "garbage", "hello exact sample"),
+    ("small", "garbage", "hello exact sample"),
     ("words", "garbage", "hello exact checks clock sample"),
     ("null", "garbage", "hello exact checks clock sample"),
     ("many", "garbage", "sample"),
@@ -238,6 +238,7 @@ fn hung(step: &'static str, asked: RequestKind) {
         },
         out: Some(place.path("out")),
         resume: false,
+        checkout: None,
     };
     let measured = flow::measure(&options, &AtomicBool::new(false), &|_| ());
     assert!(!is_any_left(&place), "{step}");

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::builds::Builds;
 use super::common::{Ends, by_shell, wait_until};
-use super::script::{Script, hello};
+use super::script::{Script, hello, sample};
 
 /// A greeting that first starts a process in a session of its own and writes its number down.
 fn forking(log: &Path) -> String {
@@ -27,7 +27,7 @@ fn processes_that_a_base_forked_do_not_outlive_fathom() {
     let builds = Builds::without_builds();
     let log = builds.path("log");
     builds.build("base", &Script { hello: forking(&log), ..Script::default() });
-    let sample = r#"echo '{"message":"sample","ns":[2000000]}'"#;
+    let sample = sample("200");
     let held = format!("{}; {sample}", builds.waits());
     let instead = [("\"sample\"", held.as_str())];
     builds.build("head", &Script { instead: &instead, ..Script::default() });

@@ -21,6 +21,13 @@ pub fn refusal(reason: &str, absent: bool) -> String {
     format!(r#"echo '{{"message":"fault","reason":"{reason}","fatal":false,"absent":{absent}}}'"#)
 }
 
+/// Answers `sample`: each frame took so many nanoseconds, a number or a variable. Less than any request takes.
+pub fn sample(ns: &str) -> String {
+    format!(
+        r#"n=${{line##*'"frames":'}}; n=${{n%%\}}*}}; all={ns}; while [ "$n" -gt 1 ]; do all=$all,{ns}; n=$((n - 1)); done; echo "{{\"message\":\"sample\",\"ns\":[$all]}}""#
+    )
+}
+
 /// A build of two stages, `a` and `b`: what it answers to the messages that hold a pattern, the first that fits.
 pub struct Script<'a> {
     pub hello: String,
@@ -41,7 +48,7 @@ impl Default for Script<'_> {
             instead: &[],
             bytes: 1000,
             error: "0.01",
-            ns: 2_000_000,
+            ns: 200,
             first: ":".to_owned(),
         }
     }
@@ -67,6 +74,7 @@ impl Script<'_> {
             .map(|(pattern, command)| format!("*'{pattern}'*) {command};;\n"))
             .collect();
         let each = |text: &str| ["a", "b"].map(|name| text.replace("NAME", name)).join(",");
+        let sample = sample(&ns.to_string());
         let stages = each(r#"{"name":"NAME","kind":"compute"}"#);
         let exact = each(r#"{"name":"NAME","work":{"photons":7},"counters":{}}"#);
         format!(
@@ -76,7 +84,7 @@ impl Script<'_> {
              *'\"exact\"'*) echo '{{\"message\":\"exact\",\"stages\":[{exact}],\"allocated_bytes\":{bytes},\
              \"errors\":{{\"an_error\":{error}}},\"quantities\":{{}},\"notes\":[]}}';;\n\
              *'\"checks\"'*) echo '{{\"message\":\"checks\",\"checks\":[]}}';;\n\
-             *'\"sample\"'*) echo '{{\"message\":\"sample\",\"ns\":[{ns}]}}';;\n\
+             *'\"sample\"'*) {sample};;\n\
              *'\"quit\"'*) exit;;\nesac; done\n",
         )
     }

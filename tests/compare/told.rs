@@ -360,21 +360,6 @@ fn bad_input_is_one_clear_line_and_status_2() {
     }
 }
 
-/// Every option of `fathom compare` that `docs/ci.md` names is one.
-#[test]
-fn documented_options_are_options() {
-    let text = include_str!("../../docs/ci.md");
-    let help = fathom("compare --help").answer();
-    let commands = text.lines().filter(|line| line.contains("fathom compare "));
-    let words = commands.flat_map(str::split_whitespace);
-    let words = words.map(|word| word.trim_matches('`'));
-    let options: Vec<&str> = words.filter(|word| word.starts_with("--")).collect();
-    assert!(options.len() > 5, "{options:?}");
-    for option in options {
-        assert!(help.contains(option), "{option}");
-    }
-}
-
 /// On a software driver neither exact figures nor times are of what the host does; of stages they are.
 #[test]
 fn cells_that_no_gate_measures_are_refused_before_anything_is_written() {

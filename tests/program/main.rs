@@ -6,12 +6,14 @@ mod claims;
 mod cli;
 #[path = "../common/mod.rs"]
 mod common;
+mod documents;
 mod dumps;
 mod folders;
 mod history;
 mod hostile_names;
 mod masks;
 mod merge;
+mod missing_figures;
 mod overlay;
 mod printing;
 mod queries;

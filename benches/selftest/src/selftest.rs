@@ -131,6 +131,7 @@ fn measure(
             settings: settings_of(test, trial),
             resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
             out: Some(folder),
+            checkout: None,
         };
         let measured = flow::measure(&options, &INTERRUPT, &|text| tell::note(text));
         drop(load);

@@ -70,6 +70,7 @@ impl Worker {
             cores: None,
             randomized: None,
             notes: Vec::new(),
+            build: None,
         }))
     }
 

@@ -25,6 +25,7 @@ fn the_program_is_compared_with_itself() {
         settings: GateSettings { launches: 2, pairs: 2, ..GateSettings::default() },
         out: Some(folder.path().join("out")),
         resume: false,
+        checkout: None,
     };
     let out = flow::measure(&options, &AtomicBool::new(false), &|_| ()).expect("it is compared");
     let stored = StoredComparison::read(&out).unwrap();

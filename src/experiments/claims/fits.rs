@@ -7,7 +7,7 @@ use std::collections::HashSet;
 use super::comparison::{Comparison, Figure};
 use super::{Tested, in_ms, too_few};
 use crate::measure::{Measure, Reading, Sample};
-use fathom_base::statistics::{Interval, Slope, log_log_slope};
+use fathom_base::statistics::{self, Interval, Slope, log_log_slope};
 use fathom_record::Cell;
 
 /// Points that a slope is fitted to; of more, as many are taken. Each fit looks at every pair of them.
@@ -18,8 +18,10 @@ const MOST_POINTS: usize = 64;
 pub struct Scaling {
     /// Of the medians.
     pub slope: Slope,
-    /// The slope of each round; one where nothing was sampled more than once.
+    /// The slope of each round that has all cells; one where nothing was sampled more than once.
     pub of_rounds: Reading,
+    /// The interval of [`Self::slope`] by resampling each cell, where the cells were measured apart: too few rounds have all of them.
+    pub resampled: Option<Interval>,
     /// Smallest and largest slope with one cell left out.
     pub without_one: Interval,
     /// Smallest and largest x of the cells fitted.
@@ -32,10 +34,21 @@ pub struct Scaling {
 }
 
 impl Scaling {
-    /// The interval of the slope: over the rounds, or over the cells where nothing was sampled more than once.
+    /// Whether it is the fit over medians of cells that were measured apart.
+    pub fn is_apart(&self) -> bool {
+        self.resampled.is_some() || self.of_rounds.n() == Some(0)
+    }
+
+    /// The exponent: the median over the rounds, or the fit over medians.
+    pub fn exponent(&self) -> f64 {
+        if self.is_apart() { self.slope.slope } else { self.of_rounds.median() }
+    }
+
+    /// Its interval: over the rounds, over the cells where nothing was sampled more than once, or by resampling.
     pub fn interval(&self) -> Option<Interval> {
         match &self.of_rounds {
             Reading::Exact(_) => Some(self.without_one),
+            _ if self.is_apart() => self.resampled,
             sampled => sampled.estimate().interval,
         }
     }
@@ -71,6 +84,7 @@ pub fn scaling(
     let of_rounds = by_round(&kept, |points| Some(log_log_slope(points)?.slope));
     Ok(Scaling {
         slope,
+        resampled: of_rounds.estimate().interval.is_none().then(|| resampled(&kept)).flatten(),
         of_rounds,
         without_one: without_one(&medians(&kept), slope.slope),
         range: (low, high),
@@ -78,6 +92,18 @@ pub fn scaling(
         fixed,
         left_out,
     })
+}
+
+/// The interval of the slope of medians of samples that share no rounds; none where all are exact or samples are too few.
+fn resampled(points: &[(f64, Reading)]) -> Option<Interval> {
+    let (sampled, exact): (Vec<_>, Vec<_>) = points.iter().partition(|(_, y)| y.n().is_some());
+    let samples: Vec<Vec<f64>> = sampled.iter().map(|(_, y)| y.values()).collect();
+    let exact: Vec<(f64, f64)> = exact.iter().map(|(x, y)| (*x, y.median())).collect();
+    let slope = |medians: &[f64]| {
+        let sampled = sampled.iter().zip(medians).map(|((x, _), y)| (*x, *y));
+        Some(log_log_slope(&exact.iter().copied().chain(sampled).collect::<Vec<_>>())?.slope)
+    };
+    if samples.is_empty() { None } else { statistics::resampled_interval(&samples, slope) }
 }
 
 /// What does not grow with x, in the unit of y.

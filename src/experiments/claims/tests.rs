@@ -428,6 +428,30 @@ fn ratios_are_paired_by_round_so_that_drift_cancels() {
     assert!(reason.contains(NO_VISIT) && !reason.contains("NaN"), "{reason}");
 }
 
+/// Cells that were measured one by one share no round.
+#[test]
+fn an_exponent_of_cells_measured_apart_is_that_of_their_medians() {
+    let (y, x) = ("stage:s".parse().unwrap(), "axis:n".parse().unwrap());
+    let fitted = |rounds: u32, apart: u32| {
+        let mut cells = drifting(&GRID, rounds, |n| 1e-3 * n, 0.02, 3);
+        for (place, cell) in (0..).zip(&mut cells) {
+            let own = apart * place..apart * place + rounds;
+            cell.measured_mut().unwrap().frame.rounds = own.collect();
+        }
+        scaling(&y, &x, &cells.iter().collect::<Vec<_>>(), 1.0).unwrap()
+    };
+    // All rounds, two rounds and none in common.
+    let [paired, few, none] = [0, 2, 100].map(|apart| fitted(12, apart));
+    assert!(!paired.is_apart() && few.is_apart() && none.is_apart());
+    for fit in [paired, few, none] {
+        let interval = fit.interval().unwrap();
+        assert!(interval.low <= fit.exponent() && fit.exponent() <= interval.high, "{fit:?}");
+        assert!((fit.exponent() - 1.0).abs() < 0.05 && interval.half_width() < 0.2, "{fit:?}");
+    }
+    let few = fitted(4, 100);
+    assert!(few.is_apart() && few.exponent().is_finite() && few.interval().is_none(), "{few:?}");
+}
+
 #[test]
 fn nothing_is_concluded_from_few_samples() {
     let test = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.5, high = inf }"#;

@@ -122,27 +122,32 @@ fn figures(measured: &Measured) -> Markup {
     let slowest = slowest(measured);
     let total: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
     html! {
-        td.number data-v=(median) {
+        td.number data-v=[finite(median)] {
             (three(median / NS_PER_MS))
             @if let Some(held) = Throttling::of(&measured.frame.machine) {
                 " " span.chip.open title=(format!("Heat or power held the clocks down in {held}")) { "throttled" }
             }
         }
-        td.number data-v=(half as f32) { (three(100.0 * half)) }
+        td.number data-v=[finite(half).map(|half| half as f32)] { (three(100.0 * half)) }
         td.number data-v=(n) { (n) }
         (cost(measured))
         @if let Some(stage) = slowest {
             td { (stage.stage) }
-            td.number data-v=((stage.time.median / total) as f32) { (percent(stage.time.median / total)) }
+            td.number data-v=[finite(stage.time.median / total).map(|share| share as f32)] { (percent(stage.time.median / total)) }
         } @else {
             td.faint colspan="2" { "no stage is above the clock's resolution" }
         }
     }
 }
 
+/// A number to sort by; without one the cell's text counts.
+fn finite(value: f64) -> Option<f64> {
+    Some(value).filter(|value| value.is_finite())
+}
+
 fn cost(measured: &Measured) -> Markup {
     let share = measured.frame.timing_cost.median - 1.0;
-    html! { td.number data-v=(share as f32) { (format!("{:+.1} %", 100.0 * share)) } }
+    html! { td.number data-v=[finite(share).map(|share| share as f32)] { (format!("{:+.1} %", 100.0 * share)) } }
 }
 
 fn slowest(measured: &Measured) -> Option<&StageRecord> {

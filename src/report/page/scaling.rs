@@ -72,7 +72,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             "Points and exponents are medians with their 95 % intervals. Lines join the points of an axis of numbers; scenes and other categories "
             "are not joined. On logarithmic charts the dashed line is the fitted power law, y ∝ x to the exponent given below "
             "the chart; dotted lines have the slope 1: twice the work takes twice the time. † No exponent: too few cells, or in most "
-            "of them a fixed part is more than 10 % of the time; the mark says how much."
+            "of them a fixed part is more than 10 % of the time; the mark says how much. Of medians: cells were measured apart, so their "
+            "medians are fitted, and the interval is by resampling each cell."
         }
         @if page.is_overlay() { (runs(page)) }
         div.controls.script-only {

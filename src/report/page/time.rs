@@ -87,7 +87,7 @@ fn bar(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
                 @let color = page.colors.of(&stage.stage);
                 @let tip = format!("{}: {} ms, {}", stage.stage, format::stage_ms(stage), facts::share(share));
                 span.part.mark data-tip=(tip) title=(tip)
-                    style={ "width:" (tenth(100.0 * stage.time.median / sum_ns)) "%;background:" (color.hex()) ";color:" (color.ink().hex()) } {
+                    style={ "width:" (tenth(100.0 * stage.time.median / sum_ns.max(f64::MIN_POSITIVE))) "%;background:" (color.hex()) ";color:" (color.ink().hex()) } {
                     span.part-name {
                         span { (stage.stage) }
                         span { (three(stage.time.median / NS_PER_MS)) " ms" }

@@ -165,7 +165,8 @@ fn sum_of(short: &[StageShare<'_>]) -> Option<[String; 4]> {
 pub fn scaling(view: &ReportView<'_>, text: &mut String) {
     let about = "## How it scales\n\n\
                  Exponents b of y ∝ xᵇ, fitted to the cells whose fixed cost is at most a tenth of the time: 1 is linear. The \
-                 interval is that of 95 % over the rounds of sampling, or the extremes with one cell left out where figures are exact.";
+                 interval is that of 95 % over the rounds of sampling, or the extremes with one cell left out where figures are exact. \
+                 *Of medians*: cells were measured apart, so medians are fitted, and the interval is by resampling each cell.";
     let head = ["plot", "what", "over", "exponent (interval)", "range", "cells"];
     add(text, about, head, (facts::exponents(view), MOST_EXPONENTS), of_fit);
 }
