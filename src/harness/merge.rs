@@ -150,7 +150,16 @@ mod tests {
         };
         let pictures = pictures.iter().map(picture).collect();
         let outcome = Outcome::Measured(Box::new(Measured { pictures, ..Measured::default() }));
-        Cell { experiment: "own".into(), cell: name.into(), outcome, ..Cell::default() }
+        Cell {
+            experiment: "own".into(),
+            cell: name.into(),
+            axes: serde_json::Map::new(),
+            pipeline: "underwater".into(),
+            scene: "tank".into(),
+            stand_ins: Vec::new(),
+            params: serde_json::json!({}).into(),
+            outcome,
+        }
     }
 
     /// Writes a shard of three with one cell; its folder.

@@ -7,7 +7,7 @@ use fathom::exporters;
 use fathom::gates::changes::Changes;
 use fathom::gates::files::RunFile;
 use fathom::record::{self, Record};
-use fathom::report::{FrameChoice, OF_RUNS, Written};
+use fathom::report::{OF_RUNS, Written};
 use rayon::prelude::*;
 use serde_json::{Map, Value};
 
@@ -64,11 +64,9 @@ const ZERO: fn(&mut Map<String, Value>, &str) = |fields, name| match &mut fields
 /// How often each file of each report, and what changed since the whole run, holds such a word.
 fn words(base: &Path, folder: &Path) -> BTreeMap<String, usize> {
     let reading = || record::read(&folder.join("records.jsonl")).unwrap();
-    let choice = FrameChoice::default();
     let mut files: Vec<(String, Vec<u8>)> = Vec::new();
     for exporter in OF_RUNS.iter().filter(|exporter| exporter.written == Written::OnRequest) {
-        // A format of one frame may find none.
-        let exported = exporters::export(exporter.name, folder, reading(), &choice);
+        let exported = exporters::export(exporter.name, folder, reading());
         files.extend(
             exported.into_iter().flat_map(|it| it.files()).map(|file| (file.name, file.bytes)),
         );

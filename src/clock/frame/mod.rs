@@ -14,8 +14,6 @@
 
 #[cfg(test)]
 pub(crate) mod clock_fault;
-#[cfg(test)]
-pub(crate) mod clock_fault;
 mod encoder;
 mod host_clock;
 mod meter;
