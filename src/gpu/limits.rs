@@ -94,7 +94,7 @@ const MOST: Shading = Shading {
     uniform_buffers: 4,
     sampled_textures: 8,
     samplers: 2,
-    storage_textures: 2,
+    storage_textures: 1,
     groups: 3,
     invocations: 256,
     workgroup_bytes: 4224,

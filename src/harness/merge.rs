@@ -1,6 +1,7 @@
 //! `fathom merge`: the records of a run's shards, one shard after the other, in a new folder.
 //!
-//! A reader takes several headers and the latest record of a cell, so a merged run reads like one that was resumed on another machine.
+//! A reader takes several headers and the latest record of a cell, so a merged run reads like one that was resumed on another machine, and
+//! no header says any more that it is of a shard.
 //! Shards of one run have the same adapter, version, profile and shader checks. Others are an error.
 
 use std::path::{Path, PathBuf};
@@ -9,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use itertools::Itertools as _;
 
 use fathom_base::folder::Folder;
-use fathom_record::output::{FolderKind, OutputFolder, Taken, picture_path};
+use fathom_record::output::{FolderKind, OutputFolder, PICTURES, Taken, picture_path};
 use fathom_record::{Adapter, Cell, Note, NoteKind, Part, Picture, Reading, Record, Run};
 
 /// A picture is no larger.
@@ -41,13 +42,17 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged> {
     }
     let absent = absent(&shards);
     let mut held = Taken::free(out)?.open(FolderKind::Run)?;
-    let to = Folder::make(out).with_context(|| format!("cannot write to {}", out.display()))?;
+    let unwritable = || format!("cannot write to {}", out.display());
+    let to = Folder::make(out).with_context(unwritable)?;
+    to.make_beneath(PICTURES).with_context(unwritable)?;
     let mut notes = Vec::new();
     let last = shards.len() - 1;
     for (place, mut shard) in shards.into_iter().enumerate() {
         let records = OutputFolder { folder: shard.path.clone() }.records();
         notes.extend(shard.reading.damaged.notices(&records));
         notes.extend(copy_pictures(&shard, &to)?);
+        let headers = shard.reading.records.iter_mut().filter_map(Record::try_as_run_mut);
+        headers.for_each(|run| run.shard = None);
         if place == last && !absent.is_empty() {
             note_absent(&mut shard.reading.records, &absent);
         }

@@ -14,7 +14,6 @@ use fathom_stages::geometry::Geometry;
 use fathom_stages::hsao;
 use fathom_stages::hsao::march::{self, HorizonUniforms};
 use fathom_stages::kit::Resources;
-use fathom_stages::uniforms::View;
 
 pub use parameters::{Horizon, Params};
 
@@ -36,7 +35,7 @@ impl Pipeline for Hsao {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let view = View { bounds: params.animation.bounds(scene), ..view };
+        let view = settings::dry(view, params.animation.bounds(scene));
         let shared = settings::begin(resources, &view);
         let geometry = Geometry::new(resources, scene);
         if let Some(deform) = settings::deform(resources, &geometry, scene, &params.animation)? {

@@ -7,7 +7,7 @@ use fathom_base::choices;
 use fathom_base::parameter::{ParamError, within};
 use fathom_base::settings;
 use fathom_gpu::GpuError;
-use fathom_scene::{Bounds, Camera, Grid, Light, Scene, VolumeFile};
+use fathom_scene::{Bounds, Camera, Grid, Light, Scene, VolumeFile, Water};
 use fathom_stages::ao::compose::LightingUniforms;
 use fathom_stages::ao::glass::GlassUniforms;
 use fathom_stages::bilateral::BilateralUniforms;
@@ -241,6 +241,12 @@ pub fn deform(
     };
     let amount = (animation.cycles(), animation.amplitude);
     deform::new(resources, geometry, scene, motion, amount).map(Some)
+}
+
+/// The same without water, of what lies within these bounds: default water, which a dry scene has too, moves no shadow.
+pub fn dry(view: uniforms::View, bounds: Bounds) -> uniforms::View {
+    let water = Water { amplitude_m: 0.0, refractive_index: 1.0, ..Water::default() };
+    uniforms::View { bounds, water, ..view }
 }
 
 /// What a pipeline shows its stages where none of them looks photons up in the light's depth. Its bounds hold the water.

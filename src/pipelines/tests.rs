@@ -91,7 +91,7 @@ fn parameters_that_do_not_fit_each_other_the_scene_or_the_adapter_are_named() {
         (
             "scalar_ao smoke",
             "volume.cells=[9,9,9] scalar.rays=1024 scalar.samples=128",
-            "scalar.rays × scalar.samples: asks 134",
+            "scalar.rays × scalar.samples: asks 142",
         ),
     ];
     for (of, settings, told) in of_scene {

@@ -16,7 +16,6 @@ use fathom_stages::ao;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::marching::Marching;
-use fathom_stages::uniforms::View;
 use fathom_stages::voxels::Voxels;
 
 pub use measure::{occlusion_at, point_query};
@@ -42,7 +41,7 @@ impl Pipeline for VolumeAo {
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
-        let view = View { bounds: params.animation.bounds(scene), ..view };
+        let view = settings::dry(view, params.animation.bounds(scene));
         let view_projection = view.camera.view_projection(view.aspect());
         let shared = settings::begin(resources, &view);
         let geometry = Geometry::new(resources, scene);

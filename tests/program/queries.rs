@@ -37,8 +37,7 @@ struct DumpedPhoton {
 
 /// The photons of a dump in scene `plane`. The sets have spaces between.
 fn photons(place: &Place, sets: &str) -> Vec<DumpedPhoton> {
-    let few =
-        "caustics.grid=8 caustics.iterations=12 caustics.method=splats caustics.intensity=paper";
+    let few = "caustics.grid=8 caustics.iterations=12 caustics.intensity=paper";
     let sets = few.split(' ').chain(sets.split_whitespace()).flat_map(|set| ["--set", set]);
     place.fathom("dump caustics/trace --scene plane -o .").args(sets).ends(0);
     let about = place.read("caustics-trace-photons.json");

@@ -81,9 +81,9 @@ fn known() -> [Vec<Record>; 2] {
         measured.errors.push(ErrorFigure::new("irradiance_error", error, "1", "caustics/filter"));
     }
     for cell in of(&mut head, "uw-waves") {
-        let circular = cell.axes["water"] == "circular";
+        let directional = cell.axes["water"] == "directional";
         let amplitude_m = cell.axes["water.amplitude_m"].as_f64().unwrap();
-        let measured = cell.measured_mut().filter(|_| circular);
+        let measured = cell.measured_mut().filter(|_| directional);
         let falling = [("caustics_unconverged_rate".to_owned(), 0.1 - amplitude_m / 10.0)];
         if let Some(measured) = measured {
             let mut all = measured.quantities.to_map();
