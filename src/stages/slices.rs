@@ -58,6 +58,7 @@ mod tests {
         ("post/luminance", "of 2³² texels the sums of each 1,024, 256 at a time"),
         ("rays/march", "told in `march`"),
         ("rays/rasterize", "64 layers"),
+        ("refraction/compose", "two ways of at most 16,384 pixels"),
         ("refraction/surface", "told in `surface`"),
         ("refraction/trace", "told in `trace`"),
         ("scalar/direct", "slices of steps"),

@@ -74,13 +74,6 @@ fn the_experiment_runs_and_is_told_again_from_its_records() {
     assert_eq!(fs::read_to_string(&path).unwrap(), summary);
 }
 
-#[test]
-fn criterion_times_the_gate_cell() {
-    let folder = TempDir::new().unwrap();
-    let told = told(folder.path(), "bench blur");
-    assert!(told.contains("puddle/ripple/blur") && !told.contains("ripple/draw"), "{told}");
-}
-
 /// The crate's shaders, with each pass over the rings made twice.
 fn slowed_shaders(folder: &Path) -> PathBuf {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders/ripple");
