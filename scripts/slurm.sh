@@ -19,5 +19,5 @@ TASK
 export FATHOM SHARDS="$shards"
 # shellcheck disable=SC2086
 job=$(sbatch --parsable --requeue --array="1-$shards" ${SBATCH_OPTIONS:-} task.sh "$@")
-# shellcheck disable=SC2086
+# shellcheck disable=SC2086,SC2016
 sbatch --dependency="afterany:${job%%;*}" ${SBATCH_OPTIONS:-} --wrap '"$FATHOM" merge shards/* --out merged'
