@@ -22,4 +22,4 @@ echo "|---|---|---|---|---|"
 for folder in base picture embedded scene record reference clock gpu stages pipelines verify experiments report gates harness compare history; do
     row "fathom-$folder" "src/$folder" "src/$folder/*.rs"
 done
-row fathom . "src/cli src/bench.rs src/exporters.rs src/lib.rs src/main.rs"
+row fathom . "src/cli src/exporters.rs src/lib.rs src/main.rs"
