@@ -45,7 +45,7 @@ settings! {
         view: settings::View = settings::View { width: 800, height: 600 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
-        ldi: LayeredDepth = LayeredDepth { layers: 2, ..LayeredDepth::default() };
+        ldi: LayeredDepth = LayeredDepth { layers: 2 };
         refraction: Refraction = Refraction::default();
         compose: Composition = Composition::default();
     }
