@@ -71,7 +71,7 @@ impl BisectOptions {
             "batch": self.batch,
             "options": self.gpu.words(),
         });
-        Ok(settings::of(&self.settings, &gates, more))
+        Ok(settings::collect(&self.settings, &gates, more))
     }
 }
 

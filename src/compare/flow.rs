@@ -231,7 +231,7 @@ fn settings(options: &CompareOptions, gates: &Gates, header: &ComparisonHeader) 
         "adapter": header.adapter,
         "base_adapter": header.base_adapter,
     });
-    settings::of(&options.settings, gates, sides)
+    settings::collect(&options.settings, gates, sides)
 }
 
 /// The gates asked for that cannot be run.

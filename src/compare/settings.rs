@@ -18,7 +18,7 @@ const MAX_NAMED: usize = 3;
 const MAX_SHOWN: usize = 60;
 
 /// The rules and the cells, with the options that are not of both.
-pub fn of(settings: &GateSettings, gates: &Gates, more: Value) -> Value {
+pub fn collect(settings: &GateSettings, gates: &Gates, more: Value) -> Value {
     let cells: BTreeMap<_, _> = gates
         .configurations
         .iter()

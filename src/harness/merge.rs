@@ -45,20 +45,20 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged> {
     let unwritable = || format!("cannot write to {}", out.display());
     let to = Folder::make(out).with_context(unwritable)?;
     to.make_beneath(PICTURES).with_context(unwritable)?;
-    let mut notes = Vec::new();
-    let last = shards.len() - 1;
-    for (place, mut shard) in shards.into_iter().enumerate() {
+    let (mut notes, mut merged_records) = (Vec::new(), Vec::new());
+    for mut shard in shards {
         let records = OutputFolder { folder: shard.path.clone() }.records();
         notes.extend(shard.reading.damaged.notices(&records));
         notes.extend(copy_pictures(&shard, &to)?);
         let headers = shard.reading.records.iter_mut().filter_map(Record::try_as_run_mut);
         headers.for_each(|run| run.shard = None);
-        if place == last && !absent.is_empty() {
-            note_absent(&mut shard.reading.records, &absent);
-        }
-        held.writer.write_all(&shard.reading.records)?;
+        merged_records.append(&mut shard.reading.records);
     }
-    held.writer.sync()?;
+    if !absent.is_empty() {
+        note_absent(&mut merged_records, &absent);
+    }
+    // In one piece: a merge that fails on the way does not pass for one of fewer shards.
+    held.writer.write_all(&merged_records)?;
     Ok(Merged { absent, notes })
 }
 
@@ -71,9 +71,9 @@ fn note_absent(records: &mut [Record], absent: &[Part]) {
 }
 
 fn absent(shards: &[ShardFolder]) -> Vec<Part> {
-    let of = shards.first().map_or(0, |shard| shard.part.of);
+    let parts = shards.first().map_or(0, |shard| shard.part.of);
     let is_there = |number: &u32| shards.iter().any(|shard| shard.part.number == *number);
-    (1..=of).filter(|number| !is_there(number)).map(|number| Part { number, of }).collect()
+    (1..=parts).filter(|n| !is_there(n)).map(|number| Part { number, of: parts }).collect()
 }
 
 impl ShardFolder {
