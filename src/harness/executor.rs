@@ -27,7 +27,7 @@ use fathom_experiments::schema::{Experiment, Pictures};
 use fathom_gpu as gpu;
 use fathom_gpu::{
     ClockPlan, DeviceError, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, MadePipelines,
-    Stage, StageCounters,
+    Stage, StageCounters, Waker,
 };
 use fathom_pipelines::{AnyPipeline, Judge, Known};
 use fathom_record::output::{Held, picture_path};
@@ -48,6 +48,7 @@ pub struct Session {
     ceilings: Vec<Ceiling>,
     timer: FrameTimer,
     machine: Option<MachineReader>,
+    waker: Waker,
     references: References,
     known: Known,
     reopened: bool,
@@ -86,6 +87,7 @@ impl Session {
         let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
         Ok(Self {
             machine: MachineReader::open(&gpu.adapter),
+            waker: Waker::default(),
             gpu,
             options,
             plan,
@@ -459,6 +461,11 @@ impl Executor for CellExecutor<'_, '_> {
         Ok(bytes)
     }
 
+    fn wake(&mut self) -> Result<(), Failure> {
+        let Session { gpu, waker, .. } = &mut *self.session;
+        Ok(waker.wake(gpu)?)
+    }
+
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
         self.frame(
             cell,
@@ -486,6 +493,8 @@ impl Executor for CellExecutor<'_, '_> {
             let records = sampled.filter_map(|(cell, samples)| self.record(*cell, samples));
             let provisional: Vec<Cell> = records.collect();
             self.output.report(provisional, self.schedule);
+            // Its error will show at the next frame.
+            let _ = self.wake();
         }
         Ok(())
     }

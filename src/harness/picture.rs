@@ -48,6 +48,11 @@ pub fn reduced(gpu: &Gpu, pipeline: &AnyPipeline, factor: u32) -> Result<RgbImag
 /// The mean of display values of this gamma, as bytes. A single value is not changed.
 fn mean<'t>(texels: impl Iterator<Item = &'t [f32]>, gamma: f32) -> [u8; 3] {
     let texels: Vec<_> = texels.collect();
+    if let [texel] = texels.as_slice() {
+        return std::array::from_fn(|channel| {
+            (texel[channel].clamp(0.0, 1.0) * 255.0).round() as u8
+        });
+    }
     let byte = |channel: usize| {
         let values = texels.iter().map(|texel| texel[channel].clamp(0.0, 1.0));
         let sum: f32 = values.map(|value| value.powf(gamma)).sum();

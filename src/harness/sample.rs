@@ -57,6 +57,10 @@ pub trait Executor {
 
     /// Makes everything that the cell's frames need; the GPU memory it took in bytes.
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure>;
+    /// Brings the GPU out of the clocks that it idles at.
+    fn wake(&mut self) -> Result<(), Failure> {
+        Ok(())
+    }
     /// One frame with per-stage timing.
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure>;
     /// One frame without; its wall time in nanoseconds.
@@ -321,6 +325,9 @@ impl<X: Executor> Sampler<'_, X> {
 
     fn sample_group(&mut self) -> Result<(), X::Fatal> {
         let goal = self.settings.goal;
+        if let Some(cell) = self.live.keys().next().copied() {
+            self.attempt(cell, |sampler| sampler.executor.wake())?;
+        }
         while !self.has_to_end() {
             let wanting = self.live.iter().filter(|(_, live)| live.wants(goal));
             let wanting: Vec<usize> = wanting.map(|(cell, _)| *cell).collect();

@@ -8,7 +8,7 @@
 //! 4. the cells of an open claim up to their next look, the cheapest claim first;
 //! 5. cells whose interval is wider than asked, up to their next look, the unit with the widest first.
 //!
-//! A batch that does not fit into the time that is left is passed over. A unit is what
+//! A batch that does not fit into the time that is left is passed over; where no unit fits, its cells are measured one by one. A unit is what
 //! [`Experiment::units`](fathom_experiments::Experiment::units) gives: cells that are compared are sampled in the same rounds.
 //!
 //! What a cell will take is foreseen from the cell itself, where it was measured before; else its frame from its declared work, in
@@ -95,14 +95,11 @@ pub struct Schedule {
     pub open: Vec<OpenClaim>,
     /// Of the frame time, half the width of the interval over the median.
     pub precision: f64,
-    /// The most time that was ever left.
-    pub whole_s: f64,
 }
 
 impl Schedule {
     /// The next batch that fits into the time. A run that has measured nothing takes any time.
-    pub fn next(&mut self, left_s: f64) -> Option<Batch> {
-        self.whole_s = self.whole_s.max(left_s);
+    pub fn next(&self, left_s: f64) -> Option<Batch> {
         let left_s = if self.has_measured() { left_s } else { f64::INFINITY };
         let fits = |(cost_s, _): &(f64, Batch)| *cost_s <= left_s;
         let passes: [&dyn Fn() -> Option<(f64, Batch)>; 6] = [
@@ -177,12 +174,11 @@ impl Schedule {
         })
     }
 
-    /// Cells without a record, each by itself, of units that would not fit into all the time of this run. No claim compares them, but
-    /// runs that are always as short would never measure them.
+    /// Cells without a record, each by itself, of units that do not fit into the time that is left. No claim compares them yet, but
+    /// what they take may show that the others do fit.
     fn alone(&self) -> impl Iterator<Item = (f64, Batch)> {
-        let too_long = self.due().filter(|(_, (cost_s, _))| *cost_s > self.whole_s);
         let cells =
-            too_long.flat_map(|(unit, _)| unit.cells.iter().map(|cell| (unit.experiment, *cell)));
+            self.due().flat_map(|(unit, _)| unit.cells.iter().map(|cell| (unit.experiment, *cell)));
         let without_record = cells.filter(|(experiment, cell)| {
             let state = &self.cells[*experiment][*cell];
             !state.recorded && !state.out

@@ -28,7 +28,7 @@ impl RgbImage {
         let mut bytes = Vec::new();
         let mut encoder = Encoder::new(&mut bytes, self.width, self.height);
         encoder.set_color(ColorType::Rgb);
-        encoder.set_compression(Compression::High);
+        encoder.set_compression(Compression::Balanced);
         encoder.set_filter(Filter::Adaptive);
         let mut writer = encoder.write_header()?;
         writer.write_image_data(self.bytes())?;

@@ -15,8 +15,10 @@ mod raster;
 #[cfg(test)]
 mod tests;
 mod texels;
+mod waker;
 
 pub use cpu_copy::{CopyCheck, compare_copies};
+pub use waker::Waker;
 
 use self::kernel::{Kernel, Timing};
 use super::{ClockPlan, FrameTimer, Gpu, GpuError};
@@ -126,7 +128,12 @@ fn last_cache_bytes() -> Option<u64> {
 /// # Errors
 /// A fault of the device, or a result that is not the CPU's.
 pub fn ceilings(gpu: &Gpu, plan: ClockPlan) -> Result<Vec<Ceiling>, GpuError> {
-    limits(gpu).into_iter().map(|limit| measure(gpu, plan, limit)).collect()
+    let mut waker = Waker::default();
+    let mut measured = |limit| {
+        waker.wake(gpu)?;
+        measure(gpu, plan, limit)
+    };
+    limits(gpu).into_iter().map(|limit| measured(limit)).collect()
 }
 
 /// Measures one limit by the plan's clocks. It is measured again where twice the work does not take twice the time.
