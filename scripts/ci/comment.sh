@@ -25,10 +25,10 @@ ask() {
         --output "$scratch/answer" --write-out '%{http_code}' "$2" 2>"$scratch/error") || code=000
 }
 
-# The last answer was a good one.
+# TYPE: the last answer was a good one, of this type of JSON.
 good() {
     case $code in
-    2??) jq -e . "$scratch/answer" >/dev/null 2>&1 || skip "the server's answer is no JSON" ;;
+    2??) jq -e --arg type "$1" 'type == $type' "$scratch/answer" >/dev/null 2>&1 || skip "the server's answer is no $1 of JSON" ;;
     000) skip "the server cannot be reached: $(head -n 1 "$scratch/error")" ;;
     401 | 403 | 404) skip "the server answered $code: the token may not write here, as in a request from a fork" ;;
     *) skip "the server answered $code" ;;
@@ -62,18 +62,21 @@ if [ -z "$author" ]; then
         # GitHub's job token has no user.
         author="github-actions[bot]"
     else
-        good
-        author=$(jq -r '.login // .username // .user.username // empty' "$scratch/answer")
+        good object
+        author=$(jq -r '[.login?, .username?, .user.username?] | map(strings) | .[0] // empty' "$scratch/answer")
         [ -n "$author" ] || skip "the server does not tell whose the token is"
     fi
 fi
 
 name=$(printf %s "${FATHOM_NAME:-compare}" | tr -c 'A-Za-z0-9._-' _)
 mark="<!-- fathom compare: $name -->"
-comment=${FATHOM_OUT:-compare}/comment.md
+out=${FATHOM_OUT:-compare}
+comment=$out/comment.md
+# What lies there in the revision itself, or behind a link, no comparison has written.
+if [ -L "$out" ] || [ -L "$comment" ] || [ -n "$(git ls-files -- "$out" 2>/dev/null)" ]; then comment=/dev/null; fi
 {
     echo "$mark"
-    cat "$comment" 2>/dev/null || echo "### ⚠️ fathom compare: nothing was measured; the job's log has the reason"
+    if [ -s "$comment" ]; then cat "$comment"; else echo "### ⚠️ fathom compare: nothing was measured; the job's log has the reason"; fi
     echo "[Every cell and the records]($link)"
 } >"$scratch/body"
 jq -n --rawfile body "$scratch/body" '{body: $body}' >"$scratch/request"
@@ -82,10 +85,11 @@ jq -n --rawfile body "$scratch/body" '{body: $body}' >"$scratch/request"
 page=1 found=""
 while [ "$page" -le 50 ]; do
     ask GET "$all?per_page=100&page=$page"
-    good
+    good array
     # shellcheck disable=SC2016
     found=$(jq -r --arg author "$author" --arg mark "$mark" '
-        map(select(((.user // .author) | .login // .username) == $author and (.body // "" | startswith($mark)))) | .[0].id // empty
+        def is_ours: ([.user?, .author?] | map(.login?, .username?) | index($author)) and (.body | strings | startswith($mark));
+        map(objects | select(is_ours)) | .[0].id // empty
     ' "$scratch/answer")
     if [ -n "$found" ] || [ "$(jq length "$scratch/answer")" -lt 100 ]; then break; fi
     page=$((page + 1))
@@ -98,5 +102,5 @@ else
     ask POST "$all" "$scratch/request"
     done="written"
 fi
-good
+good object
 echo "the comment was $done"

@@ -36,7 +36,12 @@ revision=$(git rev-parse --verify --quiet --end-of-options "$base^{commit}") || 
     exit 2
 }
 
-set -- compare "--out=${FATHOM_OUT:-compare}"
+out=${FATHOM_OUT:-compare}
+if [ -L "$out" ] || [ -n "$(git ls-files -- "$out")" ]; then
+    echo "error: $out is a link or part of the revision: results need a folder of their own (FATHOM_OUT)" >&2
+    exit 2
+fi
+set -- compare "--out=$out"
 [ -z "${FATHOM_CELLS:-}" ] || set -- "$@" "--cells=$FATHOM_CELLS"
 [ -z "${FATHOM_CELLS_FILE:-}" ] || set -- "$@" "--cells-file=$FATHOM_CELLS_FILE"
 [ -z "${FATHOM_GATES:-}" ] || set -- "$@" "--gates=$FATHOM_GATES"
