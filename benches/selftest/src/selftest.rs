@@ -4,138 +4,88 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;
 
-use anyhow::{anyhow, bail};
+use anyhow::{Context, Result};
 use fathom::compare::flow::{self, CompareOptions, Program};
 use fathom::compare::launch::WorkerStart;
 use fathom::compare::store::StoredComparison;
 use fathom::harness::output::RECORDS;
 use fathom::process::ProcessTree;
 use fathom::record::comparison::GateSettings;
-use fathom::{gpu, tell};
+use fathom::tell;
+use itertools::Itertools;
 
-use crate::findings::findings;
-use crate::injections::{Injection, unfit};
-use crate::report;
-use crate::trials::{Trial, trials};
+use crate::findings;
+use crate::patches::Patch;
+use crate::trials::{Trial, trials, tried};
 use crate::workshop::Workshop;
 use crate::{Cli, INTERRUPT};
 
-/// Names of the results in the self-test's folder.
-pub const RESULTS: [&str; 2] = ["self-test.json", "self-test.md"];
-
 /// Makes the missing trials until it is interrupted or one fails, and writes what all of them show.
-pub fn run(test: &Cli) -> anyhow::Result<()> {
-    let out = test.out.display();
+pub fn run(test: &Cli) -> Result<()> {
     std::fs::create_dir_all(&test.out)
-        .map_err(|error| anyhow!("cannot write to {out}: {error}"))?;
-    let injections = Injection::all().map_err(unfit)?;
-    let mut missing = Vec::new();
-    for trial in trials(test.plan, &injections) {
-        if trial.id.contains(&test.trials) && !is_made(test, &trial)? {
-            missing.push(trial);
-        }
-    }
-    let ended = make(test, &missing, &injections);
-    write(test, &injections)?;
+        .with_context(|| format!("cannot write to {}", test.out.display()))?;
+    let all = trials(&Patch::all()?);
+    let asked = all.iter().filter(|trial| trial.id.contains(&test.trials));
+    let ended = make(test, &[tried()].iter().chain(asked).collect_vec());
+    let stored = all.iter().map(|trial| Ok(stored(test, trial)?.map(|it| (trial.clone(), it))));
+    let made: Vec<_> = stored.filter_map(Result::transpose).try_collect()?;
+    let path = test.out.join("self-test.md");
+    std::fs::write(&path, findings::markdown(&made))
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    tell::done(path.display());
     ended
 }
 
-fn make(test: &Cli, missing: &[Trial], injections: &[Injection]) -> anyhow::Result<()> {
+fn make(test: &Cli, asked: &[&Trial]) -> Result<()> {
     let workshop = Workshop::open(Path::new("."))?;
-    for (number, trial) in (1..).zip(missing) {
+    for (number, trial) in (1..).zip(asked) {
         if INTERRUPT.load(Ordering::Relaxed) {
             break;
         }
-        tell::note(format!("trial {number} of {}: {}", missing.len(), trial.id));
-        match measure(test, &workshop, trial, injections) {
-            // Whoever interrupts needs no reason.
-            Err(_) if INTERRUPT.load(Ordering::Relaxed) => break,
-            made => made?,
+        if stored(test, trial)?.is_none() {
+            tell::note(format!("trial {number} of {}: {}", asked.len(), trial.id));
+            measure(test, &workshop, trial).with_context(|| format!("trial {}", trial.id))?;
         }
     }
     Ok(())
 }
 
-/// Findings from the stored trials alone, written beside them.
-fn write(test: &Cli, injections: &[Injection]) -> anyhow::Result<()> {
-    let mut made = Vec::new();
-    for trial in trials(test.plan, injections) {
-        let folder = test.out.join(&trial.id);
-        if folder.join(RECORDS).is_file() {
-            let comparison = StoredComparison::read(&folder)?;
-            if comparison.came_to_its_end() {
-                made.push((trial, comparison));
-            }
-        }
-    }
-    let found = findings(injections, &made);
-    let json = serde_json::to_string(&found).unwrap_or_default() + "\n";
-    let texts = [json, report::markdown(&found)];
-    for (name, text) in RESULTS.iter().zip(texts) {
-        let path = test.out.join(name);
-        let written = std::fs::write(&path, text);
-        written.map_err(|error| anyhow!("cannot write {}: {error}", path.display()))?;
-    }
-    Ok(())
-}
-
-/// Trials of other settings are no part of the same findings. Of its gates a trial may have had fewer, where one could not be run.
-fn is_made(test: &Cli, trial: &Trial) -> anyhow::Result<bool> {
+/// The trial's comparison, if it came to its end.
+fn stored(test: &Cli, trial: &Trial) -> Result<Option<StoredComparison>> {
     let folder = test.out.join(&trial.id);
-    let Ok(stored) = StoredComparison::read(&folder) else {
-        return Ok(false);
-    };
-    let wanted = settings_of(test, trial);
-    let found = GateSettings { gates: wanted.gates.clone(), ..stored.header.settings.clone() };
-    if found != wanted {
-        let folder = folder.display();
-        bail!("{folder} was measured with other settings: choose another folder with --out");
+    if !folder.join(RECORDS).is_file() {
+        return Ok(None);
     }
-    Ok(stored.came_to_its_end())
-}
-
-fn settings_of(test: &Cli, trial: &Trial) -> GateSettings {
-    GateSettings {
-        gates: trial.gates.clone(),
-        launches: test.launches,
-        pairs: test.pairs,
-        seed: trial.seed,
-        ..GateSettings::default()
-    }
+    Ok(Some(StoredComparison::read(&folder)?).filter(StoredComparison::came_to_its_end))
 }
 
 /// Compares a variant with its base.
-fn measure(
-    test: &Cli,
-    workshop: &Workshop,
-    trial: &Trial,
-    injections: &[Injection],
-) -> anyhow::Result<()> {
-    let gpu = gpu::Options { adapter: test.adapter.clone(), ..gpu::Options::default() };
-    let program = |label: String, path: &Path| Program {
-        label,
-        start: WorkerStart { gpu: gpu.clone(), ..WorkerStart::new(path) },
+fn measure(test: &Cli, workshop: &Workshop, trial: &Trial) -> Result<()> {
+    let program = |label: &str, path: &Path| Program {
+        label: label.to_owned(),
+        start: WorkerStart::new(path),
     };
     let folder = test.out.join(&trial.id);
-    workshop.with(&trial.variant, injections, |[base, head]| {
+    workshop.with(trial, stored(test, &tried())?.as_ref(), |[base, head]| {
         let load = if trial.loaded { Some(busy(&base)?) } else { None };
         let options = CompareOptions {
             catalog: fathom::Catalog::builtin(),
-            programs: [
-                program("base".to_owned(), &base),
-                program(trial.variant.to_string(), &head),
-            ],
+            programs: [program("base", &base), program(&trial.id, &head)],
             cells_file: None,
             filter: None,
             env_values: false,
-            settings: settings_of(test, trial),
+            settings: GateSettings {
+                gates: trial.gates.clone(),
+                seed: trial.seed,
+                ..GateSettings::default()
+            },
             resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
             out: Some(folder),
             checkout: None,
         };
         let measured = flow::measure(&options, &INTERRUPT, &|text| tell::note(text));
         drop(load);
-        measured.map(drop).map_err(|error| anyhow!("trial {}: {error}", trial.id))
+        measured.map(drop)
     })
 }
 
@@ -152,50 +102,4 @@ fn busy(program: &Path) -> std::io::Result<ProcessTree> {
         .stdout(Stdio::null())
         .stderr(Stdio::null());
     ProcessTree::spawn(&mut command)
-}
-
-#[cfg(test)]
-mod tests {
-    use std::ffi::OsStr;
-
-    use clap::Parser;
-    use fathom::compare::store;
-    use fathom::harness::output::{FolderKind, Taken};
-    use fathom::record::comparison::{Compared, ComparisonEnd, ComparisonHeader, Gate};
-
-    use super::*;
-
-    fn self_test(out: &Path, pairs: &str) -> Cli {
-        Cli::parse_from([
-            OsStr::new("selftest"),
-            "--pairs".as_ref(),
-            pairs.as_ref(),
-            "--out".as_ref(),
-            out.as_ref(),
-        ])
-    }
-
-    #[test]
-    fn a_stored_trial_counts_if_it_ended_and_is_refused_if_its_settings_differ() {
-        let folder = tempfile::tempdir().unwrap();
-        let test = self_test(folder.path(), "16");
-        let injections = Injection::all().unwrap();
-        let trial = trials(test.plan, &injections).pop().unwrap();
-        assert!(!is_made(&test, &trial).unwrap());
-
-        // A gate that could not be run.
-        let settings = GateSettings { gates: vec![Gate::Exact], ..settings_of(&test, &trial) };
-        let header = ComparisonHeader { settings, ..ComparisonHeader::default() };
-        let taken = Taken::free(&folder.path().join(&trial.id)).unwrap();
-        let mut held = taken.open(FolderKind::Comparison).unwrap();
-        store::write(&mut held, vec![Compared::Header(Box::new(header))]).unwrap();
-        assert!(!is_made(&test, &trial).unwrap());
-        let end = ComparisonEnd { wall_s: 1.0, interrupted: false };
-        store::write(&mut held, vec![Compared::End(end)]).unwrap();
-        assert!(is_made(&test, &trial).unwrap());
-
-        let other = self_test(folder.path(), "12");
-        let error = is_made(&other, &trial).unwrap_err().to_string();
-        assert!(error.contains("measured with other settings"), "{error}");
-    }
 }

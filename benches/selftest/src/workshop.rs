@@ -4,14 +4,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use fathom::compare::build::{self, Worktree};
+use fathom::compare::store::StoredComparison;
 use fathom::harness::catalog::CargoTarget;
 use fathom::record::FolderLock;
 use fathom::record::comparison::Side;
 use fathom::tell;
 
 use crate::INTERRUPT;
-use crate::injections::{Changes, Injection, changes, unfit};
-use crate::trials::Variant;
+use crate::patches::{Changes, changes};
+use crate::trials::{Trial, Variant};
 
 /// `rust_embed` reads folders from disk where these two crates are compiled with debug assertions.
 const FROM_DISK: [&str; 4] = [
@@ -51,39 +52,35 @@ impl Workshop {
         })
     }
 
-    /// Calls `compare` with the programs of the base and of a variant, whose changes lie in the head's checkout meanwhile.
+    /// Calls `compare` with the programs of the base and of a trial, whose changes lie in the head's checkout meanwhile.
     pub fn with<T>(
         &self,
-        variant: &Variant,
-        injections: &[Injection],
+        trial: &Trial,
+        tried: Option<&StoredComparison>,
         compare: impl FnOnce([PathBuf; 2]) -> Result<T>,
     ) -> Result<T> {
         let base = self.build(Side::Base, "base")?;
-        let read = |file: &str| self.read(file);
-        let changes = changes(variant, injections, &read).map_err(unfit)?;
-        let files = changes.keys().map(|file| Ok((file.clone(), self.read(file)?)));
-        let committed = files.collect::<Result<Changes, String>>().map_err(unfit)?;
+        let [_, head] = &self.worktrees;
+        let changes = changes(&head.path, &trial.variant, tried)?;
+        let committed = changes
+            .keys()
+            .map(|file| Ok((file.clone(), std::fs::read_to_string(head.path.join(file))?)));
+        let committed = committed.collect::<Result<Changes>>()?;
         let only_shaders = changes.keys().all(|file| Path::new(file).starts_with("shaders"));
-        let name = if only_shaders { "head".to_owned() } else { variant.to_string() };
-        let put = self.put(&changes).and_then(|()| self.build(Side::Head, &name));
+        let name = match &trial.variant {
+            _ if only_shaders => "head",
+            Variant::Patched(patch) => &patch.kind.replace(' ', "-"),
+            _ => unreachable!("only patches change the host"),
+        };
+        let put = self.put(&changes).and_then(|()| self.build(Side::Head, name));
         let compared = put.and_then(|head| compare([base, head]));
         self.put(&committed)?;
         compared
     }
 
-    /// In the head's checkout.
-    fn path(&self, file: &str) -> PathBuf {
-        self.worktrees[Side::Head as usize].path.join(file)
-    }
-
-    fn read(&self, file: &str) -> Result<String, String> {
-        let path = self.path(file);
-        std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
-    }
-
     fn put(&self, changes: &Changes) -> Result<()> {
         for (file, text) in changes {
-            let path = self.path(file);
+            let path = self.worktrees[Side::Head as usize].path.join(file);
             let written = std::fs::write(&path, text);
             written.with_context(|| format!("cannot write {}", path.display()))?;
         }
