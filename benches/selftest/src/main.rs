@@ -6,29 +6,34 @@
 
 mod findings;
 mod patches;
-mod selftest;
 mod slowed;
 mod trials;
 mod workshop;
 
-use std::path::PathBuf;
-use std::process::ExitCode;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use anyhow::{Context, Result};
 use clap::Parser;
+use fathom::compare::flow::{self, CompareOptions, Program};
+use fathom::compare::launch::WorkerStart;
+use fathom::compare::store::StoredComparison;
+use fathom::harness::output::RECORDS;
+use fathom::process::ProcessTree;
+use fathom::record::comparison::GateSettings;
 use fathom::tell;
+use itertools::Itertools;
 
-/// By convention 128 + SIGINT.
-const INTERRUPTED: u8 = 130;
-/// Bad input, or a trial that could not be made. Whether the gates did well, the findings tell and not the status.
-const COULD_NOT_RUN: u8 = 2;
+use crate::patches::Patch;
+use crate::trials::{Trial, trials, tried};
+use crate::workshop::Workshop;
 
 /// It ends with what is measured so far.
 static INTERRUPT: AtomicBool = AtomicBool::new(false);
 
 /// Try the gates of `fathom compare` on builds of HEAD whose differences are known; takes hours
 #[derive(Parser)]
-#[command(version)]
 struct Cli {
     /// Folder of the trials; those that it holds are not made again
     #[arg(long, value_name = "DIR", default_value = "reports/out/self-test")]
@@ -38,21 +43,83 @@ struct Cli {
     trials: String,
 }
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let handled = ctrlc::set_handler(|| {
-        if INTERRUPT.swap(true, Ordering::Relaxed) {
-            std::process::exit(INTERRUPTED.into());
+fn main() -> Result<()> {
+    let test = Cli::parse();
+    ctrlc::set_handler(|| INTERRUPT.store(true, Ordering::Relaxed))?;
+    std::fs::create_dir_all(&test.out)?;
+    let all = trials(&Patch::all()?);
+    let asked = all.iter().filter(|trial| trial.id.contains(&test.trials));
+    let ended = make(&test, &[tried()].iter().chain(asked).collect_vec());
+    let mut made = Vec::new();
+    for trial in &all {
+        made.extend(stored(&test, trial)?.map(|it| (trial.clone(), it)));
+    }
+    let path = test.out.join("self-test.md");
+    std::fs::write(&path, findings::markdown(&made))?;
+    tell::done(path.display());
+    ended
+}
+
+/// Makes the missing trials until it is interrupted or one fails.
+fn make(test: &Cli, asked: &[&Trial]) -> Result<()> {
+    let workshop = Workshop::open(Path::new("."))?;
+    for (number, trial) in (1..).zip(asked) {
+        if INTERRUPT.load(Ordering::Relaxed) {
+            break;
         }
-        tell::note("ending with what is measured so far; interrupt again to abort");
-    });
-    let run = handled.map_err(anyhow::Error::from).and_then(|()| selftest::run(&cli));
-    match run {
-        _ if INTERRUPT.load(Ordering::Relaxed) => ExitCode::from(INTERRUPTED),
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            tell::note(format!("error: {error:#}"));
-            ExitCode::from(COULD_NOT_RUN)
+        if stored(test, trial)?.is_none() {
+            tell::note(format!("trial {number} of {}: {}", asked.len(), trial.id));
+            measure(test, &workshop, trial).with_context(|| format!("trial {}", trial.id))?;
         }
     }
+    Ok(())
+}
+
+/// The trial's comparison, if it came to its end.
+fn stored(test: &Cli, trial: &Trial) -> Result<Option<StoredComparison>> {
+    let folder = test.out.join(&trial.id);
+    if !folder.join(RECORDS).is_file() {
+        return Ok(None);
+    }
+    Ok(Some(StoredComparison::read(&folder)?).filter(StoredComparison::came_to_its_end))
+}
+
+/// Compares a variant with its base.
+fn measure(test: &Cli, workshop: &Workshop, trial: &Trial) -> Result<()> {
+    let program = |label: &str, path: &Path| Program {
+        label: label.to_owned(),
+        start: WorkerStart::new(path),
+    };
+    let folder = test.out.join(&trial.id);
+    workshop.with(trial, stored(test, &tried())?.as_ref(), |[base, head]| {
+        let _load = trial.loaded.then(|| busy(&base)).transpose()?;
+        let (gates, seed) = (trial.gates.clone(), trial.seed);
+        let options = CompareOptions {
+            catalog: fathom::Catalog::builtin(),
+            programs: [program("base", &base), program(&trial.id, &head)],
+            cells_file: None,
+            filter: None,
+            env_values: false,
+            settings: GateSettings { gates, seed, ..GateSettings::default() },
+            resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
+            out: Some(folder),
+            checkout: None,
+        };
+        flow::measure(&options, &INTERRUPT, &|text| tell::note(text)).map(drop)
+    })
+}
+
+/// Other work on the machine: `fathom verify`, which renders and casts rays, over and over, until this is dropped. It keeps a core
+/// busy: of two, the one that is left or the one that is measured on.
+fn busy(program: &Path) -> std::io::Result<ProcessTree> {
+    let mut command = Command::new("sh");
+    command
+        .args(["-c", "while true; do \"$0\" verify || sleep 0.1; done"])
+        .arg(program)
+        .env("LP_NUM_THREADS", "0")
+        .env("RAYON_NUM_THREADS", "1")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    ProcessTree::spawn(&mut command)
 }

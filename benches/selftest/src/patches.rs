@@ -10,12 +10,6 @@ use serde::Deserialize;
 use crate::slowed::{self, TRIED};
 use crate::trials::{Variant, stages};
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    patch: Vec<Patch>,
-}
-
 /// An entry of `benches/selftest/patches.toml`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -31,8 +25,9 @@ pub struct Patch {
 
 impl Patch {
     pub fn all() -> Result<Vec<Self>> {
-        let file: File = toml::from_str(include_str!("../patches.toml"))?;
-        Ok(file.patch)
+        let mut file: BTreeMap<String, Vec<Self>> =
+            toml::from_str(include_str!("../patches.toml"))?;
+        file.remove("patch").context("there are no patches")
     }
 
     fn applied(&self, text: &str) -> Result<String> {

@@ -1,17 +1,17 @@
 //! Two checkouts of HEAD, built once each. Their programs read shaders from the checkouts, so most variants need no build.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use anyhow::{Context, Result};
 use fathom::compare::build::{self, Worktree};
 use fathom::compare::store::StoredComparison;
 use fathom::harness::catalog::CargoTarget;
-use fathom::record::FolderLock;
 use fathom::record::comparison::Side;
-use fathom::tell;
+use fathom::{process, tell};
 
 use crate::INTERRUPT;
-use crate::patches::{Changes, changes};
+use crate::patches::changes;
 use crate::trials::{Trial, Variant};
 
 /// `rust_embed` reads folders from disk where these two crates are compiled with debug assertions.
@@ -30,8 +30,6 @@ pub struct Workshop {
     target: PathBuf,
     /// Folder of what was built.
     programs: PathBuf,
-    /// Nobody else changes the checkouts.
-    _lock: FolderLock,
 }
 
 impl Workshop {
@@ -41,14 +39,11 @@ impl Workshop {
         let commit = build::commit(&repository, "HEAD")?;
         let cache = repository.join(build::CACHE);
         let own = |what: &str| cache.join(format!("self-test-{what}"));
-        let target = own("target");
-        let lock = FolderLock::take(&target, "fathom-selftest")?;
         let add = |side: Side| Worktree::add(&repository, own(&side.to_string()), &commit);
         Ok(Self {
             worktrees: [add(Side::Base)?, add(Side::Head)?],
-            target,
+            target: own("target"),
             programs: own(commit.get(..12).unwrap_or(&commit)),
-            _lock: lock,
         })
     }
 
@@ -60,31 +55,23 @@ impl Workshop {
         compare: impl FnOnce([PathBuf; 2]) -> Result<T>,
     ) -> Result<T> {
         let base = self.build(Side::Base, "base")?;
-        let [_, head] = &self.worktrees;
-        let changes = changes(&head.path, &trial.variant, tried)?;
-        let committed = changes
-            .keys()
-            .map(|file| Ok((file.clone(), std::fs::read_to_string(head.path.join(file))?)));
-        let committed = committed.collect::<Result<Changes>>()?;
-        let only_shaders = changes.keys().all(|file| Path::new(file).starts_with("shaders"));
-        let name = match &trial.variant {
-            _ if only_shaders => "head",
-            Variant::Patched(patch) => &patch.kind.replace(' ', "-"),
-            _ => unreachable!("only patches change the host"),
-        };
-        let put = self.put(&changes).and_then(|()| self.build(Side::Head, name));
-        let compared = put.and_then(|head| compare([base, head]));
-        self.put(&committed)?;
-        compared
-    }
-
-    fn put(&self, changes: &Changes) -> Result<()> {
-        for (file, text) in changes {
-            let path = self.worktrees[Side::Head as usize].path.join(file);
-            let written = std::fs::write(&path, text);
-            written.with_context(|| format!("cannot write {}", path.display()))?;
+        let [_, Worktree { path: checkout, .. }] = &self.worktrees;
+        let changes = changes(checkout, &trial.variant, tried)?;
+        let mut name = "head".to_owned();
+        for (file, text) in &changes {
+            if let Variant::Patched(patch) = &trial.variant
+                && !file.starts_with("shaders")
+            {
+                name = patch.kind.replace(' ', "-");
+            }
+            std::fs::write(checkout.join(file), text)
+                .with_context(|| format!("cannot write {file}"))?;
         }
-        Ok(())
+        let compared = self.build(Side::Head, &name).and_then(|head| compare([base, head]));
+        let mut git = Command::new("git");
+        process::printed(git.arg("-C").arg(checkout).args(["checkout", "--quiet", "."]))
+            .map_err(anyhow::Error::msg)?;
+        compared
     }
 
     /// Builds a side's checkout as it is, if that was not done before.
@@ -104,11 +91,7 @@ impl Workshop {
             name,
             &FROM_DISK,
             &INTERRUPT,
-            &mut |line| {
-                if !line.trim_start().starts_with("Compiling") {
-                    tell::note(line);
-                }
-            },
+            &mut |line| tell::note(line),
         )?;
         build::keep(&built, &program)?;
         Ok(program)
