@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::machine::Machine;
 use crate::private;
 
-pub use system::{allowed_cores, is_stopped, pin, randomized};
+pub use system::{allowed_cores, pin, randomized};
 
 /// How the names of variables begin that fathom hands from one of its processes to another.
 const OWN: &str = "FATHOM_";
@@ -206,12 +206,6 @@ mod system {
         }
     }
 
-    /// A process is stopped, as by SIGSTOP.
-    pub fn is_stopped(process: u32) -> bool {
-        let stat = procfs::process::Process::new(process as i32).and_then(|process| process.stat());
-        stat.is_ok_and(|stat| stat.state == 'T')
-    }
-
     /// Cores that this process may run on; empty where that is not known.
     pub fn allowed_cores() -> Vec<usize> {
         let Ok(set) = sched_getaffinity(Pid::from_raw(0)) else { return Vec::new() };
@@ -241,10 +235,6 @@ mod system {
     pub fn allow(_: &[usize]) {}
 
     pub fn pin(_: u32, _: usize) {}
-
-    pub fn is_stopped(_: u32) -> bool {
-        false
-    }
 
     pub fn allowed_cores() -> Vec<usize> {
         Vec::new()

@@ -5,27 +5,25 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
-use crate::compare::build::{self, BuiltProgram, SetAside};
+use crate::compare::build::{self, SetAside};
 use crate::compare::cells::Gates;
-use crate::compare::driver::{self, GivenEnvironment};
+use crate::compare::environment::{self, Environment};
 use crate::compare::flow::{self, CompareOptions, Program};
-use crate::compare::launch::{Waiting, WorkerStart};
+use crate::compare::launch::WorkerStart;
 use crate::compare::{settings, tables};
 use crate::gates::changes::Changes;
 use crate::gates::files::RunFile;
-use crate::gates::schedule::MORE_PAIRS;
 use crate::gates::store::StoredComparison;
 use crate::gates::verdict::{Status, Verdicts};
 use crate::harness::catalog::Catalog;
-use crate::record::comparison::{self, Gate, GateSettings, Side};
-use crate::{exporters, folder, private, tell, text};
-use anyhow::Context;
+use crate::record::comparison::{Gate, GateSettings, Side};
+use crate::{exporters, folder, private, tell};
+use anyhow::{Context, ensure};
+use tempfile::TempDir;
 
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
 use super::compare_args::CompareArgs;
 
-/// That the gates take on all cells with the defaults on two cores (`docs/ci.md`).
-const MOST_MINUTES: f64 = 7.0;
 /// The format that is printed where none is asked for.
 pub const TEXT: &str = "text";
 /// Where GitHub Actions takes Markdown for a job's page.
@@ -34,9 +32,6 @@ const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
     if let Some(folder) = &args.replay {
         return tell(folder, &args.format, false);
-    }
-    if args.dry_run {
-        return dry_run(catalog, &args);
     }
     if let [base, head] = args.records.as_slice() {
         return two_runs([base, head], &args.gates);
@@ -73,158 +68,113 @@ fn gate_settings(args: &CompareArgs) -> GateSettings {
     }
 }
 
-/// What would be compared, by nothing but reading.
-fn dry_run(catalog: &Catalog, args: &CompareArgs) -> Outcome {
-    let gates = gates(catalog, args)?;
-    let place = args.base.as_ref().map(|revision| base_place(catalog, revision)).transpose()?;
-    let settings = gate_settings(args);
-    let rows = gates
-        .configurations
-        .iter()
-        .map(|of| [of.id.clone(), of.pipeline.clone(), of.scene.clone(), of.stages.join(" ")]);
-    let rows: Vec<_> = rows.collect();
-    text::columns(&rows).iter().for_each(|row| tell::answer(text::line(&format!("  {row}"))));
-    let asked: Vec<String> = settings.gates.iter().map(ToString::to_string).collect();
-    let cells = gates.cells().len();
-    tell::answer(format!("{cells} cells, by the gates {}", asked.join(", ")));
-    if settings.gates.contains(&Gate::Time) {
-        let GateSettings { launches, pairs, .. } = settings;
-        tell::answer(format!(
-            "{launches} launches of {pairs} pairs of each cell; as many launches of up to {} pairs for cells that these leave open",
-            MORE_PAIRS * pairs
-        ));
-    }
-    let all = Gates::load(args.cells_file.as_deref(), catalog.gates)?.cells().len();
-    let work = f64::from(settings.launches * settings.pairs) * cells as f64;
-    let usual = f64::from(comparison::LAUNCHES * comparison::PAIRS) * all as f64;
-    let minutes = (MOST_MINUTES * work / usual).ceil();
-    tell::answer(format!("measuring takes up to about {minutes} minutes on two cores"));
-    if let (Some(revision), Some(place)) = (&args.base, place) {
-        let build = if place.program.is_file() {
-            "kept from an earlier comparison"
-        } else {
-            "to be built, which takes 2 to 5 minutes on two cores"
-        };
-        tell::answer(format!("base {revision}: {build}"));
-    }
-    Ok(ExitCode::SUCCESS)
-}
-
-fn base_place(catalog: &Catalog, revision: &str) -> anyhow::Result<build::Place> {
-    let folder = std::env::current_dir().context("there is no current folder")?;
-    build::Place::of(&folder, catalog.program, revision)
-}
-
-fn gates(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Gates> {
-    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
-    args.cells.as_deref().map_or(Ok(gates.clone()), |filter| gates.filtered(filter))
-}
-
 fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
-    // A wrong selection is told before minutes are spent on building, and so is a revision that there is not.
-    gates(catalog, args)?;
-    if let Some(revision) = &args.base {
-        base_place(catalog, revision)?;
+    // A wrong selection is told before minutes are spent on building.
+    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
+    if let Some(filter) = &args.cells {
+        gates.filtered(filter)?;
     }
     if let Some(folder) = &args.out {
         flow::taken(folder, args.resume)?;
     }
-    if let (Some(base), Some(head)) = (&args.base_cmd, &args.head_cmd) {
-        return commands(catalog, args, [base, head]);
-    }
-    let this = || std::env::current_exe().context("cannot tell where this program lies");
-    let gpu = gpu_options(catalog, &args.adapter);
     let environments = [
-        driver::environment(Side::Base, &args.base_env, args.base_driver.as_deref())?,
-        driver::environment(Side::Head, &args.head_env, args.head_driver.as_deref())?,
+        environment::of(Side::Base, &args.base_env)?,
+        environment::of(Side::Head, &args.head_env)?,
     ];
-    let is_named = args.base.is_some() || args.base_bin.is_some();
-    if !is_named && environments.iter().all(GivenEnvironment::is_empty) {
-        anyhow::bail!(
-            "nothing to compare with: give --base REV, --base-bin PATH, environments or drivers, or two files of records"
-        );
-    }
-    let head = args.head_bin.clone().map_or_else(this, Ok)?;
-    let head_label = private::path(&head);
-    // A build meanwhile must not swap what is measured.
-    let head = build::set_aside(&head)?;
-    let flags = [&INTERRUPT];
-    let waiting = Waiting { interrupted: &flags, ..Waiting::PLAINLY };
-    let this = this()?;
-    let starts = environments.map(|environment| WorkerStart {
-        gpu: gpu.clone(),
-        environment,
-        ..WorkerStart::new(&this)
-    });
-    for (side, start) in Side::BOTH.into_iter().zip(&starts) {
-        driver::try_driver(side, start, &waiting)?;
-    }
-    let (base, base_label, commit) = match (&args.base, &args.base_bin) {
-        (Some(revision), _) => {
-            let BuiltProgram { path, commit } = built(catalog, revision)?;
-            (path, revision.clone(), Some(commit))
-        }
-        (None, path) => {
-            let path = path.clone().unwrap_or(this);
-            let label = private::path(&path);
-            (path, label, None)
-        }
+    let is_named = args.base.is_some() || args.base_bin.is_some() || args.base_cmd.is_some();
+    ensure!(
+        is_named || environments.iter().any(|given| !given.is_empty()),
+        "nothing to compare with: give --base REV, --base-bin PATH, an environment, or two files of records"
+    );
+    let [of_base, of_head] = environments;
+    // The head first: a build of the base must not swap what is measured.
+    let head = Ran::of(&args.head_bin, &args.head_cmd)?;
+    let head = MadeSide::new(catalog, args, head, of_head)?;
+    let base = match &args.base {
+        Some(revision) => Ran::Revision(revision),
+        None => Ran::of(&args.base_bin, &args.base_cmd)?,
     };
-    let base = build::set_aside(&base)?;
-    let cache = |start: &WorkerStart| driver::shader_cache(&start.environment);
-    let caches = [cache(&starts[0])?, cache(&starts[1])?];
-    let program = |side: Side, aside: &SetAside, label| {
-        let shader_cache = caches[side as usize].as_ref().map(|folder| folder.path().to_owned());
-        let (program, commit) = (aside.path.clone(), commit.clone().filter(|_| side == Side::Base));
-        let own = starts[side as usize].clone();
-        Program { label, start: WorkerStart { program, shader_cache, commit, ..own } }
-    };
-    let programs = [program(Side::Base, &base, base_label), program(Side::Head, &head, head_label)];
+    let base = MadeSide::new(catalog, args, base, of_base)?;
     // The head of a pull request is meant to be what is checked out.
     let is_checkout = args.base.is_some() && args.head_bin.is_none();
     let folder = std::env::current_dir().context("there is no current folder")?;
-    let checkout = is_checkout.then(|| build::checkout(&folder)).flatten();
-    let options = CompareOptions { checkout, ..options(catalog, args, programs) };
-    flow::measure(&options, &INTERRUPT, &|text| tell::note(text))
-}
-
-/// A comparison of two programs that speak the worker protocol.
-fn commands(catalog: &Catalog, args: &CompareArgs, texts: [&String; 2]) -> anyhow::Result<PathBuf> {
-    let environments = [
-        driver::environment(Side::Base, &args.base_env, None)?,
-        driver::environment(Side::Head, &args.head_env, None)?,
-    ];
-    let [base, head] = texts
-        .map(|text| Program { label: private::words(text), start: WorkerStart::of_command(text) });
-    let [of_base, of_head] = environments;
-    let given = |program: Program, environment| Program {
-        start: WorkerStart { environment, ..program.start },
-        ..program
-    };
-    let programs = [given(base, of_base), given(head, of_head)];
-    flow::measure(&options(catalog, args, programs), &INTERRUPT, &|text| tell::note(text))
-}
-
-fn options(catalog: &Catalog, args: &CompareArgs, programs: [Program; 2]) -> CompareOptions {
-    CompareOptions {
+    let options = CompareOptions {
         catalog: catalog.clone(),
-        programs,
+        programs: [base.program.clone(), head.program.clone()],
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
         env_values: args.env_values,
         settings: gate_settings(args),
         out: args.out.clone(),
         resume: args.resume,
-        checkout: None,
+        checkout: is_checkout.then(|| build::checkout(&folder)).flatten(),
+    };
+    flow::measure(&options, &INTERRUPT, &|text| tell::note(text))
+}
+
+/// What the workers of a side run.
+enum Ran<'a> {
+    Revision(&'a str),
+    Program(PathBuf),
+    /// Of the shell: any program that speaks the worker protocol.
+    Command(&'a str),
+}
+
+impl<'a> Ran<'a> {
+    /// This program, unless another or a command is named.
+    fn of(program: &Option<PathBuf>, command: &'a Option<String>) -> anyhow::Result<Self> {
+        Ok(match (program, command) {
+            (_, Some(text)) => Self::Command(text),
+            (Some(path), None) => Self::Program(path.clone()),
+            (None, None) => Self::Program(
+                std::env::current_exe().context("cannot tell where this program lies")?,
+            ),
+        })
     }
 }
 
-fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<BuiltProgram> {
-    tell::note(format!("building {revision}"));
-    let folder = std::env::current_dir().context("there is no current folder")?;
-    let mut progress = |line: &str| tell::note(line);
-    build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)
+/// A side with what must stay until the end.
+struct MadeSide {
+    program: Program,
+    _aside: Option<SetAside>,
+    _shader_cache: Option<TempDir>,
+}
+
+impl MadeSide {
+    fn new(
+        catalog: &Catalog,
+        args: &CompareArgs,
+        ran: Ran<'_>,
+        environment: Environment,
+    ) -> anyhow::Result<Self> {
+        let (label, path) = match ran {
+            Ran::Command(text) => {
+                let start = WorkerStart { environment, ..WorkerStart::of_command(text) };
+                let program = Program { label: private::words(text), start };
+                return Ok(Self { program, _aside: None, _shader_cache: None });
+            }
+            Ran::Program(path) => (private::path(&path), path),
+            Ran::Revision(revision) => {
+                tell::note(format!("building {revision}"));
+                let folder = std::env::current_dir().context("there is no current folder")?;
+                let mut progress = |line: &str| tell::note(line);
+                let target = catalog.program;
+                let built = build::revision(&folder, target, revision, &INTERRUPT, &mut progress)?;
+                (revision.to_owned(), built)
+            }
+        };
+        let aside = build::set_aside(&path)?;
+        let shader_cache = environment::shader_cache(&environment)?;
+        let start = WorkerStart {
+            gpu: gpu_options(catalog, &args.adapter),
+            environment,
+            shader_cache: shader_cache.as_ref().map(|folder| folder.path().to_owned()),
+            ..WorkerStart::new(&aside.path)
+        };
+        let program = Program { label, start };
+        Ok(Self { program, _aside: Some(aside), _shader_cache: shader_cache })
+    }
 }
 
 /// Two files of records: what changed.

@@ -24,7 +24,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "PATH", conflicts_with = "replay")]
     pub head_bin: Option<PathBuf>,
     /// Command of the shell that starts the base's workers: any program that speaks the worker protocol (docs/worker-protocol.md)
-    #[arg(long, value_name = "COMMAND", requires = "head_cmd", conflicts_with_all = ["base", "base_bin", "head_bin", "base_driver", "head_driver", "replay", "records"])]
+    #[arg(long, value_name = "COMMAND", requires = "head_cmd", conflicts_with_all = ["base", "base_bin", "head_bin", "replay", "records"])]
     pub base_cmd: Option<String>,
     /// Command that starts the head's workers
     #[arg(long, value_name = "COMMAND", requires = "base_cmd")]
@@ -38,12 +38,6 @@ pub struct CompareArgs {
     /// Write the values of these variables into records and reports too; without it only their names are written
     #[arg(long, conflicts_with_all = ["replay", "records"])]
     pub env_values: bool,
-    /// Manifest of the only Vulkan driver that the base's processes find
-    #[arg(long, value_name = "ICD.json", conflicts_with_all = ["replay", "records"])]
-    pub base_driver: Option<PathBuf>,
-    /// Manifest of the only Vulkan driver that the head's processes find
-    #[arg(long, value_name = "ICD.json", conflicts_with_all = ["replay", "records"])]
-    pub head_driver: Option<PathBuf>,
     /// Gates to run
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,
@@ -77,9 +71,6 @@ pub struct CompareArgs {
     /// Print the comparison stored in a folder, and write its reports again
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
-    /// Say what would be built and measured, and how long it takes; do nothing
-    #[arg(long, conflicts_with_all = ["records", "replay"])]
-    pub dry_run: bool,
     /// What to print; files of every other format are written in any case
     #[arg(long, default_value = TEXT, value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
     pub format: String,

@@ -5,24 +5,20 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::{Args, Subcommand};
-use tempfile::TempDir;
 
 use super::bisect;
-use super::commands::{INTERRUPT, Outcome, watch_interrupts};
+use super::commands::Outcome;
 use super::compare_args::SearchArgs;
 use super::export::write_into;
-use crate::compare::alone;
 use crate::compare::candidates::Searched;
 use crate::compare::cells::Gates;
-use crate::compare::launch::Waiting;
 use crate::harness::catalog::Catalog;
 use crate::history::run::FRAME;
 use crate::history::{
     self, Added, Change, DEFAULT_FILE, Findings, History, NewRun, Said, Selection, StoredRuns,
     VARIABLE, on_page, tables,
 };
-use crate::record::Writer;
-use crate::record::comparison::{self, Gate, MOST_LAUNCHES};
+use crate::record::comparison::Gate;
 use crate::record::output::RECORDS;
 use crate::report::Artifact;
 use crate::report::page::Page;
@@ -33,10 +29,8 @@ pub enum HistoryCommand {
     /// Store runs with their commit, branch and machine; runs that are already stored stay unchanged
     Add {
         /// Folders of runs
-        #[arg(required_unless_present = "cmd", conflicts_with = "cmd", value_name = "DIR")]
+        #[arg(required = true, value_name = "DIR")]
         folders: Vec<PathBuf>,
-        #[command(flatten)]
-        worker: WorkerArgs,
         #[command(flatten)]
         said: Said,
         #[command(flatten)]
@@ -88,20 +82,6 @@ pub enum HistoryCommand {
     },
 }
 
-/// A program that is measured now.
-#[derive(Args)]
-pub struct WorkerArgs {
-    /// Measure a program now in place of reading a run: command of the shell that starts a worker (docs/worker-protocol.md)
-    #[arg(long, value_name = "COMMAND", requires = "cells_file")]
-    pub cmd: Option<String>,
-    /// Experiment file whose cells list the `stages` to measure
-    #[arg(long, value_name = "FILE", requires = "cmd")]
-    pub cells_file: Option<PathBuf>,
-    /// Processes to start, whose medians are the samples
-    #[arg(long, value_name = "N", default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
-    pub launches: u32,
-}
-
 #[derive(Args)]
 pub struct PlaceArgs {
     /// File of SQLite [default: FATHOM_HISTORY, or reports/history.sqlite]
@@ -139,16 +119,7 @@ impl SelectionArgs {
 
 pub fn history(catalog: &Catalog, command: HistoryCommand) -> Outcome {
     match command {
-        HistoryCommand::Add { folders, worker, said, place } => {
-            let location = place.location()?;
-            match (&worker.cmd, &worker.cells_file) {
-                (Some(command), Some(cells)) => {
-                    let folder = measured(command, cells, worker.launches)?;
-                    add(&[folder.path().to_owned()], said, &location)
-                }
-                _ => add(&folders, said, &location),
-            }
-        }
+        HistoryCommand::Add { folders, said, place } => add(&folders, said, &place.location()?),
         HistoryCommand::List { selection } => {
             let (mut history, selection) = selection.open(None)?;
             answered(tables::runs(&history.runs(&selection)?))
@@ -175,16 +146,6 @@ pub fn history(catalog: &Catalog, command: HistoryCommand) -> Outcome {
 fn answered(answer: String) -> Outcome {
     tell::answer(answer);
     Ok(ExitCode::SUCCESS)
-}
-
-/// The folder of a run of a worker.
-fn measured(command: &str, cells: &Path, launches: u32) -> anyhow::Result<TempDir> {
-    watch_interrupts()?;
-    let waiting = Waiting { interrupted: &[&INTERRUPT], tell: &|line| tell::note(line) };
-    let records = alone::measure(command, cells, launches, waiting)?;
-    let folder = tempfile::Builder::new().prefix("fathom-history-").tempdir()?;
-    Writer::create(&folder.path().join(RECORDS))?.write_all(&records)?;
-    Ok(folder)
 }
 
 /// All folders are read before the first is stored, so that a damaged one is told at once.
@@ -241,12 +202,9 @@ fn bisect_change(
     }
     let gates = Gates::load(search.cells_file.as_deref(), catalog.gates)?;
     if search.cells.is_none() {
-        let (figure, cell) = (&*series.key.figure.figure, &*series.key.figure.cell);
-        // A worker's cell is named as its gate cell, after the experiment.
-        let own = cell.split_once(' ').map_or(cell, |(_, cell)| cell);
-        let all = gates.cells();
-        let named = |name: &&str| all.iter().any(|c| c.stage() == *name || c.as_str() == *name);
-        search.cells = [own, figure].into_iter().find(named).map(str::to_owned);
+        let figure = &*series.key.figure.figure;
+        let is_gated = gates.cells().iter().any(|cell| cell.stage() == figure);
+        search.cells = is_gated.then(|| figure.to_owned());
     }
     let (good, bad) = (before.commit.clone(), after.commit.clone());
     let searched = Searched::Revisions { good, bad, by: bisect::building(&search) };

@@ -20,10 +20,8 @@ use fathom_base::process::{self, Limits, ProcessError};
 use fathom_harness::catalog::CargoTarget;
 use fathom_record::Build;
 
-/// Built revisions that are kept.
-const KEPT: usize = 8;
-/// The same after a build for `fathom bisect`: a search of hundreds of candidates visits fewer.
-pub const KEPT_BY_SEARCH: usize = 32;
+/// Built revisions that are kept: a search of hundreds of candidates visits fewer.
+const KEPT: usize = 32;
 /// Folder of the cache, in the repository's target folder.
 pub const CACHE: &str = "target/compare";
 /// Variables that change what cargo and the compilers make of a source.
@@ -41,88 +39,40 @@ const PREFIXES: [&str; 3] = ["CARGO_PROFILE_", "CARGO_BUILD_", "CARGO_TARGET_"];
 /// Hexadecimal digits of [`build_fingerprint`].
 const FINGERPRINT_DIGITS: usize = 8;
 
-/// A program that was built of a commit.
-#[derive(Clone, Debug, PartialEq)]
-pub struct BuiltProgram {
-    pub path: PathBuf,
-    pub commit: String,
-}
-
-/// The release build of `target` at `revision` of the repository around `folder`; see [`Source::build`].
+/// The release build of `target` at `revision` of the repository around `folder`, from the cache if it is there.
+///
+/// cargo starts in the same folder of the checkout, so the crate need not be at the repository's root. `progress` is given each line that
+/// cargo writes. Once `interrupted` is set the build ends, and nothing of it is left.
 pub fn revision(
     folder: &Path,
     target: CargoTarget,
     revision: &str,
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
-) -> Result<BuiltProgram> {
-    let source = Source { folder, target, revision, kept: KEPT };
-    source.build(interrupted, progress)
-}
-
-/// What is built.
-#[derive(Clone, Copy)]
-pub struct Source<'a> {
-    /// In a repository.
-    pub folder: &'a Path,
-    pub target: CargoTarget,
-    pub revision: &'a str,
-    /// Builds that are kept after this one, with it.
-    pub kept: usize,
-}
-
-impl Source<'_> {
-    /// The release build, from the cache if it is there. cargo starts in the same folder of the checkout, so the crate need not be at the
-    /// repository's root. `progress` is given each line that cargo writes. Once `interrupted` is set the build ends, and nothing of it is left.
-    pub fn build(
-        &self,
-        interrupted: &AtomicBool,
-        progress: &mut dyn FnMut(&str),
-    ) -> Result<BuiltProgram> {
-        let Self { folder, target, revision, .. } = *self;
-        let Place { repository, commit, program } = Place::of(folder, target, revision)?;
-        if !program.is_file() {
-            let cache = repository.join(CACHE);
-            let kept = program.parent().unwrap_or(&cache);
-            let worktree = Worktree::in_cache(&repository, &cache, &commit)?;
-            let prefix = printed(&mut git(folder, ["rev-parse", "--show-prefix"]))?;
-            let source = worktree.path.join(prefix);
-            let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
-            let folders = (source, &*cache.join("target"));
-            let built = compile(folders, target, revision, &[], interrupted, progress)?;
-            keep(&built, &program)?;
-            forget_old(&cache.join("builds"), kept, self.kept);
-        }
-        Ok(BuiltProgram { path: program, commit })
+) -> Result<PathBuf> {
+    let repository = repository(folder)?;
+    let commit = commit(&repository, revision)?;
+    let cache = repository.join(CACHE);
+    let (configurations, variables) = (cargo_configurations(&cache), std::env::vars_os());
+    let fingerprint =
+        build_fingerprint(&compiler(&repository)?, target, variables, &configurations);
+    let kept = cache.join("builds").join(format!("{commit}-{fingerprint}"));
+    let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
+    if !program.is_file() {
+        let worktree = Worktree::in_cache(&repository, &cache, &commit)?;
+        let prefix = printed(&mut git(folder, ["rev-parse", "--show-prefix"]))?;
+        let source = worktree.path.join(prefix);
+        let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
+        let folders = (source, &*cache.join("target"));
+        let built = compile(folders, target, revision, &[], interrupted, progress)?;
+        keep(&built, &program)?;
+        forget_old(&cache.join("builds"), &kept);
     }
+    Ok(program)
 }
 
 fn cargo() -> Command {
     Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-}
-
-/// Where the build of a revision is kept.
-pub struct Place {
-    repository: PathBuf,
-    commit: String,
-    /// There only once it was built.
-    pub program: PathBuf,
-}
-
-impl Place {
-    /// An error outside of a repository, and where it holds no such revision.
-    pub fn of(folder: &Path, target: CargoTarget, revision: &str) -> Result<Self> {
-        let repository = repository(folder)?;
-        let commit = commit(&repository, revision)?;
-        let cache = repository.join(CACHE);
-        let configurations = cargo_configurations(&cache);
-        let variables = std::env::vars_os();
-        let fingerprint =
-            build_fingerprint(&compiler(&repository)?, target, variables, &configurations);
-        let kept = cache.join("builds").join(format!("{commit}-{fingerprint}"));
-        let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
-        Ok(Self { repository, commit, program })
-    }
 }
 
 /// What the compiler used in a folder says of itself.
@@ -317,8 +267,8 @@ pub fn set_aside(program: &Path) -> Result<SetAside> {
     Ok(SetAside { _folder: folder, path })
 }
 
-/// Removes the oldest builds but `newest`, so that `kept` are left. What cannot be removed stays.
-fn forget_old(builds: &Path, newest: &Path, kept: usize) {
+/// Removes the oldest builds but `newest`, so that [`KEPT`] are left. What cannot be removed stays.
+fn forget_old(builds: &Path, newest: &Path) {
     let Ok(entries) = std::fs::read_dir(builds) else {
         return;
     };
@@ -328,7 +278,7 @@ fn forget_old(builds: &Path, newest: &Path, kept: usize) {
     };
     let others = entries.flatten().map(|entry| entry.path());
     let others = others.filter(|path| path.to_str().is_some() && path != newest);
-    for path in others.sorted_by_key(|path| Reverse(age(path))).skip(kept - 1) {
+    for path in others.sorted_by_key(|path| Reverse(age(path))).skip(KEPT - 1) {
         let _ = std::fs::remove_dir_all(path);
     }
 }
@@ -401,7 +351,7 @@ mod tests {
             let built = revision(&self.path, TARGET, name, &AtomicBool::new(false), &mut |_| {
                 lines += 1;
             });
-            (built.map(|built| built.path), lines)
+            (built, lines)
         }
     }
 
@@ -523,10 +473,8 @@ mod tests {
             std::fs::create_dir(folder.path().join(n.to_string())).unwrap();
         }
         let newest = folder.path().join("0");
-        for (kept, left) in [(KEPT_BY_SEARCH, KEPT + 3), (KEPT, KEPT)] {
-            forget_old(folder.path(), &newest, kept);
-            assert!(newest.exists());
-            assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), left);
-        }
+        forget_old(folder.path(), &newest);
+        assert!(newest.exists());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), KEPT);
     }
 }

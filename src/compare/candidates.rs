@@ -9,7 +9,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use itertools::Itertools;
 use serde::Serialize;
 
-use super::build::{self, KEPT_BY_SEARCH, SetAside, Source, Worktree};
+use super::build::{self, SetAside, Worktree};
 use super::flow::Program;
 use super::launch::{Waiting, WorkerStart};
 use fathom_base::process::{self, Limits, ProcessError};
@@ -181,13 +181,12 @@ impl<'a> Maker<'a> {
     /// cargo's build, out of reach of later ones.
     fn compiled(&self, candidate: &Candidate) -> Result<Made> {
         (self.waiting.tell)(&format!("building {}", candidate.label));
-        let (folder, target, kept) = (self.folder, self.target, KEPT_BY_SEARCH);
         let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
-        let source = Source { folder, target, revision: &candidate.name, kept };
-        let built = source.build(interrupted, &mut |line| (self.waiting.tell)(line))?;
-        let aside = build::set_aside(&built.path)?;
-        let (gpu, commit) = (self.gpu.clone(), Some(built.commit));
-        let start = WorkerStart { gpu, commit, ..WorkerStart::new(&aside.path) };
+        let mut tell = |line: &str| (self.waiting.tell)(line);
+        let built =
+            build::revision(self.folder, self.target, &candidate.name, interrupted, &mut tell)?;
+        let aside = build::set_aside(&built)?;
+        let start = WorkerStart { gpu: self.gpu.clone(), ..WorkerStart::new(&aside.path) };
         let program = Program { label: candidate.label.clone(), start };
         Ok(Made { program, _aside: Some(aside), _checkout: None })
     }

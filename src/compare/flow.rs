@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 use super::bench::Processes;
 use super::cells::Gates;
-use super::driver;
+use super::environment;
 use super::instructions;
 use super::launch::{Quiet, Waiting, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
@@ -150,9 +150,7 @@ fn start_build<'a>(
 fn greeted(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Result<[Greeting; 2]> {
     let environments = options.programs.each_ref().map(|program| &program.start.environment);
     let greet = |side: Side, build: &mut SurveyedBuild<'_>| -> Result<Greeting> {
-        let greeting = build.greeted().map_err(|fault| anyhow!("the {side} build: {fault}"))?;
-        driver::check(side, environments[side as usize], &greeting.adapter)?;
-        Ok(greeting)
+        build.greeted().map_err(|fault| anyhow!("the {side} build: {fault}"))
     };
     let [base, head] = builds;
     let greetings = [greet(Side::Base, base)?, greet(Side::Head, head)?];
@@ -184,12 +182,12 @@ fn header(
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
             digest: digest?,
-            environment: program.start.environment.recorded(options.env_values).shown(),
+            environment: environment::recorded(&program.start.environment, options.env_values),
         })
     };
     let [base, head] = greetings;
     let notes = base.notes.iter().chain(&head.notes).unique().cloned();
-    let notes = notes.chain(of_builds(options, greetings));
+    let notes = notes.chain(stale_head(options, &greetings[Side::Head as usize]));
     let mut settings = options.settings.clone();
     settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));
     let unchecked = without_checks(greetings).filter(|_| settings.gates.contains(&Gate::Exact));
@@ -206,22 +204,19 @@ fn header(
     })
 }
 
-/// That the base does not say of which commit it was built, and that the head was built of another than the checkout holds.
-fn of_builds(options: &CompareOptions, [base, head]: &[Greeting; 2]) -> Vec<String> {
-    let is_silent = options.programs[0].start.commit.is_some() && base.build.is_none();
-    let silent = "the base build does not say of which commit it was built";
-    let stale = head.build.as_ref().zip(options.checkout.as_ref());
-    let stale = stale.filter(|(head, checkout)| head != checkout);
-    let stale = stale.map(|(head, checkout)| {
+/// That the head was built of another commit than the checkout holds.
+fn stale_head(options: &CompareOptions, head: &Greeting) -> Option<String> {
+    let (head, checkout) = head.build.as_ref().zip(options.checkout.as_ref())?;
+    let note = || {
         format!("the head was built of {head}, and the checkout is at {checkout}: build it again")
-    });
-    is_silent.then(|| silent.to_owned()).into_iter().chain(stale).collect()
+    };
+    (head != checkout).then(note)
 }
 
 /// All that defines what is measured. Of variables there are names and a digest, as their values may be secret.
 fn settings(options: &CompareOptions, gates: &Gates, header: &ComparisonHeader) -> Value {
     let side = |build: &ComparedBuild, program: &Program| {
-        let environment = program.start.environment.recorded(false);
+        let environment = environment::recorded(&program.start.environment, false);
         json!({ "program": build.digest, "environment": environment, "options": program.start.gpu.words() })
     };
     let [base, head] = &options.programs;

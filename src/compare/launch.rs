@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use thiserror::Error;
 
-use super::driver::{self, GivenEnvironment};
+use super::environment::{self, Environment};
 use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
 use fathom_base::process::{Listener, ProcessTree};
 use fathom_base::quiet;
@@ -130,11 +130,9 @@ pub struct WorkerStart {
     pub quiet: Option<Quiet>,
     /// What the processes of its side alone are given. Its length moves the stack, as [`Quiet::padding`] does; that is drawn from
     /// a whole page, so sides whose environments differ in length have noise of it and no bias.
-    pub environment: GivenEnvironment,
+    pub environment: Environment,
     /// Where its driver keeps compiled shaders, if apart from those of all other programs.
     pub shader_cache: Option<PathBuf>,
-    /// The commit that its program is built of: a worker that names another is refused.
-    pub commit: Option<String>,
     /// The audited clock of a hardware adapter: both sides must read the same one.
     pub clock: Option<ClockPlan>,
     /// How long the reply to one kind of request may take, in place of what is usual.
@@ -164,9 +162,9 @@ impl WorkerStart {
         if let Some(quiet) = &self.quiet {
             quiet::apply(&mut command, quiet);
         }
-        command.envs(driver::variables(&self.environment));
+        command.envs(&self.environment);
         let cache = self.shader_cache.as_deref();
-        command.envs(driver::cache_variables(&self.environment, cache));
+        command.envs(environment::cache_variables(&self.environment, cache));
         command
     }
 }
@@ -179,7 +177,6 @@ pub struct WorkerProcess {
     requests: Option<Sender<String>>,
     replies: Receiver<std::io::Result<String>>,
     errors: Option<Listener>,
-    commit: Option<String>,
     patience: Option<(RequestKind, Duration)>,
     asked: RequestKind,
 }
@@ -222,8 +219,8 @@ impl WorkerProcess {
         }
         let errors = tree.stderr.take().map(Listener::start);
         let WorkerStart { name, patience, .. } = *start;
-        let (requests, asked, commit) = (Some(requests), RequestKind::Hello, start.commit.clone());
-        Ok(Self { name, tree, requests, replies, errors, commit, patience, asked })
+        let (requests, asked) = (Some(requests), RequestKind::Hello);
+        Ok(Self { name, tree, requests, replies, errors, patience, asked })
     }
 
     /// Sends a request; [`Self::receive`] takes its reply, so that two workers can prepare at the same time.
@@ -245,7 +242,7 @@ impl WorkerProcess {
             _ => PATIENCE,
         };
         let asked = Instant::now();
-        let (mut told, mut told_stopped) = (false, false);
+        let mut told = false;
         loop {
             let left = patience.saturating_sub(asked.elapsed());
             match self.replies.recv_timeout(left.min(SLICE)) {
@@ -262,24 +259,14 @@ impl WorkerProcess {
                 let (request, seconds) = (self.asked, patience.as_secs());
                 return Err(WorkerFault::Silent { request, seconds, stderr: self.last_words() });
             }
-            // It may be stopped later than it is told of, too.
-            if asked.elapsed() >= LONG && !told_stopped {
-                told_stopped = quiet::is_stopped(self.tree.id());
-                if told_stopped || !std::mem::replace(&mut told, true) {
-                    (waiting.tell)(&self.waited_for(patience, told_stopped));
-                }
+            if asked.elapsed() >= LONG && !std::mem::replace(&mut told, true) {
+                let (name, process, asked) = (self.name, self.tree.id(), self.asked);
+                let most = patience.as_secs();
+                (waiting.tell)(&format!(
+                    "waiting for the {name} worker (process {process}) to answer `{asked}`, for at most {most} s"
+                ));
             }
         }
-    }
-
-    fn waited_for(&self, patience: Duration, stopped: bool) -> String {
-        let (name, process, asked) = (self.name, self.tree.id(), self.asked);
-        let go_on = format!("; it is stopped, `kill -CONT {process}` continues it");
-        let stopped = if stopped { &go_on } else { "" };
-        let most = patience.as_secs();
-        format!(
-            "waiting for the {name} worker (process {process}) to answer `{asked}`, for at most {most} s{stopped}"
-        )
     }
 
     fn read(&mut self, line: &str) -> Result<Reply, WorkerFault> {
@@ -313,20 +300,12 @@ impl WorkerProcess {
         self.receive(waiting)
     }
 
-    /// What the worker says of itself, if it speaks this protocol and was not built of another commit than is asked for.
+    /// What the worker says of itself, if it speaks this protocol.
     pub fn greeted(&mut self, waiting: &Waiting<'_>) -> Result<Greeting, WorkerFault> {
-        let greeting = match self.receive(waiting)? {
-            Reply::Hello(greeting) => *greeting,
-            other => return Err(self.unexpected(&other)),
-        };
-        if let (Some(asked), Some(build)) = (&self.commit, &greeting.build)
-            && build.commit.as_ref().is_some_and(|commit| commit != asked)
-        {
-            let reason = format!("it was built of {build} and not of {asked}");
-            self.tree.kill();
-            return Err(WorkerFault::fatal(excerpt(&reason, REASON)));
+        match self.receive(waiting)? {
+            Reply::Hello(greeting) => Ok(*greeting),
+            other => Err(self.unexpected(&other)),
         }
-        Ok(greeting)
     }
 
     /// Times of so many frames of a cell, ns, and the state of the adapter after them. Times that cannot be are the worker's fault.
@@ -501,11 +480,10 @@ mod tests {
     /// Every gate starts its workers so, under callgrind too.
     #[test]
     fn a_worker_is_given_its_sides_environment_beside_fathoms_own() {
-        let variables = [("A".to_owned(), "1".to_owned())].into();
         let start = WorkerStart {
             wrapper: vec!["valgrind".into()],
             quiet: Some(Quiet::default()),
-            environment: GivenEnvironment { variables, ..GivenEnvironment::default() },
+            environment: [("A".to_owned(), "1".to_owned())].into(),
             ..WorkerStart::new(Path::new("fathom"))
         };
         let command = start.command();

@@ -6,13 +6,12 @@
 //! what is measured goes to a folder of records ([`store`]); the [`verdict`] is a function of those alone, and
 //! [`tables`] report it.
 
-pub mod alone;
 pub mod bench;
 pub mod bisect;
 pub mod build;
 pub mod candidates;
 pub mod cells;
-pub mod driver;
+pub mod environment;
 pub mod flow;
 pub mod instructions;
 pub mod launch;

@@ -4,7 +4,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de};
@@ -271,9 +270,6 @@ pub struct ComparedBuild {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct SideEnvironment {
-    /// The only Vulkan driver that they find.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub driver: Option<NamedDriver>,
     /// Environment variables by name. Their values only where that was asked for.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub variables: BTreeMap<String, Option<String>>,
@@ -286,35 +282,6 @@ impl SideEnvironment {
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
-
-    /// The sides' processes were given the same, whether or not values were recorded.
-    pub fn is_same(&self, other: &Self) -> bool {
-        self.driver == other.driver
-            && self.variables.keys().eq(other.variables.keys())
-            && self.values_digest == other.values_digest
-    }
-
-    /// As records show it.
-    #[must_use]
-    pub fn shown(&self) -> Self {
-        let mut shown = self.clone();
-        for path in shown.driver.iter_mut().flat_map(|d| [&mut d.manifest, &mut d.library]) {
-            *path = private::path(Path::new(path));
-        }
-        shown
-    }
-}
-
-/// A Vulkan driver that was named by its manifest.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct NamedDriver {
-    /// The manifest; in records its name.
-    pub manifest: String,
-    /// Its library; in records its name. As the manifest names it where the system's linker is to find it.
-    pub library: String,
-    /// SHA-256 of the library; none where the system's linker is to find it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub digest: Option<String>,
 }
 
 /// Rules by which two builds are compared.

@@ -281,25 +281,3 @@ fn lines_of_a_file_are_searched_by_a_command_past_one_that_cannot_be_measured() 
     let other = command.args(["--cmd", "./other", "--resume"]).output().unwrap();
     assert_ne!(other.status.code(), Some(0));
 }
-
-/// A build that says of which commit it is: another than was asked for would be compared in silence.
-#[test]
-fn a_base_of_another_commit_is_refused_and_one_that_does_not_say_is_noted() {
-    let build = |text: &str| {
-        let greeting = hello(1, r#""time""#).replace("\"notes\"", &format!("{text}\"notes\""));
-        let history = History::greeting(&[USUAL, SLOWER], &greeting);
-        Script::default().write(&history.0.path(""), "head");
-        history
-    };
-    let compare = "compare --base HEAD~1 --head-bin ./head --cells-file cells.toml --gates time --launches 10 --pairs 2 --out out";
-    let silent = build("");
-    let told = silent.0.fathom(compare).ends(0);
-    holds(&told.out, &["the base build does not say of which commit it was built"]);
-    let other = build(r#""build":{"commit":"0123","dirty":true},"#);
-    let told = other.0.fathom(compare).ends(2);
-    let reason = "the base build: it was built of 0123 with changed files and not of ";
-    told.error(reason);
-    // This program is not of that repository.
-    let stale = other.0.fathom(compare.replace("--head-bin ./head", "--dry-run")).ends(0);
-    holds(&stale.out, &["base HEAD~1: kept from an earlier comparison"]);
-}

@@ -225,16 +225,6 @@ fn a_dry_run_says_what_it_would_measure_and_writes_nothing() {
     place.fathom("run no-such --dry-run").refused("unknown experiment `no-such`");
 }
 
-#[test]
-fn a_dry_comparison_says_what_it_would_do_and_does_nothing() {
-    let place = Place::new();
-    let told = place.fathom("compare --base-bin x --cells caustics/trace --dry-run").answer();
-    holds(&told, &["cells, by the gates exact, instructions, time", "20 launches of 16 pairs"]);
-    place.fathom("compare --base HEAD --dry-run").refused("is in no git repository");
-    place.fathom("compare --base HEAD").refused("is in no git repository");
-    assert!(names(&place.path("")).is_empty());
-}
-
 /// A run of the default frame into the folder `out`.
 fn run(place: &Place, options: &str) -> Command {
     let words =

@@ -19,13 +19,12 @@ use std::time::{Duration, Instant};
 
 use common::{HANGS, Place};
 use fathom::compare::protocol::{Reply, parse_request};
-use fathom::compare::{cells::Gates, driver, store::StoredComparison, verdict::Verdicts};
+use fathom::compare::{cells::Gates, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, parse_axis, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
 use fathom::history::{Findings, History, Selection, on_page, tables};
 use fathom::record::Profile;
-use fathom::record::comparison::Side;
 use fathom::report::ReportView;
 use fathom::scene::{HeightMap, Mesh, Scene, SceneFile};
 use fathom::{exporters, pipelines, record};
@@ -133,7 +132,6 @@ readers! {
     files_of_points: fuzz_file("points.csv", seeds::points(), points);
     records: fuzz_file("records.jsonl", seeds::records(), run);
     comparison_lines: fuzz_file("records.jsonl", seeds::comparisons(), comparison);
-    driver_manifests: fuzz_file("icd.json", seeds::manifests(), manifest);
     gates_files: fuzz_file("gates.toml", seeds::gates(), gates);
     obj_files: fuzz_packed("a.obj", seeds::objs(), mesh);
     ply_files: fuzz_packed("a.ply", seeds::plys(), mesh);
@@ -194,10 +192,6 @@ fn comparison(path: &Path) -> Answer {
         (format.export)(&verdicts);
     }
     Ok(())
-}
-
-fn manifest(path: &Path) -> Answer {
-    told(driver::environment(Side::Head, &[], Some(path))).map(drop)
 }
 
 fn gates(path: &Path) -> Answer {

@@ -134,17 +134,6 @@ pub fn comparisons() -> Seeds {
     vec![lines(records).into(), part.into()]
 }
 
-pub fn manifests() -> Seeds {
-    let manifest = |library: &str| {
-        format!(
-            r#"{{"file_format_version": "1.0.0", "ICD": {{"library_path": "{library}", "api_version": "1.3.0"}}}}"#
-        )
-    };
-    ["libvulkan_lvp.so", "./icd.json", "/usr/lib/libvulkan_lvp.so"]
-        .map(|library| manifest(library).into_bytes())
-        .into()
-}
-
 pub fn gates() -> Seeds {
     all([
         include_str!("../../benches/gates.toml"),

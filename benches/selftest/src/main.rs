@@ -1,39 +1,39 @@
 //! `fathom-selftest`: tries the gates of `fathom compare` on builds of HEAD whose differences are known.
 //!
-//! Equal builds (the same source built twice, and a change of the host that no stage uses) must raise no alarm, on a
-//! quiet machine and on a loaded one. Slowdowns of known size, built into one stage at a time, must be found and their
-//! stage named. Each trial is a comparison in a folder of its own, so a self-test that was cut short goes on where it
-//! ended, and its findings are a function of those folders.
+//! Equal builds must raise no alarm, on a quiet machine and on a loaded one. A stage made slower must be found and named. Each
+//! trial is a comparison in a folder of its own, so a self-test that was cut short goes on where it ended, and its findings
+//! are a function of those folders.
 
 mod findings;
-mod injections;
-mod report;
-mod selftest;
+mod patches;
 mod slowed;
 mod trials;
 mod workshop;
 
-use std::path::PathBuf;
-use std::process::ExitCode;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::anyhow;
+use anyhow::{Context, Result};
 use clap::Parser;
-use fathom::record::comparison;
+use fathom::compare::flow::{self, CompareOptions, Program};
+use fathom::compare::launch::WorkerStart;
+use fathom::compare::store::StoredComparison;
+use fathom::harness::output::RECORDS;
+use fathom::process::ProcessTree;
+use fathom::record::comparison::GateSettings;
 use fathom::tell;
-use trials::Plan;
+use itertools::Itertools;
 
-/// By convention 128 + SIGINT.
-const INTERRUPTED: u8 = 130;
-/// Bad input, or a trial that could not be made. Whether the gates did well, the findings tell and not the status.
-const COULD_NOT_RUN: u8 = 2;
+use crate::patches::Patch;
+use crate::trials::{Trial, trials, tried};
+use crate::workshop::Workshop;
 
 /// It ends with what is measured so far.
 static INTERRUPT: AtomicBool = AtomicBool::new(false);
 
 /// Try the gates of `fathom compare` on builds of HEAD whose differences are known; takes hours
 #[derive(Parser)]
-#[command(version)]
 struct Cli {
     /// Folder of the trials; those that it holds are not made again
     #[arg(long, value_name = "DIR", default_value = "reports/out/self-test")]
@@ -41,42 +41,85 @@ struct Cli {
     /// Only trials whose names hold this
     #[arg(long, value_name = "FILTER", default_value = "")]
     trials: String,
-    #[command(flatten)]
-    plan: Plan,
-    /// Pairs of worker processes in each time gate
-    #[arg(long, default_value_t = comparison::LAUNCHES)]
-    launches: u32,
-    /// Pairs of samples of each cell in each launch
-    #[arg(long, default_value_t = comparison::PAIRS)]
-    pairs: u32,
-    /// Part of the adapter's name, or its number in `fathom list adapters`
-    #[arg(long, value_name = "NAME|INDEX")]
-    adapter: Option<String>,
 }
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    match run(cli) {
-        _ if INTERRUPT.load(Ordering::Relaxed) => ExitCode::from(INTERRUPTED),
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            tell::note(format!("error: {error}"));
-            ExitCode::from(COULD_NOT_RUN)
-        }
+fn main() -> Result<()> {
+    let test = Cli::parse();
+    ctrlc::set_handler(|| INTERRUPT.store(true, Ordering::Relaxed))?;
+    std::fs::create_dir_all(&test.out)?;
+    let all = trials(&Patch::all()?);
+    let asked = all.iter().filter(|trial| trial.id.contains(&test.trials));
+    let ended = make(&test, &[tried()].iter().chain(asked).collect_vec());
+    let mut made = Vec::new();
+    for trial in &all {
+        made.extend(stored(&test, trial)?.map(|it| (trial.clone(), it)));
     }
+    let path = test.out.join("self-test.md");
+    std::fs::write(&path, findings::markdown(&made))?;
+    tell::done(path.display());
+    ended
 }
 
-fn run(cli: Cli) -> anyhow::Result<()> {
-    let handled = ctrlc::set_handler(|| {
-        if INTERRUPT.swap(true, Ordering::Relaxed) {
-            std::process::exit(INTERRUPTED.into());
+/// Makes the missing trials until it is interrupted or one fails.
+fn make(test: &Cli, asked: &[&Trial]) -> Result<()> {
+    let workshop = Workshop::open(Path::new("."))?;
+    for (number, trial) in (1..).zip(asked) {
+        if INTERRUPT.load(Ordering::Relaxed) {
+            break;
         }
-        tell::note("ending with what is measured so far; interrupt again to abort");
-    });
-    handled.map_err(|error| anyhow!("cannot watch for Ctrl-C: {error}"))?;
-    selftest::run(&cli)?;
-    for name in selftest::RESULTS {
-        tell::done(cli.out.join(name).display());
+        if stored(test, trial)?.is_none() {
+            tell::note(format!("trial {number} of {}: {}", asked.len(), trial.id));
+            measure(test, &workshop, trial).with_context(|| format!("trial {}", trial.id))?;
+        }
     }
     Ok(())
+}
+
+/// The trial's comparison, if it came to its end.
+fn stored(test: &Cli, trial: &Trial) -> Result<Option<StoredComparison>> {
+    let folder = test.out.join(&trial.id);
+    if !folder.join(RECORDS).is_file() {
+        return Ok(None);
+    }
+    Ok(Some(StoredComparison::read(&folder)?).filter(StoredComparison::came_to_its_end))
+}
+
+/// Compares a variant with its base.
+fn measure(test: &Cli, workshop: &Workshop, trial: &Trial) -> Result<()> {
+    let program = |label: &str, path: &Path| Program {
+        label: label.to_owned(),
+        start: WorkerStart::new(path),
+    };
+    let folder = test.out.join(&trial.id);
+    workshop.with(trial, stored(test, &tried())?.as_ref(), |[base, head]| {
+        let _load = trial.loaded.then(|| busy(&base)).transpose()?;
+        let (gates, seed) = (trial.gates.clone(), trial.seed);
+        let options = CompareOptions {
+            catalog: fathom::Catalog::builtin(),
+            programs: [program("base", &base), program(&trial.id, &head)],
+            cells_file: None,
+            filter: None,
+            env_values: false,
+            settings: GateSettings { gates, seed, ..GateSettings::default() },
+            resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
+            out: Some(folder),
+            checkout: None,
+        };
+        flow::measure(&options, &INTERRUPT, &|text| tell::note(text)).map(drop)
+    })
+}
+
+/// Other work on the machine: `fathom verify`, which renders and casts rays, over and over, until this is dropped. It keeps a core
+/// busy: of two, the one that is left or the one that is measured on.
+fn busy(program: &Path) -> std::io::Result<ProcessTree> {
+    let mut command = Command::new("sh");
+    command
+        .args(["-c", "while true; do \"$0\" verify || sleep 0.1; done"])
+        .arg(program)
+        .env("LP_NUM_THREADS", "0")
+        .env("RAYON_NUM_THREADS", "1")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    ProcessTree::spawn(&mut command)
 }

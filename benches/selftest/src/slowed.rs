@@ -1,143 +1,129 @@
-//! What comparisons show in which every stage was slowed down: a truth for each of them from the others, and gates with one
-//! slowdown, composed of these and of gates of equal builds.
+//! A stage made slower by more work of its own: every entry point of its shader runs a loop before what it did.
 
-use std::collections::BTreeMap;
-
-use fathom::compare::rank;
 use fathom::compare::store::StoredComparison;
-use fathom::compare::time::{CellTime, TimeVerdict};
-use fathom::compare::verdict::{GateState, JudgedCell, Verdicts};
-use fathom::record::comparison::{CellId, Gate, GateSettings, Pair};
-use fathom::statistics::{ALPHA, Estimate, Interval};
-use serde::Serialize;
+use fathom::compare::verdict::Verdicts;
 
-use crate::findings::{Found, Share};
-use crate::injections::Size;
-use crate::trials::{Trial, Variant};
+/// Iterations in the trial that measures how much slower they make each stage.
+pub const TRIED: u32 = 64;
 
-/// The usable comparisons of one size, with their trials' names.
-pub struct Slowed<'a>(Vec<(&'a str, Verdicts<'a>)>);
-
-/// How often intervals contain the truth that the other comparisons give.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Coverage {
-    pub plain: Share,
-    /// With intervals that are wider by the truth's own error.
-    pub corrected: Share,
+/// The file of a stage's shader, and the condition under which it is this stage's.
+pub fn shader(stage: &str) -> (String, Option<String>) {
+    let axis = stage.strip_prefix("voxel/slicemap-").and_then(|axis| "xyz".find(axis));
+    let path = axis.map_or(stage, |_| "voxel/slicemap");
+    (format!("shaders/{path}.wgsl"), axis.map(|axis| format!("AXIS == {axis}")))
 }
 
-/// Gates of equal builds in which the pairs of one stage come from a comparison in which it was slowed down.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Composed {
-    pub found: Found,
-    /// Not caught in a first measurement that leaves the stage open, while no second one was stored.
-    pub without_second: usize,
-    /// Gates in which each stage was caught.
-    pub stages: BTreeMap<String, Share>,
-}
-
-impl<'a> Slowed<'a> {
-    pub fn of(size: Size, made: &'a [(Trial, StoredComparison)]) -> Self {
-        let every = Variant::Every(size);
-        let own = made.iter().filter(|(trial, _)| trial.variant == every);
-        let judged = own.map(|(trial, stored)| (trial.id.as_str(), Verdicts::of(stored)));
-        Self(judged.filter(|(_, verdicts)| ran(verdicts)).collect())
-    }
-
-    /// What all comparisons but one show of a cell together: the centre of their launches.
-    pub fn truth(&self, cell: &CellId, but: Option<&str>) -> Option<Estimate> {
-        let others = self.0.iter().filter(|(trial, _)| Some(*trial) != but);
-        let times = others.filter_map(|(_, verdicts)| time(verdicts, cell));
-        let launches: Vec<f64> = times.flat_map(|time| time.launches.iter().copied()).collect();
-        (!launches.is_empty()).then(|| rank::centre(&launches, ALPHA).map(f64::exp_m1))
-    }
-
-    pub fn coverage(&self) -> Coverage {
-        let mut coverage = Coverage::default();
-        for (trial, verdicts) in &self.0 {
-            for change in verdicts
-                .cells
-                .iter()
-                .filter_map(|cell| Some((&cell.cell, cell.time.as_ref()?.change)))
-            {
-                let (cell, change) = change;
-                let (Some(interval), Some(truth)) =
-                    (change.interval, self.truth(cell, Some(trial)))
-                else {
-                    continue;
-                };
-                coverage.plain.add(holds(interval, truth.median));
-                coverage.corrected.add(holds(widened(&change, interval, truth.n), truth.median));
-            }
+/// The shader with a loop at the head of each entry point that has an argument; none where none has.
+pub fn with_loop(source: &str, iterations: u32, condition: Option<&str>) -> Option<String> {
+    let (mut text, mut signature, mut loops) = (String::new(), None, 0);
+    for line in source.split_inclusive('\n') {
+        if ["@vertex", "@fragment", "@compute"].iter().any(|stage| line.starts_with(stage)) {
+            signature = Some(String::new());
         }
-        coverage
-    }
-
-    /// Each gate of equal builds with each stage slowed down, as one of the comparisons of the same cells and settings has it.
-    pub fn composed(&self, equal: &[&StoredComparison]) -> Composed {
-        let mut composed = Composed::default();
-        for (number, gate) in equal.iter().enumerate() {
-            let fitting = self.0.iter().map(|(_, verdicts)| verdicts.comparison);
-            let fitting: Vec<_> = fitting.filter(|slowed| is_alike(slowed, gate)).collect();
-            let Some(slowed) = fitting.get(number % fitting.len().max(1)) else { continue };
-            let stages = slowed.header.cells.iter().filter(|cell| cell.subject().is_stage());
-            for stage in stages.map(CellId::stage).collect::<std::collections::BTreeSet<_>>() {
-                composed.add(stage, &with_stage(gate, slowed, stage));
-            }
-        }
-        composed
-    }
-}
-
-impl Composed {
-    fn add(&mut self, stage: &str, gate: &StoredComparison) {
-        let verdicts = Verdicts::of(gate);
-        let found = Found::of(&verdicts, stage);
-        let caught = found.caught.count > 0;
-        let is_open = |cell: &JudgedCell| {
-            cell.time.as_ref().is_some_and(|time| {
-                let undecided =
-                    time.verdict == TimeVerdict::Inconclusive && time.detectable.is_some();
-                cell.cell.stage() == stage && undecided && !time.second
-            })
+        let Some(begun) = &mut signature else {
+            text += line;
+            continue;
         };
-        self.without_second += usize::from(!caught && verdicts.cells.iter().any(is_open));
-        self.stages.entry(stage.to_owned()).or_default().add(caught);
-        self.found += found;
+        begun.push_str(line);
+        if line.ends_with(" {\n") {
+            let looped = entry_with_loop(begun, iterations, condition);
+            loops += usize::from(looped.is_some());
+            text += looped.as_ref().unwrap_or(begun);
+            signature = None;
+        }
     }
+    (loops > 0).then_some(text)
 }
 
-fn ran(verdicts: &Verdicts<'_>) -> bool {
-    verdicts.gates.contains(&(Gate::Time, GateState::Ran))
+/// The loop begins with the last argument and adds what comes of it, which is 0. No compiler can know that, so none leaves it out.
+fn entry_with_loop(signature: &str, iterations: u32, condition: Option<&str>) -> Option<String> {
+    let (arguments, _) = signature.split_once(") ->").or(signature.rsplit_once(") {"))?;
+    let (named, kind) = arguments.trim_end_matches([',', '\n']).rsplit_once(": ")?;
+    let name = named.rsplit([' ', '(']).next()?;
+    let (value, first, nothing) = match kind {
+        "u32" => (name.to_owned(), "", "u32(nothing)"),
+        "vec3<u32>" => (name.to_owned(), ".x", "u32(nothing)"),
+        "SceneVertex" => (format!("{name}.position_m"), ".x", "nothing"),
+        _ if kind.starts_with("vec") => (name.to_owned(), ".x", "nothing"),
+        _ => (format!("{name}.clip"), ".x", "nothing"),
+    };
+    let before = condition.map(|condition| format!("#if {condition}\n")).unwrap_or_default();
+    let after = condition.map_or("", |_| "#endif\n");
+    let rest = &signature[named.len()..];
+    Some(format!(
+        "{named}_given{rest}    var {name} = {name}_given;
+{before}    {{
+        var idle = f32({value}{first});
+        let end = {iterations}u + u32(idle > 1e9);
+        for (var i = 0u; i < end; i++) {{
+            idle = fract(idle * 1.618 + 0.3);
+        }}
+        let nothing = select(0.0, 1.0, idle == -7.7e-31);
+        {value} += {nothing};
+    }}
+{after}"
+    ))
 }
 
-fn time<'v>(verdicts: &'v Verdicts<'_>, cell: &CellId) -> Option<&'v CellTime> {
-    verdicts.cells.iter().find(|judged| judged.cell == *cell)?.time.as_ref()
+/// Iterations that make a stage slower by about a share, as a comparison shows in which all stages have [`TRIED`] of them.
+pub fn iterations(tried: &StoredComparison, stage: &str, share: f64) -> Option<u32> {
+    let cell = tried.header.cells.iter().find(|cell| cell.stage() == stage)?;
+    let judged = Verdicts::of(tried).cells.into_iter().find(|judged| judged.cell == *cell)?;
+    let change = judged.time?.change.median;
+    let iterations = (share * f64::from(TRIED) / change).round() as u32;
+    (change > 0.0).then(|| iterations.max(1))
 }
 
-pub fn holds(interval: Interval, truth: f64) -> bool {
-    interval.low <= truth && truth <= interval.high
-}
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::path::Path;
 
-/// An interval for the difference from a truth of so many launches, if all launches scatter alike.
-fn widened(change: &Estimate, interval: Interval, launches: usize) -> Interval {
-    let wider = (1.0 + change.n as f64 / launches as f64).sqrt();
-    let end = |end: f64| change.median + wider * (end - change.median);
-    Interval { low: end(interval.low), high: end(interval.high) }
-}
+    use fathom::embedded::{Folder, Folders, SHADERS};
+    use fathom::gpu::{default_defs, link};
+    use itertools::Itertools;
 
-fn is_alike(a: &StoredComparison, b: &StoredComparison) -> bool {
-    let settings = |of: &StoredComparison| GateSettings { seed: 0, ..of.header.settings.clone() };
-    settings(a) == settings(b)
-        && a.header.cells == b.header.cells
-        && a.header.adapter == b.header.adapter
-}
+    use crate::patches::{Changes, changes};
+    use crate::trials::{Variant, stages};
 
-/// A gate in which the pairs of a stage are another's, those of the second measurement too.
-fn with_stage(gate: &StoredComparison, other: &StoredComparison, stage: &str) -> StoredComparison {
-    let own = |pair: &Pair| !pair.control && pair.cell.stage() == stage;
-    let mut composed = gate.clone();
-    composed.pairs.retain(|pair| !own(pair));
-    composed.pairs.extend(other.pairs.iter().filter(|pair| own(pair)).cloned());
-    composed
+    /// With each definition with which the committed shader links.
+    #[test]
+    fn every_stage_of_the_gates_links_with_a_loop_in_its_shader() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let folder = tempfile::tempdir().unwrap();
+        let all = changes(&root, &Variant::Tried, None).unwrap();
+        assert_eq!(all.len(), stages().len() - 2, "three stages have one shader");
+        for (file, text) in &all {
+            let to = folder.path().join(file);
+            std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+            std::fs::write(to, text).unwrap();
+        }
+        // One set of shaders after the other: a linker that knows them is kept.
+        let committed = loops(&Folders::of(SHADERS), &all);
+        let slowed = Folders::of(Folder::at(folder.path().join("shaders"))).and(SHADERS);
+        for (key, after) in loops(&slowed, &all) {
+            if let Ok(before) = &committed[&key] {
+                assert!(after.as_ref().is_ok_and(|after| after > before), "{key:?}: {after:?}");
+            }
+        }
+        assert!(committed.values().filter(|loops| loops.is_ok()).count() > all.len());
+    }
+
+    /// Loops of each linked shader, by its path and a definition with one of its values.
+    fn loops(
+        folders: &Folders,
+        files: &Changes,
+    ) -> BTreeMap<(String, String, i32), Result<usize, String>> {
+        let mut found = BTreeMap::new();
+        for file in files.keys() {
+            let path = &file["shaders/".len()..file.len() - ".wgsl".len()];
+            let defaults = default_defs(folders, path).unwrap().into_iter().map(|(name, _)| name);
+            for (name, value) in defaults.chain(["NONE".to_owned()]).cartesian_product([0, 1]) {
+                let linked = link(folders, path, &[(&name, value)]).map_err(|e| e.to_string());
+                let count = linked.map(|module| format!("{module:?}").matches("Loop {").count());
+                found.insert((path.to_owned(), name, value), count);
+            }
+        }
+        found
+    }
 }

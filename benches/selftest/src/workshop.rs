@@ -1,17 +1,18 @@
 //! Two checkouts of HEAD, built once each. Their programs read shaders from the checkouts, so most variants need no build.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use anyhow::{Context, Result};
 use fathom::compare::build::{self, Worktree};
+use fathom::compare::store::StoredComparison;
 use fathom::harness::catalog::CargoTarget;
-use fathom::record::FolderLock;
 use fathom::record::comparison::Side;
-use fathom::tell;
+use fathom::{process, tell};
 
 use crate::INTERRUPT;
-use crate::injections::{Changes, Injection, changes, unfit};
-use crate::trials::Variant;
+use crate::patches::changes;
+use crate::trials::{Trial, Variant};
 
 /// `rust_embed` reads folders from disk where these two crates are compiled with debug assertions.
 const FROM_DISK: [&str; 4] = [
@@ -29,8 +30,6 @@ pub struct Workshop {
     target: PathBuf,
     /// Folder of what was built.
     programs: PathBuf,
-    /// Nobody else changes the checkouts.
-    _lock: FolderLock,
 }
 
 impl Workshop {
@@ -40,54 +39,39 @@ impl Workshop {
         let commit = build::commit(&repository, "HEAD")?;
         let cache = repository.join(build::CACHE);
         let own = |what: &str| cache.join(format!("self-test-{what}"));
-        let target = own("target");
-        let lock = FolderLock::take(&target, "fathom-selftest")?;
         let add = |side: Side| Worktree::add(&repository, own(&side.to_string()), &commit);
         Ok(Self {
             worktrees: [add(Side::Base)?, add(Side::Head)?],
-            target,
+            target: own("target"),
             programs: own(commit.get(..12).unwrap_or(&commit)),
-            _lock: lock,
         })
     }
 
-    /// Calls `compare` with the programs of the base and of a variant, whose changes lie in the head's checkout meanwhile.
+    /// Calls `compare` with the programs of the base and of a trial, whose changes lie in the head's checkout meanwhile.
     pub fn with<T>(
         &self,
-        variant: &Variant,
-        injections: &[Injection],
+        trial: &Trial,
+        tried: Option<&StoredComparison>,
         compare: impl FnOnce([PathBuf; 2]) -> Result<T>,
     ) -> Result<T> {
         let base = self.build(Side::Base, "base")?;
-        let read = |file: &str| self.read(file);
-        let changes = changes(variant, injections, &read).map_err(unfit)?;
-        let files = changes.keys().map(|file| Ok((file.clone(), self.read(file)?)));
-        let committed = files.collect::<Result<Changes, String>>().map_err(unfit)?;
-        let only_shaders = changes.keys().all(|file| Path::new(file).starts_with("shaders"));
-        let name = if only_shaders { "head".to_owned() } else { variant.to_string() };
-        let put = self.put(&changes).and_then(|()| self.build(Side::Head, &name));
-        let compared = put.and_then(|head| compare([base, head]));
-        self.put(&committed)?;
-        compared
-    }
-
-    /// In the head's checkout.
-    fn path(&self, file: &str) -> PathBuf {
-        self.worktrees[Side::Head as usize].path.join(file)
-    }
-
-    fn read(&self, file: &str) -> Result<String, String> {
-        let path = self.path(file);
-        std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
-    }
-
-    fn put(&self, changes: &Changes) -> Result<()> {
-        for (file, text) in changes {
-            let path = self.path(file);
-            let written = std::fs::write(&path, text);
-            written.with_context(|| format!("cannot write {}", path.display()))?;
+        let [_, Worktree { path: checkout, .. }] = &self.worktrees;
+        let changes = changes(checkout, &trial.variant, tried)?;
+        let mut name = "head".to_owned();
+        for (file, text) in &changes {
+            if let Variant::Patched(patch) = &trial.variant
+                && !file.starts_with("shaders")
+            {
+                name = patch.kind.replace(' ', "-");
+            }
+            std::fs::write(checkout.join(file), text)
+                .with_context(|| format!("cannot write {file}"))?;
         }
-        Ok(())
+        let compared = self.build(Side::Head, &name).and_then(|head| compare([base, head]));
+        let mut git = Command::new("git");
+        process::printed(git.arg("-C").arg(checkout).args(["checkout", "--quiet", "."]))
+            .map_err(anyhow::Error::msg)?;
+        compared
     }
 
     /// Builds a side's checkout as it is, if that was not done before.
@@ -107,11 +91,7 @@ impl Workshop {
             name,
             &FROM_DISK,
             &INTERRUPT,
-            &mut |line| {
-                if !line.trim_start().starts_with("Compiling") {
-                    tell::note(line);
-                }
-            },
+            &mut |line| tell::note(line),
         )?;
         build::keep(&built, &program)?;
         Ok(program)

@@ -308,12 +308,11 @@ pub fn build(build: &ComparedBuild) -> String {
 }
 
 fn given(environment: &SideEnvironment) -> String {
-    let driver = environment.driver.iter().map(|driver| format!("driver {}", driver.manifest));
-    let variables = environment.variables.iter().map(|(name, value)| match value {
+    let mut variables = environment.variables.iter().map(|(name, value)| match value {
         Some(value) => format!("{name}={value}"),
         None => name.clone(),
     });
-    let all = driver.chain(variables).join(", ");
+    let all = variables.join(", ");
     if all.is_empty() { all } else { format!(" with {all}") }
 }
 

@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 
 use fathom_experiments::fixtures;
 use fathom_record::comparison::{
-    CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, Launch,
-    NamedDriver, Side, SideEnvironment, Skip,
+    CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, Launch, Side,
+    SideEnvironment, Skip,
 };
 use fathom_record::protocol::{Reply, WorkerRequest};
 use fathom_record::schema::*;
@@ -119,7 +119,6 @@ fn full() -> Vec<Value> {
 /// The same of comparisons.
 fn compared() -> Vec<Value> {
     let environment = SideEnvironment {
-        driver: Some(NamedDriver { digest: Some("0".into()), ..NamedDriver::default() }),
         variables: [("A".into(), Some("1".into())), ("B".into(), None)].into(),
         values_digest: Some("0123".into()),
     };

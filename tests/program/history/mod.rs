@@ -168,32 +168,6 @@ fn the_commit_of_a_change_between_two_runs_is_searched_for() {
     holds(&none, &["no figure became worse in these runs"]);
 }
 
-/// Twelve nights of a program of another language, the last five of which take 10 % more.
-#[test]
-fn a_program_of_another_language_is_measured_into_a_history() {
-    let place = Place::new();
-    let Repository { folder: here, commits } = &Repository::new(place.path("days"), 12);
-    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/own_worker");
-    for (day, commit) in commits.iter().enumerate() {
-        let turns = if day < 7 { "1.0" } else { "1.1" };
-        let mut command = history(here, "history.sqlite", "add --launches 3 --branch main");
-        command.args(["--commit", commit]).arg("--cells-file").arg(example.join("cells.toml"));
-        let worker = example.join("worker.py");
-        let worker = format!("python3 '{}' --counted --turns {turns}", worker.display());
-        command.args(["--cmd", &worker]).ends(0);
-    }
-    let told = changes(here, "history.sqlite");
-    let changes = told["changes"].as_array().unwrap();
-    assert_eq!(changes.len(), 2, "{told:#}");
-    for change in changes {
-        holds(change["cell"].as_str().unwrap(), &["own-worker ", " sum"]);
-        assert_eq!(change["after"]["commit"], commits[7], "{change}");
-    }
-    let mut command = history(here, "other.sqlite", "add --cmd true --commit c --branch main");
-    command.arg("--cells-file").arg(example.join("cells.toml"));
-    command.refused("it ended with");
-}
-
 /// Names that mean something to SQL, terminals and file systems, and NUL.
 fn takes_hostile_names_as_text(place: &Place, db: &str) {
     let repository = Repository::new(place.path("hostile"), 1);
