@@ -13,19 +13,16 @@ use crate::compare::launch::{Waiting, WorkerStart};
 use crate::compare::{settings, tables};
 use crate::gates::changes::Changes;
 use crate::gates::files::RunFile;
-use crate::gates::schedule::MORE_PAIRS;
 use crate::gates::store::StoredComparison;
 use crate::gates::verdict::{Status, Verdicts};
 use crate::harness::catalog::Catalog;
-use crate::record::comparison::{self, Gate, GateSettings, Side};
-use crate::{exporters, folder, private, tell, text};
+use crate::record::comparison::{Gate, GateSettings, Side};
+use crate::{exporters, folder, private, tell};
 use anyhow::Context;
 
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
 use super::compare_args::CompareArgs;
 
-/// That the gates take on all cells with the defaults on two cores (`docs/ci.md`).
-const MOST_MINUTES: f64 = 7.0;
 /// The format that is printed where none is asked for.
 pub const TEXT: &str = "text";
 /// Where GitHub Actions takes Markdown for a job's page.
@@ -34,9 +31,6 @@ const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
     if let Some(folder) = &args.replay {
         return tell(folder, &args.format, false);
-    }
-    if args.dry_run {
-        return dry_run(catalog, &args);
     }
     if let [base, head] = args.records.as_slice() {
         return two_runs([base, head], &args.gates);
@@ -71,43 +65,6 @@ fn gate_settings(args: &CompareArgs) -> GateSettings {
         gates,
         ..GateSettings::default()
     }
-}
-
-/// What would be compared, by nothing but reading.
-fn dry_run(catalog: &Catalog, args: &CompareArgs) -> Outcome {
-    let gates = gates(catalog, args)?;
-    let place = args.base.as_ref().map(|revision| base_place(catalog, revision)).transpose()?;
-    let settings = gate_settings(args);
-    let rows = gates
-        .configurations
-        .iter()
-        .map(|of| [of.id.clone(), of.pipeline.clone(), of.scene.clone(), of.stages.join(" ")]);
-    let rows: Vec<_> = rows.collect();
-    text::columns(&rows).iter().for_each(|row| tell::answer(text::line(&format!("  {row}"))));
-    let asked: Vec<String> = settings.gates.iter().map(ToString::to_string).collect();
-    let cells = gates.cells().len();
-    tell::answer(format!("{cells} cells, by the gates {}", asked.join(", ")));
-    if settings.gates.contains(&Gate::Time) {
-        let GateSettings { launches, pairs, .. } = settings;
-        tell::answer(format!(
-            "{launches} launches of {pairs} pairs of each cell; as many launches of up to {} pairs for cells that these leave open",
-            MORE_PAIRS * pairs
-        ));
-    }
-    let all = Gates::load(args.cells_file.as_deref(), catalog.gates)?.cells().len();
-    let work = f64::from(settings.launches * settings.pairs) * cells as f64;
-    let usual = f64::from(comparison::LAUNCHES * comparison::PAIRS) * all as f64;
-    let minutes = (MOST_MINUTES * work / usual).ceil();
-    tell::answer(format!("measuring takes up to about {minutes} minutes on two cores"));
-    if let (Some(revision), Some(place)) = (&args.base, place) {
-        let build = if place.program.is_file() {
-            "kept from an earlier comparison"
-        } else {
-            "to be built, which takes 2 to 5 minutes on two cores"
-        };
-        tell::answer(format!("base {revision}: {build}"));
-    }
-    Ok(ExitCode::SUCCESS)
 }
 
 fn base_place(catalog: &Catalog, revision: &str) -> anyhow::Result<build::Place> {

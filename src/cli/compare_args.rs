@@ -77,9 +77,6 @@ pub struct CompareArgs {
     /// Print the comparison stored in a folder, and write its reports again
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
-    /// Say what would be built and measured, and how long it takes; do nothing
-    #[arg(long, conflicts_with_all = ["records", "replay"])]
-    pub dry_run: bool,
     /// What to print; files of every other format are written in any case
     #[arg(long, default_value = TEXT, value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
     pub format: String,
@@ -112,8 +109,7 @@ pub struct SearchArgs {
     /// (docs/worker-protocol.md)
     #[arg(long, value_name = "COMMAND")]
     pub cmd: Option<String>,
-    /// Gates that tell a change; the first of exact, instructions and time that does is searched by [default: instructions,time; of a
-    /// change in a history that of its figure]
+    /// Gates that tell a change; the first of exact, instructions and time that does is searched by [default: instructions,time]
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate)]
     pub gates: Vec<Gate>,
     /// Only cells whose names contain this

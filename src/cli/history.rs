@@ -3,40 +3,25 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Context;
 use clap::{Args, Subcommand};
-use tempfile::TempDir;
 
-use super::bisect;
-use super::commands::{INTERRUPT, Outcome, watch_interrupts};
-use super::compare_args::SearchArgs;
+use super::commands::Outcome;
 use super::export::write_into;
-use crate::compare::alone;
-use crate::compare::candidates::Searched;
-use crate::compare::cells::Gates;
-use crate::compare::launch::Waiting;
-use crate::harness::catalog::Catalog;
-use crate::history::run::FRAME;
 use crate::history::{
-    self, Added, Change, DEFAULT_FILE, Findings, History, NewRun, Said, Selection, StoredRuns,
-    VARIABLE, on_page, tables,
+    self, Added, DEFAULT_FILE, Findings, History, NewRun, Said, Selection, StoredRuns, VARIABLE,
+    on_page, tables,
 };
-use crate::record::Writer;
-use crate::record::comparison::{self, Gate, MOST_LAUNCHES};
 use crate::record::output::RECORDS;
-use crate::report::Artifact;
 use crate::report::page::Page;
-use crate::{folder, tell};
+use crate::tell;
 
 #[derive(Subcommand)]
 pub enum HistoryCommand {
     /// Store runs with their commit, branch and machine; runs that are already stored stay unchanged
     Add {
         /// Folders of runs
-        #[arg(required_unless_present = "cmd", conflicts_with = "cmd", value_name = "DIR")]
+        #[arg(required = true, value_name = "DIR")]
         folders: Vec<PathBuf>,
-        #[command(flatten)]
-        worker: WorkerArgs,
         #[command(flatten)]
         said: Said,
         #[command(flatten)]
@@ -47,13 +32,13 @@ pub enum HistoryCommand {
         #[command(flatten)]
         selection: SelectionArgs,
     },
-    /// Show figures over commits as text, or as a page with plots
+    /// Show figures over commits as a page with plots
     Show {
         /// Only figures whose names contain this: `uw-default`, `caustics/trace`
         filter: Option<String>,
-        /// Write a page with plots into this folder
+        /// Folder to write the page to
         #[arg(long, value_name = "DIR")]
-        out: Option<PathBuf>,
+        out: PathBuf,
         #[command(flatten)]
         selection: SelectionArgs,
     },
@@ -67,53 +52,19 @@ pub enum HistoryCommand {
         #[command(flatten)]
         selection: SelectionArgs,
     },
-    /// Find the commit between two runs that made a figure worse: `fathom bisect` between the commits around the change
-    Bisect {
-        /// Only figures whose names contain this; of several changes of theirs the latest
-        filter: Option<String>,
-        #[command(flatten)]
-        search: Box<SearchArgs>,
-        #[command(flatten)]
-        selection: SelectionArgs,
-    },
-    /// Restore the records of a run, byte for byte
-    Get {
-        /// Beginning of the run's name, as `fathom history list` has it
-        run: String,
-        /// Folder to write records.jsonl to
-        #[arg(long, value_name = "DIR")]
-        out: PathBuf,
-        #[command(flatten)]
-        place: PlaceArgs,
-    },
-}
-
-/// A program that is measured now.
-#[derive(Args)]
-pub struct WorkerArgs {
-    /// Measure a program now in place of reading a run: command of the shell that starts a worker (docs/worker-protocol.md)
-    #[arg(long, value_name = "COMMAND", requires = "cells_file")]
-    pub cmd: Option<String>,
-    /// Experiment file whose cells list the `stages` to measure
-    #[arg(long, value_name = "FILE", requires = "cmd")]
-    pub cells_file: Option<PathBuf>,
-    /// Processes to start, whose medians are the samples
-    #[arg(long, value_name = "N", default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
-    pub launches: u32,
 }
 
 #[derive(Args)]
 pub struct PlaceArgs {
     /// File of SQLite [default: FATHOM_HISTORY, or reports/history.sqlite]
     #[arg(long, value_name = "PATH")]
-    pub db: Option<String>,
+    pub db: Option<PathBuf>,
 }
 
 impl PlaceArgs {
-    fn location(self) -> anyhow::Result<PathBuf> {
-        let variable = || std::env::var(VARIABLE).ok().filter(|place| !place.is_empty());
-        let place = self.db.or_else(variable);
-        history::location(place.as_deref().unwrap_or(DEFAULT_FILE))
+    fn location(self) -> PathBuf {
+        let variable = || std::env::var_os(VARIABLE).filter(|place| !place.is_empty());
+        self.db.or_else(|| variable().map(PathBuf::from)).unwrap_or_else(|| DEFAULT_FILE.into())
     }
 }
 
@@ -128,34 +79,23 @@ pub struct SelectionArgs {
 impl SelectionArgs {
     fn open(self, filter: Option<String>) -> anyhow::Result<(History, Selection)> {
         let selection = Selection { filter, ..self.selection };
-        Ok((History::open(&self.place.location()?)?, selection))
+        Ok((History::open(&self.place.location())?, selection))
     }
 
     fn stored(self, filter: Option<String>) -> anyhow::Result<StoredRuns> {
-        let (mut history, selection) = self.open(filter)?;
+        let (history, selection) = self.open(filter)?;
         history.stored(&selection)
     }
 }
 
-pub fn history(catalog: &Catalog, command: HistoryCommand) -> Outcome {
+pub fn history(command: HistoryCommand) -> Outcome {
     match command {
-        HistoryCommand::Add { folders, worker, said, place } => {
-            let location = place.location()?;
-            match (&worker.cmd, &worker.cells_file) {
-                (Some(command), Some(cells)) => {
-                    let folder = measured(command, cells, worker.launches)?;
-                    add(&[folder.path().to_owned()], said, &location)
-                }
-                _ => add(&folders, said, &location),
-            }
-        }
+        HistoryCommand::Add { folders, said, place } => add(&folders, said, &place.location()),
         HistoryCommand::List { selection } => {
-            let (mut history, selection) = selection.open(None)?;
+            let (history, selection) = selection.open(None)?;
             answered(tables::runs(&history.runs(&selection)?))
         }
-        HistoryCommand::Show { filter, out, selection } => {
-            show(&selection.stored(filter)?, out.as_deref())
-        }
+        HistoryCommand::Show { filter, out, selection } => show(&selection.stored(filter)?, &out),
         HistoryCommand::Changes { filter, json, selection } => {
             let stored = selection.stored(filter)?;
             let findings = Findings::of(&stored);
@@ -164,27 +104,12 @@ pub fn history(catalog: &Catalog, command: HistoryCommand) -> Outcome {
                 false => tables::changes(&stored, &findings),
             })
         }
-        HistoryCommand::Bisect { filter, search, selection } => {
-            let is_named = filter.is_some();
-            bisect_change(catalog, &selection.stored(filter)?, is_named, *search)
-        }
-        HistoryCommand::Get { run, out, place } => get(&run, &out, &place.location()?),
     }
 }
 
 fn answered(answer: String) -> Outcome {
     tell::answer(answer);
     Ok(ExitCode::SUCCESS)
-}
-
-/// The folder of a run of a worker.
-fn measured(command: &str, cells: &Path, launches: u32) -> anyhow::Result<TempDir> {
-    watch_interrupts()?;
-    let waiting = Waiting { interrupted: &[&INTERRUPT], tell: &|line| tell::note(line) };
-    let records = alone::measure(command, cells, launches, waiting)?;
-    let folder = tempfile::Builder::new().prefix("fathom-history-").tempdir()?;
-    Writer::create(&folder.path().join(RECORDS))?.write_all(&records)?;
-    Ok(folder)
 }
 
 /// All folders are read before the first is stored, so that a damaged one is told at once.
@@ -206,87 +131,8 @@ fn add(folders: &[PathBuf], said: Said, location: &Path) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn show(stored: &StoredRuns, out: Option<&Path>) -> Outcome {
-    let findings = Findings::of(stored);
-    let Some(out) = out else {
-        return answered(tables::series(stored, &findings));
-    };
-    let shown = Some(on_page::on_page(stored, &findings));
+fn show(stored: &StoredRuns, out: &Path) -> Outcome {
+    let shown = Some(on_page::on_page(stored, &Findings::of(stored)));
     let page = Page { history: shown, ..Page::new(Vec::new()) }.file();
     write_into(out, vec![page])
-}
-
-/// Searches between the commits of a change.
-fn bisect_change(
-    catalog: &Catalog,
-    stored: &StoredRuns,
-    is_named: bool,
-    mut search: SearchArgs,
-) -> Outcome {
-    let findings = Findings::of(stored);
-    let change = worse(stored, &findings, is_named)?;
-    let series = &stored.series[change.series];
-    let [before, after] = change.runs.map(|run| &stored.runs[run]);
-    let (name, size) = (series.key.name(), tables::size(change, series));
-    let told = format!("{name}: {size}, {}", tables::commits(before, after));
-    anyhow::ensure!(before.commit != after.commit, "{told}: there is no commit in between");
-    if search.json {
-        tell::note(told)
-    } else {
-        tell::answer(told)
-    }
-    if search.gates.is_empty() {
-        let is_time = series.key.is_time();
-        search.gates = vec![if is_time { Gate::Time } else { Gate::Exact }];
-    }
-    let gates = Gates::load(search.cells_file.as_deref(), catalog.gates)?;
-    if search.cells.is_none() {
-        let (figure, cell) = (&*series.key.figure.figure, &*series.key.figure.cell);
-        // A worker's cell is named as its gate cell, after the experiment.
-        let own = cell.split_once(' ').map_or(cell, |(_, cell)| cell);
-        let all = gates.cells();
-        let named = |name: &&str| all.iter().any(|c| c.stage() == *name || c.as_str() == *name);
-        search.cells = [own, figure].into_iter().find(named).map(str::to_owned);
-    }
-    let (good, bad) = (before.commit.clone(), after.commit.clone());
-    let searched = Searched::Revisions { good, bad, by: bisect::building(&search) };
-    bisect::search(catalog, searched, &search)
-}
-
-/// The latest change for the worse. A stage's goes before its frame's, whose commits are the same.
-///
-/// # Errors
-/// Where there is none, and where there are several and no figure was named.
-fn worse<'a>(
-    stored: &StoredRuns,
-    findings: &'a Findings,
-    is_named: bool,
-) -> anyhow::Result<&'a Change> {
-    let worse = || findings.changes.iter().filter(|change| change.size.estimate().median > 0.0);
-    let latest = worse().map(|change| change.runs[1]).max();
-    let latest =
-        latest.context("no figure became worse in these runs, so there is no commit to find")?;
-    let mut last: Vec<&Change> = worse().filter(|change| change.runs[1] == latest).collect();
-    let others = worse().find(|change| change.runs[1] != latest);
-    if let Some(other) = others.filter(|_| !is_named) {
-        let named = |change: &Change| stored.series[change.series].key.name();
-        anyhow::bail!(
-            "several commits made figures worse: name one figure of `fathom history changes`, such as `{}` or `{}`",
-            named(last[0]),
-            named(other)
-        );
-    }
-    last.sort_by_key(|change| &*stored.series[change.series].key.figure.figure == FRAME);
-    Ok(last[0])
-}
-
-fn get(run: &str, out: &Path, location: &Path) -> Outcome {
-    let (_, bytes) = History::open(location)?.records(run)?;
-    let path = out.join(RECORDS);
-    anyhow::ensure!(
-        !folder::is_there(&path),
-        "{} is there already: choose another folder",
-        path.display()
-    );
-    write_into(out, vec![Artifact { name: RECORDS.to_owned(), bytes }])
 }

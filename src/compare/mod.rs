@@ -6,7 +6,6 @@
 //! what is measured goes to a folder of records ([`store`]); the [`verdict`] is a function of those alone, and
 //! [`tables`] report it.
 
-pub mod alone;
 pub mod bench;
 pub mod bisect;
 pub mod build;

@@ -116,7 +116,7 @@ impl<'a> ReportView<'a> {
                     Section::of(&cell.experiment, &mut sections);
                     entries.insert((&cell.experiment, &cell.cell), Entry { cell, run });
                 }
-                Record::Comparison(_) => {}
+                Record::Begun(_) | Record::Comparison(_) => {}
             }
         }
         for ((experiment, _), entry) in entries {

@@ -25,11 +25,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run --profile qick", "'quick'"),
         ("run --budget 0", "a time above 0 is needed, such as 90s"),
         ("rum", "'run'"),
-        ("rnu", "'run'"),
-        ("history shwo", "'show'"),
-        ("list stgaes", "'stages'"),
         ("export cvs no/such/folder", "unknown format `cvs`; did you mean `csv`?"),
-        ("man rnu", "did you mean `run`?"),
         ("run -q -v", "'--quiet'"),
         ("render tnk", "did you mean `tank`"),
         ("render no/such/file.toml", "no/such/file.toml"),
@@ -142,17 +138,15 @@ fn listings_name_what_there_is() {
     assert_eq!(all["pipelines"].as_array().unwrap().len(), fathom::pipelines::KINDS.len());
 }
 
-/// Completions know every command, the manual page and the help every pipeline.
+/// Completions know every command, the help every pipeline.
 #[test]
 fn shells_and_readers_are_told_what_there_is() {
     let script = fathom("completions bash").answer();
-    let (page, help) = (fathom("man").answer(), fathom("--help").answer());
+    let help = fathom("--help").answer();
     holds(&script, &["verify", "--budget"]);
-    holds(&fathom("man run").answer(), &[".TH fathom-run 1", "budget"]);
     let words = help.split_whitespace().collect::<Vec<_>>().join(" ");
     for kind in fathom::pipelines::KINDS {
         holds(&words, &[&format!("({})", kind.name)]);
-        holds(&page.replace('\\', ""), &[kind.name]);
     }
     holds(&words, &["3 `compare` was inconclusive"]);
     assert!(!help.contains('\u{1b}'), "no colours where there is no terminal");
@@ -198,7 +192,7 @@ fn a_doctor_tells_what_it_found_and_its_status_follows() {
     let output = place.fathom("doctor --json --quiet").output().unwrap();
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let findings = report["findings"].as_array().unwrap();
-    for subject in ["adapter", "clock", "precision", "asset", "shader cache", "valgrind"] {
+    for subject in ["adapter", "clock", "precision", "asset", "valgrind"] {
         assert!(
             findings.iter().any(|finding| finding["subject"] == subject),
             "{subject}: {report}"
@@ -214,23 +208,8 @@ fn a_doctor_tells_what_it_found_and_its_status_follows() {
 }
 
 #[test]
-fn a_dry_run_says_what_it_would_measure_and_writes_nothing() {
+fn a_base_outside_a_repository_is_refused_before_anything_is_made() {
     let place = Place::new();
-    let told =
-        place.fathom("run uw-photons vao-guard --dry-run --budget 90s --profile quick").answer();
-    let ids: Vec<&str> = told.lines().filter_map(|line| line.split_whitespace().next()).collect();
-    assert_eq!(ids[..2], ["uw-photons", "vao-guard"], "{told}");
-    assert!(told.contains("profile quick: ") && told.contains("the budget is 90 s"), "{told}");
-    assert!(names(&place.path("")).is_empty());
-    place.fathom("run no-such --dry-run").refused("unknown experiment `no-such`");
-}
-
-#[test]
-fn a_dry_comparison_says_what_it_would_do_and_does_nothing() {
-    let place = Place::new();
-    let told = place.fathom("compare --base-bin x --cells caustics/trace --dry-run").answer();
-    holds(&told, &["cells, by the gates exact, instructions, time", "20 launches of 16 pairs"]);
-    place.fathom("compare --base HEAD --dry-run").refused("is in no git repository");
     place.fathom("compare --base HEAD").refused("is in no git repository");
     assert!(names(&place.path("")).is_empty());
 }

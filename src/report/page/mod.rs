@@ -47,10 +47,9 @@ pub const EXPORTER: RunExporter = Exporter {
 
 const STYLES: [&str; 2] = [include_str!("assets/page.css"), include_str!("assets/charts.css")];
 /// In the order in which they run.
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 5] = [
     include_str!("assets/core.js"),
     include_str!("assets/time.js"),
-    include_str!("assets/scaling.js"),
     include_str!("assets/pictures.js"),
     include_str!("assets/plots.js"),
     include_str!("assets/cells.js"),
@@ -201,11 +200,6 @@ impl<'a> Page<'a> {
     /// The head of the column that names the run, where there are several.
     fn run_head(&self) -> Markup {
         html! { @if self.is_overlay() { (parts::words(&["Run"])) } }
-    }
-
-    /// The name of a run and what stands behind it, where there are several.
-    fn naming(&self, run: usize, end: &str) -> String {
-        if self.is_overlay() { self.runs[run].label.clone() + end } else { String::new() }
     }
 
     pub fn file(&self) -> Artifact {
