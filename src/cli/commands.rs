@@ -159,7 +159,7 @@ fn print_summary(summary: &Summary) {
     }
 }
 
-/// The clocks that `run` would use here; where that is the CPU time of the process, also those that it would use without it.
+/// The clocks that `run` would use here.
 pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
     let options = gpu_options(catalog, args);
     if Gpu::chosen(&options)?.software {
@@ -168,11 +168,9 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
     let gpu = Gpu::open(&options)?;
     let of_run = gpu::audit_all(&gpu)?;
     let by_cpu = PassKind::TIMED.iter().any(|kind| of_run.plan.clock(*kind) == Clock::ProcessCpu);
-    let without = by_cpu.then(|| gpu::audit(&gpu)).transpose()?;
     let turns = gpu::loop_turns(&gpu)?;
     if json {
         let mut answer = audit_json(&of_run);
-        answer["without_process_cpu"] = without.as_ref().map_or(Value::Null, audit_json);
         answer["adapter"] = json!(gpu.adapter);
         answer["loop_turns"] = json!(turns);
         return in_json(&answer);
@@ -182,10 +180,6 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
         if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
     tell::answer(format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info));
     tell::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
-    if let Some(without) = without {
-        let table = gpu::audit_table(&without);
-        tell::answer(format!("Clocks of `fathom run` if the CPU time were unsound:\n{table}"));
-    }
     tell::answer(gpu::turns_line(turns));
     Ok(ExitCode::SUCCESS)
 }

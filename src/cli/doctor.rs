@@ -20,9 +20,9 @@ use crate::harness::plan::Request;
 use crate::harness::run::{self, Options};
 use crate::record::output::OutputFolder;
 use crate::record::{self, Cell, Measured, Record, Run};
-use crate::report::ReportView;
 use crate::report::noise::{Noise, RunVerdict};
 use crate::report::trust::{self, ClockTrust};
+use crate::report::{ReportView, facts};
 use crate::scene::assets::{self, AssetStatus, Source};
 use crate::{process, quiet, tell, text};
 
@@ -181,12 +181,7 @@ fn unusable(Listed { adapter, lacks }: &Listed) -> Option<Finding> {
 
 fn machine(run: &Run) -> Option<Finding> {
     let machine = run.conditions.machine.as_ref()?;
-    let cores = machine.cores.map(|cores| format!("{cores} cores"));
-    let memory = machine.memory_bytes.map(|b| format!("{:.1} GiB", b as f64 / f64::from(1 << 30)));
-    let governor = machine.governor.as_ref().map(|governor| format!("governor {governor}"));
-    let all = [machine.cpu.clone(), cores, memory, machine.kernel.clone(), governor];
-    let known: Vec<String> = all.into_iter().flatten().collect();
-    Some(Finding::new("machine", Level::Ok, known.join(", ")))
+    Some(Finding::new("machine", Level::Ok, facts::machine(machine)))
 }
 
 fn clock(run: &Run) -> Finding {

@@ -326,7 +326,7 @@ impl Cell {
 /// A process is about to build a cell, or to render its first frame. If a run ends with this line, the process ended in that.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Begun {
-    /// See [`SampleLine::id`].
+    /// Digest of the cell and its conditions, as lines of samples have it.
     pub id: String,
     /// The experiment, for readers: the id says all.
     pub experiment: String,

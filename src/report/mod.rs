@@ -35,7 +35,7 @@ use std::path::Path;
 
 use fathom_record::Record;
 
-pub use view::{Entry, LeftOut, ReportView, Section};
+pub use view::{Entry, LeftOut, ReportView, Section, shown_file};
 
 /// A file of the report: its name within the output folder, and its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]

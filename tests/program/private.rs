@@ -2,23 +2,42 @@
 #![cfg(target_os = "linux")]
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use crate::common::{Place, SMALL, own_experiment};
+use crate::common::{Ends, Place, SMALL, own_experiment};
 
 /// Part of the folder's path, of the host's and the user's names, and of other variables.
-const MARK: &str = "Zq7privat";
-const VARIABLES: [&str; 8] = [
-    "HOME",
-    "HOSTNAME",
-    "LOGNAME",
-    "USER",
-    "XDG_CACHE_HOME",
-    "XDG_RUNTIME_DIR",
-    "TMPDIR",
-    "ANOTHER",
-];
-const VOLUME: &str = "--set view.width=16 --set view.height=16 --set voxel.resolution=16";
+pub const MARK: &str = "Zq7privat";
+/// A folder that is not there.
+pub const NOWHERE: &str = "/nonexistent/Zq7privat";
+const VARIABLES: [&str; 7] =
+    ["HOME", "HOSTNAME", "LOGNAME", "USER", "XDG_CACHE_HOME", "XDG_RUNTIME_DIR", "ANOTHER"];
+/// Status and words. HERE is the marked folder, beneath which another one is the current folder.
+const COMMANDS: &str = "\
+    0 run --no-ceilings --budget 10m --precision 1 --shard 1/1 HERE/own.toml --out HERE/out
+    0 merge HERE/out --out HERE/merged
+    0 report HERE/out
+    0 report HERE/out HERE/merged --out HERE/page
+    0 export plots HERE/out -o HERE/plots
+    0 export claims HERE/out -o HERE/claims.md
+    0 export bencher HERE/out -o HERE/bencher.json
+    0 dump caustics/trace SMALL -o HERE/dump
+    0 render tank SMALL -o HERE/tank.png
+    0 query ao --scene ball --points HERE/points.csv --set voxel.resolution=16 -o HERE/ao.csv
+    0 history add HERE/out --commit c --branch b --db HERE/h.sqlite
+    0 history show --db HERE/h.sqlite --out HERE/history
+    0 history changes --db HERE/h.sqlite --json
+    3 compare --launches 2 --pairs 2 --base-env SECRET==MARK --base-cmd HERE/worker.sh --head-cmd HERE/worker.sh \
+        --cells-file HERE/cells.toml --out HERE/compared
+    4 compare HERE/out/records.jsonl HERE/merged/records.jsonl
+    0 verify voxel/clear --json
+    0 list adapters --json";
+
+/// Variables with a value that holds the mark.
+pub fn variables(value: &str) -> [(&str, &str); 7] {
+    VARIABLES.map(|name| (name, value))
+}
 
 /// All files beneath a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
@@ -31,72 +50,33 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 fn nothing_that_is_written_tells_paths_names_or_variables() {
     let place = Place::new();
     let home = place.path(MARK);
-    let here = home.display();
-    place.write(format!("{MARK}/own.toml"), own_experiment(1));
-    place.write(format!("{MARK}/points.csv"), "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n");
+    let here = home.display().to_string();
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/own_worker");
-    fs::copy(example.join("worker.py"), home.join("worker.py")).unwrap();
-    fs::copy(example.join("cells.toml"), home.join("cells.toml")).unwrap();
-    fs::create_dir(home.join("told")).unwrap();
-    let worker = &format!("python3 {here}/worker.py --counted");
-    let compare = ["--base-cmd", worker, "--head-cmd", worker];
-    let run = "run --no-ceilings --budget 10m --precision 1 --shard 1/1";
-    // With the words behind them, and status.
-    let commands: [(String, &[&str], i32); 21] = [
-        (format!("{run} {here}/own.toml --out {here}/out"), &[], 0),
-        (format!("merge {here}/out --out {here}/merged"), &[], 0),
-        (format!("report {here}/out"), &[], 0),
-        (format!("report {here}/out {here}/merged --out {here}/page"), &[], 0),
-        (format!("export plots {here}/out -o {here}/plots"), &[], 0),
-        (format!("export claims {here}/out -o {here}/claims.md"), &[], 0),
-        (format!("export bencher {here}/out -o {here}/bencher.json"), &[], 0),
-        (format!("dump caustics/trace {SMALL} -o {here}/dump"), &[], 0),
-        (format!("render tank {SMALL} -o {here}/tank.png"), &[], 0),
-        (
-            format!("query ao --scene ball --points {here}/points.csv {VOLUME} -o {here}/ao.csv"),
-            &[],
-            0,
-        ),
-        (format!("history add {here}/out --commit c --branch b --db {here}/h.sqlite"), &[], 0),
-        (format!("history show --db {here}/h.sqlite --out {here}/history"), &[], 0),
-        (format!("history changes --json --db {here}/h.sqlite"), &[], 0),
-        (
-            format!(
-                "compare --launches 2 --pairs 2 --base-env SECRET={MARK} --out {here}/compared --cells-file {here}/cells.toml"
-            ),
-            &compare,
-            3,
-        ),
-        (format!("export markdown {here}/compared"), &[], 0),
-        (format!("compare {here}/out/records.jsonl {here}/merged/records.jsonl"), &[], 4),
-        ("verify voxel/clear --json".to_owned(), &[], 0),
-        ("audit --json".to_owned(), &[], 0),
-        ("ceilings --json".to_owned(), &[], 0),
-        ("list --json".to_owned(), &[], 0),
-        ("doctor --json".to_owned(), &[], 1),
+    let worker = format!("#!/bin/sh\nexec python3 {}/worker.py --counted\n", example.display());
+    let own = [
+        place.write(format!("{MARK}/own.toml"), own_experiment(1)),
+        place.write(format!("{MARK}/points.csv"), "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n"),
+        place.write(format!("{MARK}/cells.toml"), fs::read(example.join("cells.toml")).unwrap()),
+        place.write(format!("{MARK}/worker.sh"), worker),
     ];
-    let variables = VARIABLES.map(|name| (name, home.join("told")));
-    for (number, (words, more, status)) in commands.iter().enumerate() {
+    fs::set_permissions(&own[3], fs::Permissions::from_mode(0o755)).unwrap();
+    let told = place.write(format!("{MARK}/told/0.json"), "");
+    for (number, line) in COMMANDS.lines().enumerate() {
+        let (status, words) = line.trim().split_once(' ').unwrap();
+        let words = words.replace("HERE", &here).replace("SMALL", SMALL).replace("=MARK", MARK);
         let mut command = place.fathom(words);
-        command.current_dir(&home).envs(variables.clone()).args(*more);
-        let output = command.output().unwrap();
-        assert_eq!(
-            output.status.code(),
-            Some(*status),
-            "{words}: {}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        command.current_dir(told.parent().unwrap()).envs(variables(&here));
+        let told = command.ends(status.parse().unwrap());
         // What is printed as JSON is passed on like a file.
-        if words.contains("--json") {
-            fs::write(home.join(format!("told/{number}.json")), output.stdout).unwrap();
+        if line.ends_with("--json") {
+            place.write(format!("{MARK}/told/{number}.json"), told.out);
         }
     }
-    let own = ["own.toml", "points.csv", "worker.py", "cells.toml"].map(|name| home.join(name));
     let marked = files(&home).into_iter().filter(|path| !own.contains(path)).filter(|path| {
         fs::read(path).unwrap().windows(MARK.len()).any(|bytes| bytes == MARK.as_bytes())
     });
     assert_eq!(marked.collect::<Vec<_>>(), Vec::<PathBuf>::new());
-    let records = fs::read_to_string(home.join("out/records.jsonl")).unwrap();
+    let records = place.read(format!("{MARK}/out/records.jsonl"));
     let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let mut words = records.split(|c: char| !c.is_alphanumeric() && c != '-' && c != '.');
     assert!(host.trim().is_empty() || words.all(|word| word != host.trim()));

@@ -31,7 +31,7 @@ use sha2::{Digest, Sha256};
 
 use super::colors::StageColors;
 use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written};
-use fathom_base::text;
+use fathom_base::{private, text};
 use fathom_record::Run;
 
 /// Name of the page within a report's folder.
@@ -89,7 +89,7 @@ pub fn labelled<'a>(views: &'a [(&Path, ReportView<'a>)]) -> Vec<PageRun<'a>> {
     let adapters = of(|run| run.adapter.title());
     let drivers = of(|run| format!("{}, {}", run.adapter.title(), run.adapter.driver_info));
     let versions = of(|run| format!("{}, fathom {}", run.adapter.title(), run.fathom_version));
-    let folders = views.iter().map(|(folder, _)| folder.display().to_string()).collect();
+    let folders = views.iter().map(|(folder, _)| private::path(folder)).collect();
     let choices = [adapters, drivers, versions];
     let labels = choices.into_iter().find(|labels| labels.iter().all_unique()).unwrap_or(folders);
     let labelled = labels.into_iter().zip(views);
