@@ -14,6 +14,7 @@ use crate::gates::files::RunFile;
 use crate::gates::store::{StoredComparison, holds_comparison};
 use crate::gates::tables::on_page;
 use crate::gates::verdict::Verdicts;
+use crate::private;
 use crate::record::output::RECORDS;
 use crate::record::{self, Reading};
 use crate::report::page::{self, ComparisonOnPage, Page};
@@ -135,7 +136,8 @@ impl Folders {
         let mut errors = Vec::new();
         for folder in folders {
             if let Err(error) = all.add(folder) {
-                all.left_out.push(LeftOut::new(folder.display(), &error));
+                let reason = private::words(&format!("{error:#}"));
+                all.left_out.push(LeftOut::new(private::path(folder), reason));
                 errors.push(error);
             }
         }

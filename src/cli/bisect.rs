@@ -28,7 +28,7 @@ pub fn bisect(catalog: &Catalog, args: &BisectArgs) -> Outcome {
     search(catalog, searched(args)?, &args.search)
 }
 
-pub fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outcome {
+fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outcome {
     watch_interrupts()?;
     // A wrong selection is told before minutes are spent on building.
     let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
@@ -86,7 +86,7 @@ fn searched(args: &BisectArgs) -> anyhow::Result<Searched> {
     Ok(Searched::Revisions { good, bad: args.bad.clone(), by })
 }
 
-pub fn building(args: &SearchArgs) -> Building {
+fn building(args: &SearchArgs) -> Building {
     let build = args.build_cmd.as_deref().unwrap_or(":").to_owned();
     args.cmd.clone().map_or(Building::Cargo, |run| Building::Commands { build, run })
 }

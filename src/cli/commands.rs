@@ -13,8 +13,7 @@ use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, Figure, Rendered};
 use crate::harness::outcome::Counts;
 use crate::harness::plan::Request;
-use crate::harness::run::{self, Options, Outline, OutlinedExperiment, Summary};
-use crate::harness::sample::MIN_PAIRS;
+use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
     ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
@@ -51,7 +50,6 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         quiet::begin_again();
     }
     watch_interrupts()?;
-    let dry_run = args.dry_run;
     let options = Options {
         catalog: catalog.clone(),
         gpu: gpu_options(catalog, &args.adapter),
@@ -65,9 +63,6 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         command: private::command(),
         request: request(args),
     };
-    if dry_run {
-        return Ok(tell_outline(&run::outline(&options)?));
-    }
     let mut report = |folder: &Path, records: &[Record], standing: Standing| {
         let view =
             ReportView { standing: Some(standing), ..ReportView::new(records, Some(folder)) };
@@ -93,35 +88,6 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     })
 }
 
-/// A line for each experiment, and the sums.
-fn tell_outline(outline: &Outline) -> ExitCode {
-    let rows = outline.experiments.iter().map(|of| {
-        let parts =
-            [(of.timed, "timed"), (of.errors_only, "for their errors"), (of.skipped, "skipped")];
-        let parts = parts.iter().filter(|(count, _)| *count > 0);
-        let cells = parts.map(|(count, what)| format!("{count} {what}")).join(", ");
-        [of.id.clone(), format!("{:.2} s", of.frames_s), cells]
-    });
-    let rows: Vec<_> = rows.collect();
-    text::columns(&rows).iter().for_each(|row| tell::answer(text::line(&format!("  {row}"))));
-    let sum =
-        |of: fn(&OutlinedExperiment) -> usize| outline.experiments.iter().map(of).sum::<usize>();
-    let frames_s: f64 = outline.experiments.iter().map(|of| of.frames_s).sum();
-    tell::answer(format!(
-        "profile {}: {} cells, of which {} are timed and {} are skipped",
-        outline.profile,
-        sum(|of| of.timed + of.errors_only + of.skipped),
-        sum(|of| of.timed),
-        sum(|of| of.skipped),
-    ));
-    tell::answer(format!(
-        "one frame of every cell takes about {frames_s:.0} s on a software driver, by its declared work; a timed cell takes at least {} frames",
-        2 * MIN_PAIRS
-    ));
-    tell::answer(format!("the budget is {:.0} s, set-up included", outline.budget_s));
-    ExitCode::SUCCESS
-}
-
 /// The status of a command whose parts went well or not.
 pub fn ended(well: bool) -> Outcome {
     Ok(if well { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
@@ -144,7 +110,6 @@ pub fn request(args: RunArgs) -> Request {
         axes: args.axis.into_iter().map(shown).collect(),
         sets: args.set,
         cells: args.cell,
-        skip: args.skip,
         part: args.shard,
     }
 }
@@ -194,7 +159,7 @@ fn print_summary(summary: &Summary) {
     }
 }
 
-/// The clocks that `run` would use here; where that is the CPU time of the process, also those that it would use without it.
+/// The clocks that `run` would use here.
 pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
     let options = gpu_options(catalog, args);
     if Gpu::chosen(&options)?.software {
@@ -203,11 +168,9 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
     let gpu = Gpu::open(&options)?;
     let of_run = gpu::audit_all(&gpu)?;
     let by_cpu = PassKind::TIMED.iter().any(|kind| of_run.plan.clock(*kind) == Clock::ProcessCpu);
-    let without = by_cpu.then(|| gpu::audit(&gpu)).transpose()?;
     let turns = gpu::loop_turns(&gpu)?;
     if json {
         let mut answer = audit_json(&of_run);
-        answer["without_process_cpu"] = without.as_ref().map_or(Value::Null, audit_json);
         answer["adapter"] = json!(gpu.adapter);
         answer["loop_turns"] = json!(turns);
         return in_json(&answer);
@@ -217,10 +180,6 @@ pub fn audit(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
         if by_cpu { format!(" on core {}", cores.iter().join(", ")) } else { String::new() };
     tell::answer(format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info));
     tell::answer(format!("\nClocks of `fathom run`{pinned}:\n{}", gpu::audit_table(&of_run)));
-    if let Some(without) = without {
-        let table = gpu::audit_table(&without);
-        tell::answer(format!("Clocks of `fathom run` if the CPU time were unsound:\n{table}"));
-    }
     tell::answer(gpu::turns_line(turns));
     Ok(ExitCode::SUCCESS)
 }

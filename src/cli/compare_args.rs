@@ -103,8 +103,7 @@ pub struct SearchArgs {
     /// (docs/worker-protocol.md)
     #[arg(long, value_name = "COMMAND")]
     pub cmd: Option<String>,
-    /// Gates that tell a change; the first of exact, instructions and time that does is searched by [default: instructions,time; of a
-    /// change in a history that of its figure]
+    /// Gates that tell a change; the first of exact, instructions and time that does is searched by [default: instructions,time]
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate)]
     pub gates: Vec<Gate>,
     /// Only cells whose names contain this

@@ -1,7 +1,6 @@
 //! `fathom doctor`: whether a run on this machine would work, and what its times would be worth. It measures the default frame as
 //! `fathom run` does, for some seconds and into a folder that goes again, and judges the records of that.
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -21,9 +20,9 @@ use crate::harness::plan::Request;
 use crate::harness::run::{self, Options};
 use crate::record::output::OutputFolder;
 use crate::record::{self, Cell, Measured, Record, Run};
-use crate::report::ReportView;
 use crate::report::noise::{Noise, RunVerdict};
 use crate::report::trust::{self, ClockTrust};
+use crate::report::{ReportView, facts};
 use crate::scene::assets::{self, AssetStatus, Source};
 use crate::{process, quiet, tell, text};
 
@@ -84,7 +83,6 @@ pub fn doctor(catalog: &Catalog, as_json: bool, args: &AdapterArgs) -> Outcome {
     let adapters = Gpu::list();
     findings.extend(adapters.iter().filter_map(unusable));
     findings.extend(assets::look_up().into_iter().map(of_asset));
-    findings.push(shader_cache());
     findings.extend(tools());
     let worst = findings.iter().map(|finding| finding.level).max().unwrap_or(Level::Ok);
     if as_json {
@@ -183,12 +181,7 @@ fn unusable(Listed { adapter, lacks }: &Listed) -> Option<Finding> {
 
 fn machine(run: &Run) -> Option<Finding> {
     let machine = run.conditions.machine.as_ref()?;
-    let cores = machine.cores.map(|cores| format!("{cores} cores"));
-    let memory = machine.memory_bytes.map(|b| format!("{:.1} GiB", b as f64 / f64::from(1 << 30)));
-    let governor = machine.governor.as_ref().map(|governor| format!("governor {governor}"));
-    let all = [machine.cpu.clone(), cores, memory, machine.kernel.clone(), governor];
-    let known: Vec<String> = all.into_iter().flatten().collect();
-    Some(Finding::new("machine", Level::Ok, known.join(", ")))
+    Some(Finding::new("machine", Level::Ok, facts::machine(machine)))
 }
 
 fn clock(run: &Run) -> Finding {
@@ -254,27 +247,6 @@ fn of_asset(status: Result<AssetStatus, String>) -> Finding {
         }
         Err(fault) => Finding::new("asset", Level::Warning, fault),
     }
-}
-
-/// Compiled shaders shorten set-up; no measured time depends on them.
-fn shader_cache() -> Finding {
-    let given =
-        |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let cache = given("XDG_CACHE_HOME").or_else(|| Some(std::env::home_dir()?.join(".cache")));
-    let folders = [
-        given("MESA_SHADER_CACHE_DIR")
-            .or(cache.clone())
-            .map(|folder| folder.join("mesa_shader_cache")),
-        given("__GL_SHADER_DISK_CACHE_PATH").or_else(|| Some(cache?.join("nvidia"))),
-    ];
-    let there: Vec<String> = folders
-        .into_iter()
-        .flatten()
-        .filter(|folder| folder.is_dir())
-        .map(|folder| folder.display().to_string())
-        .collect();
-    let found = if there.is_empty() { "none found".to_owned() } else { there.join(", ") };
-    Finding::new("shader cache", Level::Ok, format!("{found}; it shortens set-up alone"))
 }
 
 /// What `compare` needs.

@@ -9,7 +9,6 @@ mod export;
 mod history;
 mod list;
 mod merge;
-mod shells;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -23,7 +22,7 @@ use crate::record::schema::LineKind;
 use crate::record::{Feature, Mask, Part, Profile};
 use crate::tell::{self, Verbosity};
 use clap::error::ErrorKind;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use serde_json::Value;
 use strum::IntoEnumIterator;
 
@@ -72,9 +71,12 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
         Command::Schema { kind } => export::schema(kind),
         Command::Compare(args) => compare::compare(catalog, *args),
         Command::Bisect(args) => bisect::bisect(catalog, &args),
-        Command::History { command } => history::history(catalog, command),
-        Command::Completions { shell } => shells::completions(catalog, shell),
-        Command::Man { command } => shells::man(catalog, command.as_deref()),
+        Command::History { command } => history::history(command),
+        Command::Completions { shell } => {
+            let binary = catalog.program.binary;
+            clap_complete::generate(shell, &mut Cli::command(), binary, &mut tell::Answer);
+            Ok(ExitCode::SUCCESS)
+        }
         Command::Worker(args) => commands::worker(catalog, args),
     }
 }
@@ -222,11 +224,6 @@ pub enum Command {
     },
     /// Print completions for a shell: `fathom completions bash > ~/.local/share/bash-completion/completions/fathom`
     Completions { shell: clap_complete::Shell },
-    /// Print the manual page of the program or of one command: `fathom man run | man -l -`
-    Man {
-        /// Name of a command [default: the program]
-        command: Option<String>,
-    },
     /// Serve a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
     Worker(AdapterArgs),
@@ -276,9 +273,6 @@ pub struct RunArgs {
     /// Measure only the cell of this name, as records and reports write it; may be given several times
     #[arg(long, value_name = "NAME")]
     pub cell: Vec<String>,
-    /// Leave out this cell; may be given several times
-    #[arg(long, value_name = "EXPERIMENT CELL")]
-    pub skip: Vec<String>,
     /// Measure only part I of N of the cells; `fathom merge` joins the parts
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Part>,
@@ -301,9 +295,6 @@ pub struct RunArgs {
     /// Skip measuring the adapter's limits, which takes some seconds; stages then have no share of a limit
     #[arg(long)]
     pub no_ceilings: bool,
-    /// Say what would be measured, and measure nothing
-    #[arg(long)]
-    pub dry_run: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }
@@ -439,7 +430,6 @@ fn parse_samples(text: &str) -> Result<u32, String> {
 
 /// Help was asked for, or the line is wrong.
 fn not_parsed(error: clap::Error) -> ExitCode {
-    let error = shells::suggesting(error);
     if let ErrorKind::DisplayHelp
     | ErrorKind::DisplayVersion
     | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand = error.kind()

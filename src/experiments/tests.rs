@@ -395,10 +395,10 @@ fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
     }
 }
 
-/// The example of docs/adding-an-experiment.md.
+/// The example of docs/claims.md.
 #[test]
 fn the_documented_experiment_is_one() {
-    let page = include_str!("../../docs/adding-an-experiment.md");
+    let page = include_str!("../../docs/claims.md");
     let (_, rest) = page.split_once("```toml\n").unwrap();
     let (text, _) = rest.split_once("```").unwrap();
     let experiment = Experiment::parse("own-photons", text).unwrap();

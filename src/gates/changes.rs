@@ -24,7 +24,7 @@ use fathom_record::{Adapter, Cell, Run};
 use fathom_report::format::{NS_PER_MS, interval, percent, three};
 use fathom_report::noise::{Noise, RunVerdict};
 use fathom_report::page::parts::{table, words};
-use fathom_report::{ReportView, facts, run_conditions};
+use fathom_report::{ReportView, facts, run_conditions, shown_file};
 use times::{Common, StageChange, TimeChange, Times};
 
 /// Rows of a block; the rest is counted.
@@ -346,7 +346,7 @@ fn machine_block(views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Block {
     let rows = differing.map(row).collect_vec();
     let started = |view: &ReportView<'_>| view.run().map_or("", |run| &run.started_at).to_owned();
     let [from, to] = views.map(started);
-    let [base_path, head_path] = paths.map(Path::display);
+    let [base_path, head_path] = paths.map(shown_file);
     let mut lead = vec![format!("{base_path}, started {from} → {head_path}, started {to}")];
     if rows.is_empty() {
         let mut known = base.iter().filter_map(|(_, value)| value.as_deref());

@@ -108,7 +108,7 @@ fn sorted(file: &RunFile) -> anyhow::Result<Sorted<'_>> {
             Record::Cell(cell) => {
                 cells.insert(cell.resume_key(), cell.as_ref());
             }
-            Record::Experiment(_) | Record::End(_) | Record::Comparison(_) => {}
+            Record::Experiment(_) | Record::Begun(_) | Record::End(_) | Record::Comparison(_) => {}
         }
     }
     let run = last.with_context(|| format!("{} holds no run", path.display()))?;

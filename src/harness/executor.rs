@@ -32,7 +32,7 @@ use fathom_gpu::{
 use fathom_pipelines::{AnyPipeline, Judge, Known};
 use fathom_record::output::{Held, picture_path};
 use fathom_record::{
-    Addition, Ceiling, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind,
+    Addition, Begun, Ceiling, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind,
     PictureScale, Record, RecordError, Run, SampleLine, SetUp,
 };
 
@@ -232,6 +232,17 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         }
     }
 
+    /// Says in the records that a cell is begun of which there is nothing yet: it may end the process.
+    fn begin(&mut self, cell: usize) -> Result<(), Failure> {
+        let CellName { id, experiment, cell: name } = self.names[cell].clone();
+        if self.state(cell).recorded || self.output.journal.is_open(&id) {
+            return Ok(());
+        }
+        let begun = Record::Begun(Begun { id, experiment, cell: name });
+        let written = self.output.held.writer.hand_over(&[begun]);
+        written.map_err(|error| Failure::Cell(error.to_string()))
+    }
+
     fn state(&mut self, cell: usize) -> &mut CellState {
         &mut self.schedule.cells[self.number][cell]
     }
@@ -239,7 +250,6 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
     fn find(&mut self, cell: usize, pipeline: &AnyPipeline) -> Findings {
-        self.output.progress.works_on(&self.cells[cell].plan);
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
@@ -399,11 +409,13 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         run: impl FnOnce(&mut FrameTimer, &Gpu, &[&Stage]) -> Result<T, GpuError>,
         ns: impl FnOnce(&T) -> f64,
     ) -> Result<T, Failure> {
+        if self.built.get(&cell).is_some_and(|built| built.frames.1 == 0) {
+            self.begin(cell)?;
+        }
         let Some(built) = self.built.get_mut(&cell) else {
             return Err(Failure::Cell("its pipeline was not built".to_owned()));
         };
         let stages = built.pipeline.stages();
-        self.output.progress.works_on(&self.cells[cell].plan);
         let Session { gpu, timer, spent, .. } = &mut *self.session;
         let start = Instant::now();
         let frame = run(timer, gpu, &stages)?;
@@ -438,6 +450,7 @@ impl Executor for CellExecutor<'_, '_> {
     type Fatal = RecordError;
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
+        self.begin(cell)?;
         let PlannedCell { plan, subject, .. } = &self.cells[cell];
         self.output.progress.preparing(plan);
         let Session { gpu, spent, hosts, .. } = &mut *self.session;

@@ -6,7 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use anyhow::{Result, anyhow, bail, ensure};
+use anyhow::{Result, anyhow, bail};
 use serde_json::Value;
 
 use super::catalog::Catalog;
@@ -33,8 +33,6 @@ pub struct Request {
     pub sets: Vec<(String, Value)>,
     /// Names of the only cells that are wanted; none means all.
     pub cells: Vec<String>,
-    /// Cells that are not measured, as `EXPERIMENT CELL`.
-    pub skip: Vec<String>,
     /// The only part of these cells that is wanted.
     pub part: Option<Part>,
 }
@@ -61,10 +59,6 @@ impl Request {
 
     /// Keeps the cells that were asked for by name. A name that no experiment has is an error.
     fn choose(&self, expanded: &mut [Vec<CellPlan>]) -> Result<()> {
-        for name in &self.skip {
-            let is_known = expanded.iter().flatten().any(|plan| full_name(plan) == *name);
-            ensure!(is_known, "no chosen experiment has the cell `{name}` to skip");
-        }
         if self.cells.is_empty() {
             return Ok(());
         }
@@ -124,10 +118,6 @@ impl PlannedCell {
     }
 }
 
-fn full_name(plan: &CellPlan) -> String {
-    format!("{} {}", plan.experiment, plan.cell)
-}
-
 /// The cells of each experiment that were asked for, of all shards.
 pub fn expand(
     experiments: &[Experiment],
@@ -159,12 +149,7 @@ pub fn plan(
     let mut planned = Vec::new();
     for (experiment, plans) in experiments.into_iter().zip(expanded) {
         let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
-        let cell = |plan: CellPlan| {
-            let skipped = request.skip.contains(&full_name(&plan));
-            let mut cell = planned_cell(&mut subjects, plan, turns_deg, capacity)?;
-            cell.skip = skipped.then(|| "left out by --skip".to_owned()).or(cell.skip);
-            Ok(cell)
-        };
+        let cell = |plan| planned_cell(&mut subjects, plan, turns_deg, capacity);
         let cells: Vec<_> = plans.into_iter().map(cell).collect::<Result<_>>()?;
         if request.cells.is_empty() || !cells.is_empty() {
             planned.push(PlannedExperiment { experiment, cells });

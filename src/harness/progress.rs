@@ -16,9 +16,6 @@ const INTERVAL: Duration = Duration::from_secs(10);
 /// Steps of the bar.
 const STEPS: u64 = 1000;
 
-/// How a line begins that names the cell that is worked on. `fathom hardware` reads it.
-pub const WORKING_ON: &str = "working on ";
-
 /// Follows a run over all its cells and claims.
 pub struct Progress {
     /// Hidden where there is no terminal.
@@ -28,8 +25,6 @@ pub struct Progress {
     cells: usize,
     /// Experiment and cell.
     finished: BTreeSet<(String, String)>,
-    /// Experiment and cell that were told last.
-    told_cell: (String, String),
     /// Of each experiment, by its number: claims that are settled, of all.
     claims: BTreeMap<usize, (usize, usize)>,
     told: Instant,
@@ -45,23 +40,13 @@ impl Progress {
             .unwrap_or_else(|_| ProgressStyle::default_bar());
         let bar = ProgressBar::with_draw_target(Some(STEPS), target).with_style(style);
         let (finished, claims) = (BTreeSet::new(), BTreeMap::new());
-        let (told, told_cell) = (Instant::now(), Default::default());
-        Self { bar, start, budget_s, cells, finished, told_cell, claims, told }
+        Self { bar, start, budget_s, cells, finished, claims, told: Instant::now() }
     }
 
     /// A cell's pipeline is about to be built.
     pub fn preparing(&mut self, cell: &CellPlan) {
-        self.works_on(cell);
         self.bar.set_prefix(cell.experiment.clone());
         self.tick();
-    }
-
-    /// A step of this cell begins. Told to those who asked for details.
-    pub fn works_on(&mut self, cell: &CellPlan) {
-        if (&self.told_cell.0, &self.told_cell.1) != (&cell.experiment, &cell.cell) {
-            self.told_cell = (cell.experiment.clone(), cell.cell.clone());
-            tell::detail(format_args!("{WORKING_ON}{} {}", cell.experiment, cell.cell));
-        }
     }
 
     /// A frame has been rendered.

@@ -114,6 +114,7 @@ pub fn run(
     let recorded = finished.clone();
     finished.retain(|key| !journal.is_open(&SampleLine::id(&header, key)));
     let kept = plan::drop_finished(&mut planned, &finished);
+    let deadly = drop_deadly(&mut planned, &held.before, &header, &journal);
     let ids = ids(&planned, &header);
     let plan = clock_plan(&mut header, audit.plan, &mut journal, &ids);
     let limits = limits(options, profile, &planned);
@@ -147,6 +148,7 @@ pub fn run(
         interrupted,
     };
     measurement.begin(&damage, &ids)?;
+    deadly.into_iter().try_for_each(|cell| measurement.output.finish(cell))?;
     measurement.measure()?;
     measurement.end(kept)
 }
@@ -174,48 +176,24 @@ fn measure_limits(
     Ok(())
 }
 
-/// What a run would measure, without measuring it.
-pub struct Outline {
-    pub profile: Profile,
-    pub budget_s: f64,
-    pub experiments: Vec<OutlinedExperiment>,
-}
-
-pub struct OutlinedExperiment {
-    pub id: String,
-    /// Cells whose frames are timed.
-    pub timed: usize,
-    /// Cells that render a frame for its errors.
-    pub errors_only: usize,
-    pub skipped: usize,
-    /// A frame of each cell that is not skipped, seconds, from the declared work on a software driver.
-    pub frames_s: f64,
-}
-
-/// Nothing is written. A resumed run's finished cells are counted too.
-pub fn outline(options: &Options) -> Result<Outline> {
-    check(options)?;
-    let experiments = options.request.load(&options.catalog)?;
-    let resumed = options.resume.then(|| Held::resume(options.out.as_deref())).transpose()?;
-    let gpu = Gpu::open(&options.gpu)?;
-    let profile = profile(options, resumed.as_ref(), &gpu);
-    let planned =
-        plan::plan(experiments, &options.request, profile, &gpu.capacity, &options.catalog)?;
-    let of = |planned: &PlannedExperiment| {
-        let runs = || planned.cells.iter().filter(|cell| cell.skip.is_none());
-        let timed = runs().filter(|cell| !cell.plan.errors_only).count();
-        OutlinedExperiment {
-            id: planned.experiment.id.clone(),
-            timed,
-            errors_only: runs().count() - timed,
-            skipped: planned.cells.len() - runs().count(),
-            // From 0: the sum of nothing is -0.
-            frames_s: runs().fold(0.0, |sum, cell| sum + cell.declared_s),
-        }
+/// Takes out the cells in which two processes ended, and gives their records. What was sampled of a cell did not end the process.
+fn drop_deadly(
+    planned: &mut [PlannedExperiment],
+    before: &[Record],
+    header: &Run,
+    journal: &Journal,
+) -> Vec<Cell> {
+    let deadly = record::deadly(before);
+    let is_deadly = |cell: &PlannedCell| {
+        let id = executor::name(header, cell).id;
+        deadly.contains(&id) && !journal.is_open(&id)
     };
-    let limits = limits(options, profile, &planned);
-    let experiments = planned.iter().map(of).collect();
-    Ok(Outline { profile, budget_s: limits.budget_s, experiments })
+    let reason = "two processes ended while they built it or rendered its first frame";
+    let failed = |cell: PlannedCell| cell.record(Outcome::Failed { reason: reason.to_owned() });
+    let of = |planned: &mut PlannedExperiment| -> Vec<Cell> {
+        planned.cells.extract_if(.., |cell| is_deadly(cell)).map(failed).collect()
+    };
+    planned.iter_mut().flat_map(of).collect()
 }
 
 /// The latest record of each cell of each experiment, of earlier runs.

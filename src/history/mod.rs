@@ -1,12 +1,11 @@
-//! Runs over commits: a database of records and of the figures in them, and where these changed.
+//! Runs over commits: a database of the figures in their records, and where these changed.
 //!
-//! A run is stored whole and comes out byte for byte. Its identity is the SHA-256 of its records. A figure over the runs of one branch,
+//! A run's identity is the SHA-256 of its records. A figure over the runs of one branch,
 //! machine, adapter, driver, profile and configuration is a series, in the order of the commits' dates, and of one commit in
 //! the order in which the runs started.
 
 pub mod changes;
 mod controls;
-mod database;
 pub mod findings;
 pub mod on_page;
 pub mod origin;
@@ -18,35 +17,15 @@ mod stored;
 pub mod tables;
 
 pub use controls::MachineShift;
-pub use database::location;
 pub use findings::{Change, Findings, Size};
 pub use origin::{Origin, Said, origin};
 pub use run::{NewFigure, NewRun};
 pub use store::{Added, History};
 pub use stored::{Point, Selection, Series, SeriesKey, StoredRun, StoredRuns};
 
-use fathom_base::text;
-
 /// Where a history lies that nobody said the place of.
 pub const DEFAULT_FILE: &str = "reports/history.sqlite";
 /// Variable with its place.
 pub const VARIABLE: &str = "FATHOM_HISTORY";
 /// Version of the tables; raised when a column changes its meaning or goes away.
-pub const FORMAT: i64 = 1;
-
-/// Enough digits to find a run by. A database that something else wrote to may hold anything.
-fn short(digest: &str) -> String {
-    text::line(digest).chars().take(12).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn any_digest_of_a_database_can_be_told() {
-        for digest in ["", "abcd", "äöüäöüäöüäöüäöü", "0123456789abcdef"] {
-            assert!(digest.starts_with(&short(digest)));
-        }
-    }
-}
+pub const FORMAT: i64 = 2;

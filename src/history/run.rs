@@ -1,16 +1,14 @@
-//! A run as a history takes it: the bytes of its records, and the figures of each cell.
+//! A run as a history takes it: the figures of each cell.
 
 use std::collections::BTreeSet;
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::ErrorKind;
 use std::path::Path;
 
 use anyhow::{Context, anyhow, bail};
-use flate2::Compression;
-use flate2::write::GzEncoder;
 use indexmap::{IndexMap, IndexSet};
 use sha2::{Digest, Sha256};
 
-use fathom_base::folder;
+use fathom_base::{folder, input};
 use fathom_record as record;
 use fathom_record::{Cell, Clock, Damaged, Estimate, Measured, Name, Record, Run, ShaderChecks};
 
@@ -22,8 +20,8 @@ const LIMITS: &str = "limits of the adapter";
 pub const NANOSECONDS: &str = "ns";
 /// Hexadecimal digits of a cell's configuration.
 const CONFIGURATION_DIGITS: usize = 16;
-/// Largest file of records that a history takes, bytes: a row of SQLite holds at most 1 GB.
-pub const MAX_RECORDS: u64 = 900 << 20;
+/// Largest file of records that is read, bytes.
+const MAX_RECORDS: u64 = 2 << 30;
 
 /// What makes figures of different runs comparable, but for machine and branch.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -49,8 +47,6 @@ pub struct FigureKey {
 pub struct NewRun {
     /// SHA-256 of the records, hexadecimal.
     pub digest: String,
-    /// The lines of its records as they lie in the folder, compressed by gzip.
-    pub packed: Vec<u8>,
     /// RFC 3339, UTC: of the first header.
     pub started_at: String,
     pub adapter: String,
@@ -79,22 +75,19 @@ impl NewRun {
     pub fn read(folder: &Path, name: &str) -> anyhow::Result<NewRun> {
         let path = record::stored(&folder.join(name));
         let unread = |source| anyhow!("cannot read {}: {source}", path.display());
-        let source =
-            folder::unpacked(&path, MAX_RECORDS).map_err(|source| match source.kind() {
-                ErrorKind::NotFound => {
-                    anyhow!("{} holds no run: there is no {name} in it", folder.display())
-                }
-                _ => unread(source),
-            })?;
-        let packer = GzEncoder::new(Vec::new(), Compression::default());
-        let mut copied = Copied { source, sum: Sha256::new(), packer };
+        let open = || folder::unpacked(&path, MAX_RECORDS);
+        let source = open().map_err(|source| match source.kind() {
+            ErrorKind::NotFound => {
+                anyhow!("{} holds no run: there is no {name} in it", folder.display())
+            }
+            _ => unread(source),
+        })?;
         let mut found = Found::default();
-        let damaged = record::each_good(&path, &mut copied, |record| found.take(record))?;
+        let damaged = record::each_good(&path, source, |record| found.take(record))?;
         let header = found.check(&path, &damaged)?;
         let of_figure = |(key, (host, value))| NewFigure { key, host, value };
         Ok(NewRun {
-            digest: hex::encode(copied.sum.finalize()),
-            packed: copied.packer.finish().map_err(unread)?,
+            digest: open().and_then(input::sha256).map_err(unread)?,
             started_at: header.started_at.clone(),
             adapter: header.adapter.title(),
             driver: driver(&header),
@@ -102,22 +95,6 @@ impl NewRun {
             cells: found.cells.len(),
             figures: found.figures.into_iter().map(of_figure).collect(),
         })
-    }
-}
-
-/// Digests and compresses what is read through it.
-struct Copied<R> {
-    source: R,
-    sum: Sha256,
-    packer: GzEncoder<Vec<u8>>,
-}
-
-impl<R: Read> Read for Copied<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.source.read(buffer)?;
-        self.sum.update(&buffer[..read]);
-        self.packer.write_all(&buffer[..read])?;
-        Ok(read)
     }
 }
 
@@ -160,7 +137,7 @@ impl Found {
                 }
             }
             Record::Comparison(_) => self.is_comparison = true,
-            Record::Experiment(_) | Record::End(_) => {}
+            Record::Experiment(_) | Record::Begun(_) | Record::End(_) => {}
         }
     }
 

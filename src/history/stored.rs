@@ -7,19 +7,17 @@ use itertools::Itertools;
 use jiff::Timestamp;
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
+use rusqlite::Row;
 
 use super::History;
-use super::database::{Value, integer, other_type, stored_name, text};
 use super::run::{FigureKey, NANOSECONDS};
-use super::store::{FIGURE_COLUMNS, RUN_COLUMNS, SERIES_COLUMNS};
+use super::store::{RUN_COLUMNS, SERIES_COLUMNS};
 use fathom_base::text::line;
 use fathom_record::{Estimate, Interval, Name};
 use fathom_report::format::NS_PER_MS;
 
 /// Digits of a commit or a run that people read.
 const SHORT: usize = 10;
-/// Up to so many series are asked for by their ids. More are sorted out here.
-const MOST_ASKED: usize = 500;
 
 /// A run without its records.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -57,7 +55,7 @@ impl StoredRun {
     }
 }
 
-fn shortened(name: &str) -> String {
+pub(super) fn shortened(name: &str) -> String {
     line(name).chars().take(SHORT).collect()
 }
 
@@ -151,22 +149,19 @@ pub struct Selection {
     pub filter: Option<String>,
 }
 
-/// Machines and figures by the ids of their series.
-type Keys = HashMap<i64, (Name, FigureKey)>;
-
 impl History {
     /// The runs that a selection leaves, in their order.
-    pub fn runs(&mut self, selection: &Selection) -> anyhow::Result<Vec<StoredRun>> {
+    pub fn runs(&self, selection: &Selection) -> anyhow::Result<Vec<StoredRun>> {
         let statement =
             format!("SELECT {RUN_COLUMNS} FROM fathom_run ORDER BY committed_at, started_at, id");
-        let rows = self.database.rows(&statement, Vec::new())?;
-        let mut runs: Vec<StoredRun> = rows.iter().map(|row| of_row(row)).try_collect()?;
+        let mut statement = self.connection.prepare(&statement)?;
+        let mut runs: Vec<StoredRun> = statement.query_map([], of_row)?.try_collect()?;
         if let Some(since) = &selection.since {
             let since = moment(since, &runs)?;
             runs.retain(|run| run.committed_at >= since);
         }
-        if let Some(branch) = selection.branch.as_deref().map(stored_name) {
-            runs.retain(|run| run.branch == branch);
+        if let Some(branch) = &selection.branch {
+            runs.retain(|run| run.branch == *branch);
         }
         Ok(runs)
     }
@@ -175,14 +170,26 @@ impl History {
     ///
     /// # Errors
     /// Where nothing is left.
-    pub fn stored(&mut self, selection: &Selection) -> anyhow::Result<StoredRuns> {
+    pub fn stored(&self, selection: &Selection) -> anyhow::Result<StoredRuns> {
         let runs = self.runs(selection)?;
-        let keys = self.keys(selection)?;
-        let values = self.values(&keys, &runs)?;
-        let mut series = grouped(keys, values, &runs);
-        series.sort_unstable_by(|a, b| a.key.cmp(&b.key));
+        let places: HashMap<i64, usize> =
+            runs.iter().enumerate().map(|(at, run)| (run.id, at)).collect();
+        let mut all = Vec::new();
+        for (id, machine, figure) in self.keys(selection)? {
+            let values = self.values(id)?.into_iter();
+            let points =
+                values.filter_map(|(run, value)| Some(Point { run: *places.get(&run)?, value }));
+            let branches = points
+                .sorted_unstable_by_key(|point| point.run)
+                .into_group_map_by(|point| runs[point.run].branch.clone());
+            all.extend(branches.into_iter().map(|(branch, points)| {
+                let (machine, figure) = (machine.clone(), figure.clone());
+                Series { key: SeriesKey { branch, machine, figure }, points }
+            }));
+        }
+        all.sort_unstable_by(|a, b| a.key.cmp(&b.key));
         let (controls, series): (Vec<Series>, Vec<Series>) =
-            series.into_iter().partition(|series| selection.is_control(&series.key.figure));
+            all.into_iter().partition(|series| selection.is_control(&series.key.figure));
         if let Some(control) = selection.control.as_ref().filter(|_| controls.is_empty()) {
             bail!("no time in this history is a control `{}`", line(control));
         }
@@ -196,96 +203,52 @@ impl History {
         Ok(StoredRuns { runs, series, controls })
     }
 
-    /// Machines and figures by the ids of their series.
-    fn keys(&mut self, selection: &Selection) -> anyhow::Result<Keys> {
+    /// Ids of series, with their machines and figures.
+    fn keys(&self, selection: &Selection) -> anyhow::Result<Vec<(i64, Name, FigureKey)>> {
         let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
-        let mut keys = HashMap::new();
-        self.database.each(&statement, Vec::new(), &mut |row| {
-            let names: Vec<Name> =
-                row[1..].iter().map(|name| text(name).map(Name::from)).try_collect()?;
-            let names: [Name; 9] = names.try_into().map_err(|_| other_type())?;
+        let mut statement = self.connection.prepare(&statement)?;
+        let of_row = |row: &Row<'_>| {
+            let name = |column: usize| Ok(Name::from(&*row.get::<_, String>(column)?));
+            let names: Vec<Name> = (1..=9).map(name).collect::<rusqlite::Result<_>>()?;
+            let names: [Name; 9] = names.try_into().map_err(|_| rusqlite::Error::InvalidQuery)?;
             let [machine, key @ ..] = names;
-            let key = FigureKey::of_names(key);
-            if selection.is_asked(&key) || selection.is_control(&key) {
-                keys.insert(integer(&row[0])?, (machine, key));
-            }
-            Ok(())
-        })?;
-        Ok(keys)
+            Ok((row.get(0)?, machine, FigureKey::of_names(key)))
+        };
+        let keys = statement
+            .query_map([], of_row)?
+            .filter_ok(|(.., key)| selection.is_asked(key) || selection.is_control(key));
+        Ok(keys.try_collect()?)
     }
 
-    /// Places of runs with their values, by series.
-    fn values(
-        &mut self,
-        keys: &Keys,
-        runs: &[StoredRun],
-    ) -> anyhow::Result<HashMap<i64, Vec<Point>>> {
-        let places: HashMap<i64, usize> =
-            runs.iter().enumerate().map(|(at, run)| (run.id, at)).collect();
-        let mut values: HashMap<i64, Vec<Point>> =
-            keys.keys().map(|id| (*id, Vec::new())).collect();
-        let mut statement = format!("SELECT {FIGURE_COLUMNS} FROM fathom_figure");
-        let mut asked = Vec::new();
-        if keys.len() <= MOST_ASKED && !keys.is_empty() {
-            asked = keys.keys().map(|id| Value::Integer(*id)).collect_vec();
-            let places = (1..=asked.len()).map(|place| format!("${place}")).join(", ");
-            statement = format!("{statement} WHERE series IN ({places})");
-        }
-        self.database.each(&statement, asked, &mut |row| {
-            let [Value::Integer(series), Value::Integer(run), value @ ..] = row.as_slice() else {
-                return Err(other_type());
-            };
-            if let (Some(points), Some(run)) = (values.get_mut(series), places.get(run)) {
-                points.push(Point { run: *run, value: estimate(value)? });
-            }
-            Ok(())
-        })?;
-        Ok(values)
+    /// Ids of runs with their values in a series.
+    fn values(&self, series: i64) -> anyhow::Result<Vec<(i64, Estimate)>> {
+        let statement = "SELECT run, median, low, high, n FROM fathom_figure WHERE series = ?";
+        let mut statement = self.connection.prepare_cached(statement)?;
+        let of_row = |row: &Row<'_>| {
+            let ends: (Option<f64>, Option<f64>) = (row.get(2)?, row.get(3)?);
+            let interval = ends.0.zip(ends.1).map(|(low, high)| Interval { low, high });
+            let n = row.get::<_, u32>(4)? as usize;
+            Ok((row.get(0)?, Estimate { median: row.get(1)?, interval, n }))
+        };
+        Ok(statement.query_map([series], of_row)?.try_collect()?)
     }
 }
 
-fn of_row(row: &[Value]) -> anyhow::Result<StoredRun> {
-    let name = |column: usize| text(&row[column]).map(str::to_owned);
+/// Of the columns [`RUN_COLUMNS`].
+fn of_row(row: &Row<'_>) -> rusqlite::Result<StoredRun> {
     Ok(StoredRun {
-        id: integer(&row[0])?,
-        digest: name(1)?,
-        commit: name(2)?,
-        committed_at: integer(&row[3])?,
-        branch: name(4)?,
-        machine: name(5)?,
-        adapter: name(6)?,
-        driver: name(7)?,
-        started_at: name(8)?,
-        cells: integer(&row[9])?,
-        figures: integer(&row[10])?,
+        id: row.get(0)?,
+        digest: row.get(1)?,
+        commit: row.get(2)?,
+        committed_at: row.get(3)?,
+        branch: row.get(4)?,
+        machine: row.get(5)?,
+        adapter: row.get(6)?,
+        driver: row.get(7)?,
+        started_at: row.get(8)?,
+        cells: row.get(9)?,
+        figures: row.get(10)?,
     })
-}
-
-fn estimate(row: &[Value]) -> anyhow::Result<Estimate> {
-    let [Value::Real(median), low, high, Value::Integer(n)] = row else {
-        return Err(other_type());
-    };
-    let interval = match (low, high) {
-        (Value::Real(low), Value::Real(high)) => Some(Interval { low: *low, high: *high }),
-        _ => None,
-    };
-    Ok(Estimate { median: *median, interval, n: (*n).try_into().unwrap_or(0) })
-}
-
-/// A series for each branch that has values of it.
-fn grouped(keys: Keys, mut values: HashMap<i64, Vec<Point>>, runs: &[StoredRun]) -> Vec<Series> {
-    let of_key = |(id, (machine, figure)): (i64, (Name, FigureKey))| {
-        let mut points = values.remove(&id).unwrap_or_default();
-        points.sort_unstable_by_key(|point| point.run);
-        let branches =
-            points.into_iter().into_group_map_by(|point| runs[point.run].branch.as_str());
-        let series = branches.into_iter().map(move |(branch, points)| {
-            let (branch, machine, figure) = (branch.to_owned(), machine.clone(), figure.clone());
-            Series { key: SeriesKey { branch, machine, figure }, points }
-        });
-        series.collect_vec()
-    };
-    keys.into_iter().flat_map(of_key).collect()
 }
 
 /// Seconds of Unix time of a date (its beginning, UTC), a moment, or a commit of these runs.

@@ -1,6 +1,5 @@
 //! A history as text and as JSON.
 
-use itertools::Itertools;
 use serde_json::{Value, json};
 
 use super::changes::{LEAST_RUNS, LEVEL};
@@ -14,8 +13,6 @@ use fathom_report::format::{three, trim_zeros};
 
 /// Unit in records of errors that have none.
 const WITHOUT_UNIT: &str = "1";
-/// Latest runs of a series that are listed.
-const MOST_LISTED: usize = 30;
 
 /// A line for each run.
 pub fn runs(runs: &[StoredRun]) -> String {
@@ -140,54 +137,6 @@ pub fn unit(series: &Series) -> String {
         WITHOUT_UNIT => String::new(),
         unit => text::line(unit),
     }
-}
-
-/// Each series with its latest runs and its changes.
-pub fn series(stored: &StoredRuns, findings: &Findings) -> String {
-    let mut lines = vec![headline(stored, findings)];
-    for (place, series) in stored.series.iter().enumerate() {
-        lines.push(String::new());
-        let unit = Some(unit(series)).filter(|unit| !unit.is_empty());
-        let unit = unit.map_or_else(String::new, |unit| format!(" ({unit})"));
-        lines.push(format!("{}{unit}", series.key.name()));
-        lines.push(format!("  {}", series.key.place()));
-        lines.extend(of_series(stored, series, &findings.of_series(place)));
-    }
-    lines.join("\n")
-}
-
-fn of_series(stored: &StoredRuns, series: &Series, changes: &[&Change]) -> Vec<String> {
-    let first = series.points.len().saturating_sub(MOST_LISTED);
-    let rows: Vec<[String; 6]> = series.points[first..]
-        .iter()
-        .zip(first..)
-        .map(|(point, at)| {
-            let run = &stored.runs[point.run];
-            let change = changes.iter().find(|change| change.at == at);
-            let change = change.map(|change| {
-                let certainty = Some(change.certainty()).filter(|of| *of != Certainty::Sure);
-                let certainty = certainty.map_or_else(String::new, |of| of.to_string());
-                let told = [size(change, series), certainty, machine(change)];
-                format!("← {}", told.iter().filter(|words| !words.is_empty()).join(", "))
-            });
-            [
-                format!("  {}", run.short_commit()),
-                run.day(),
-                run.short_digest(),
-                value(series, &point.value),
-                format!("n = {}", point.value.n),
-                change.unwrap_or_default(),
-            ]
-        })
-        .collect();
-    let mut lines = text::columns(&rows);
-    if first > 0 {
-        lines.insert(0, format!("  {first} earlier runs are not shown"));
-    }
-    if series.points.len() < LEAST_RUNS {
-        lines.push(format!("  too short to be searched: {LEAST_RUNS} runs are needed"));
-    }
-    lines
 }
 
 /// The changes for machines.

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::io::Read;
 use std::path::Path;
 
+use itertools::Itertools as _;
 use serde_json::Value;
 
 use super::lines::{
@@ -21,7 +22,9 @@ impl Line for Record {
         let id = match self {
             Record::Experiment(definition) => &definition.id,
             Record::Cell(cell) => &cell.experiment,
-            Record::Run(_) | Record::End(_) | Record::Comparison(_) => return Ok(()),
+            Record::Run(_) | Record::Begun(_) | Record::End(_) | Record::Comparison(_) => {
+                return Ok(());
+            }
         };
         text::check_id(id).map_err(|fault| format!("experiment {fault}"))
     }
@@ -31,7 +34,7 @@ impl Line for Record {
     }
 
     fn needs_header(&self) -> bool {
-        matches!(self, Self::Cell(_) | Self::End(_))
+        matches!(self, Self::Cell(_) | Self::Begun(_) | Self::End(_))
     }
 
     /// Unless it begins as another kind of record does and holds no header's beginning.
@@ -52,8 +55,9 @@ const HEADER: &str = r#""record":"run""#;
 /// A field that no other record has.
 const ONLY_IN_HEADERS: &str = r#""submit_cost_ns":"#;
 /// How lines begin that are no headers.
-const OTHER_RECORDS: [&str; 4] = [
+const OTHER_RECORDS: [&str; 5] = [
     r#"{"record":"cell""#,
+    r#"{"record":"begun""#,
     r#"{"record":"experiment""#,
     r#"{"record":"end""#,
     r#"{"record":"comparison""#,
@@ -163,4 +167,14 @@ pub fn finished(records: &[Record], run: &Run) -> BTreeSet<String> {
         }
     }
     keys
+}
+
+/// Ids of the cells in which more than one process ended: their runs end with a [`Begun`](super::Begun) line.
+pub fn deadly(records: &[Record]) -> BTreeSet<String> {
+    let runs = records.chunk_by(|_, next| !next.is_header());
+    let ended_in = runs.filter_map(|run| match run.last()? {
+        Record::Begun(begun) => Some(begun.id.clone()),
+        _ => None,
+    });
+    ended_in.duplicates().collect()
 }

@@ -144,8 +144,6 @@ pub enum NoteKind {
     NotComputed,
     /// A picture could not be written.
     NoPicture,
-    /// Of a public copy: what it does not hold.
-    Reduced,
 }
 
 /// A picture of a cell.

@@ -2,7 +2,8 @@
 //! reports read records and never measure.
 //!
 //! A file holds one [`Run`] line, a [`Definition`] line per experiment, then [`Cell`] lines in the order in
-//! which they were finished, then one [`End`] line. A resumed file may hold several runs. Units stand in the field names.
+//! which they were finished, then one [`End`] line. [`Begun`] lines lie between them. A resumed file may hold several runs. Units stand in
+//! the field names.
 //!
 //! Samples of cells that have no line yet stand in a file beside it, a [`SampleLine`] for each visit to a cell.
 
@@ -45,7 +46,7 @@ pub use error_figure::ErrorFigure;
 pub use fathom_base::machine::Machine;
 pub use fathom_base::quiet::Conditions;
 pub use fathom_base::statistics::{Estimate, Interval};
-pub use file::{Writer, each_good, empty_or_sound, finished, read, read_good, resume_key};
+pub use file::{Writer, deadly, each_good, empty_or_sound, finished, read, read_good, resume_key};
 pub use kinds::{
     ErrorSpan, FaultKind, Note, NoteKind, Picture, PictureKind, PictureScale, Profile,
     RejectedFrames, Rejection, SetUp, ShaderChecks, Standing, Surrounding,
@@ -74,6 +75,7 @@ pub enum Record {
     Run(Box<Run>),
     Experiment(Definition),
     Cell(Box<Cell>),
+    Begun(Begun),
     End(End),
     /// Of a comparison of two builds, which has a file of its own.
     Comparison(Compared),
@@ -319,6 +321,17 @@ impl Cell {
     pub fn measured_mut(&mut self) -> Option<&mut Measured> {
         if let Outcome::Measured(measured) = &mut self.outcome { Some(measured) } else { None }
     }
+}
+
+/// A process is about to build a cell, or to render its first frame. If a run ends with this line, the process ended in that.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Begun {
+    /// Digest of the cell and its conditions, as lines of samples have it.
+    pub id: String,
+    /// The experiment, for readers: the id says all.
+    pub experiment: String,
+    /// The cell within its experiment, for readers.
+    pub cell: String,
 }
 
 /// What became of a cell.

@@ -64,7 +64,11 @@ impl FolderKind {
     fn of(record: &Record) -> Self {
         match record {
             Record::Comparison(_) => Self::Comparison,
-            Record::Run(_) | Record::Experiment(_) | Record::Cell(_) | Record::End(_) => Self::Run,
+            Record::Run(_)
+            | Record::Experiment(_)
+            | Record::Cell(_)
+            | Record::Begun(_)
+            | Record::End(_) => Self::Run,
         }
     }
 

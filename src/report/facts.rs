@@ -318,26 +318,6 @@ pub fn growth<'v, 'a>(view: &'v ReportView<'a>) -> impl Iterator<Item = Exponent
     times.sorted_by(|a, b| b.fit.decades.total_cmp(&a.fit.decades))
 }
 
-/// At most three sentences made from figures with their intervals, and from rulings.
-pub fn findings(view: &ReportView<'_>) -> Vec<String> {
-    [slowest_finding(view), claims_finding(view), scaling_finding(view)]
-        .into_iter()
-        .flatten()
-        .collect()
-}
-
-fn slowest_finding(view: &ReportView<'_>) -> Option<String> {
-    let frame = default_frame(view)?;
-    let slowest = frame.slowest()?;
-    let Cell { pipeline, experiment, .. } = frame.cell;
-    Some(format!(
-        "{} takes {} of the stages' time of the frame nearest to the defaults ({pipeline}, {experiment}, {}).",
-        slowest.stage.stage,
-        share(&slowest.share),
-        frame.conditions()
-    ))
-}
-
 /// The papers' claims in a sentence; own hypotheses where there are no others.
 pub fn claims_finding(view: &ReportView<'_>) -> Option<String> {
     let (whose, counts) = tallies(view).next()?;
@@ -358,19 +338,6 @@ pub fn claims_finding(view: &ReportView<'_>) -> Option<String> {
     Some(sentence + ".")
 }
 
-/// Of the times that grow the one that was fitted over the widest range.
-fn scaling_finding(view: &ReportView<'_>) -> Option<String> {
-    let widest = growth(view).next()?;
-    Some(format!(
-        "Over the widest range that was fitted, {} of {} ({}), the time of {} grows with an exponent of {}.",
-        times_over(widest.fit.range),
-        widest.x_title(),
-        widest.section.id,
-        widest.y_title(),
-        widest.text()
-    ))
-}
-
 /// `a factor of 16`
 pub fn times_over((low, high): (f64, f64)) -> String {
     format!("a factor of {}", format::si(high / low))
@@ -389,7 +356,6 @@ pub fn share(share: &Estimate) -> String {
 mod tests {
     use super::*;
     use crate::testing;
-    use fathom_experiments::fixtures;
 
     #[test]
     fn the_tally_counts_every_claim_once() {
@@ -452,18 +418,5 @@ mod tests {
         });
         let slope = trace.unwrap().fit.slope.slope;
         assert!((slope - 1.0).abs() < 0.05, "{slope}");
-    }
-
-    #[test]
-    fn findings_are_three_sentences_and_none_without_measured_cells() {
-        let records = fixtures::run();
-        let found = findings(&ReportView::new(&records, None));
-        assert_eq!(found.len(), 3, "{found:?}");
-        assert!(found[0].contains("uw-default") && found[0].contains(" % ("), "{}", found[0]);
-        assert!(found.iter().all(|sentence| sentence.ends_with('.')));
-        let skipped = fixtures::all_skipped();
-        let found = findings(&ReportView::new(&skipped, None));
-        assert_eq!(found.len(), 1, "{found:?}");
-        assert!(findings(&ReportView::new(&[], None)).is_empty());
     }
 }

@@ -26,7 +26,7 @@ pub use bencher::EXPORTER as BENCHER;
 pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use claims::EXPORTER as CLAIMS;
 pub use page::EXPORTER as PAGE;
-pub use plots::{EXPORTER as PLOTS, ROOFLINES};
+pub use plots::EXPORTER as PLOTS;
 pub use summary::{EXPORTER as SUMMARY, in_short};
 pub use trust::conditions as run_conditions;
 
@@ -35,7 +35,7 @@ use std::path::Path;
 
 use fathom_record::Record;
 
-pub use view::{Entry, LeftOut, ReportView, Section};
+pub use view::{Entry, LeftOut, ReportView, Section, shown_file};
 
 /// A file of the report: its name within the output folder, and its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,7 +56,7 @@ pub struct Exporter<F> {
     pub name: &'static str,
     /// What the format is, in one line.
     pub about: &'static str,
-    /// The name of its file. Where there are several, a word in capitals stands for the experiment or the pipeline.
+    /// The name of its file. Where there are several, a word in capitals stands for the experiment.
     pub file: &'static str,
     pub written: Written,
     /// Makes what the files hold.
@@ -81,7 +81,7 @@ pub enum OfRun {
     One(fn(&ReportView<'_>) -> String),
     /// The text of one file, written row by row: that of a large run fills memory.
     Rows(fn(&ReportView<'_>, &mut dyn Write) -> io::Result<()>),
-    /// A file for each experiment or pipeline.
+    /// A file for each experiment.
     Several(fn(&ReportView<'_>) -> Vec<Artifact>),
 }
 
@@ -89,7 +89,7 @@ pub enum OfRun {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Exported {
     One(Artifact),
-    /// A file for each experiment or pipeline. however many there are.
+    /// A file for each experiment, however many there are.
     Several(Vec<Artifact>),
 }
 
@@ -126,7 +126,7 @@ impl RunExporter {
 }
 
 /// Exporters of runs, in the order in which their files are written.
-pub const OF_RUNS: [RunExporter; 7] = [PLOTS, ROOFLINES, CELLS_CSV, PAGE, SUMMARY, CLAIMS, BENCHER];
+pub const OF_RUNS: [RunExporter; 6] = [PLOTS, CELLS_CSV, PAGE, SUMMARY, CLAIMS, BENCHER];
 
 /// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
 pub fn of_run(records: &[Record], folder: Option<&Path>) -> Vec<Artifact> {

@@ -1,13 +1,7 @@
-//! Series over a number, as page and plots both show them: points with their intervals and fitted power laws. Here is also how the
-//! page draws them.
-
-use std::ops::Deref;
+//! Series over a number: points with their intervals and fitted power laws.
 
 use itertools::Itertools;
-use maud::{Markup, html};
 
-use crate::axis::Axis;
-use crate::svg::Marker;
 use fathom_experiments::schema::FIXED_SHARE;
 use fathom_experiments::{Measure, Scaling, scaling};
 use fathom_record::{Cell, Estimate};
@@ -25,26 +19,6 @@ pub struct Figures<'a> {
     factors: [f64; 2],
 }
 
-/// Figures as the page draws them.
-pub struct Series<'a> {
-    pub figures: Figures<'a>,
-    /// What tells it from the others of its chart.
-    pub name: String,
-    /// Of CSS.
-    pub color: String,
-    /// Its run's place on the page.
-    pub run: usize,
-    pub marker: Marker,
-}
-
-impl<'a> Deref for Series<'a> {
-    type Target = Figures<'a>;
-
-    fn deref(&self) -> &Figures<'a> {
-        &self.figures
-    }
-}
-
 /// A cell, in the units shown.
 pub struct Point<'a> {
     pub x: f64,
@@ -52,8 +26,6 @@ pub struct Point<'a> {
     /// None of an exact figure.
     pub n: Option<usize>,
     pub cell: &'a Cell,
-    /// What the mark tells under the pointer.
-    pub tip: Option<String>,
 }
 
 /// What a series is read from.
@@ -78,7 +50,6 @@ impl<'a> Source<'a> {
                 y: reading.estimate().scaled(factors[1]),
                 n: reading.n(),
                 cell,
-                tip: None,
             })
         };
         let points = cells.iter().filter_map(point);
@@ -115,47 +86,5 @@ impl Figures<'_> {
             let y = (fit.slope.intercept + fit.slope.slope * x.ln()).exp();
             [x * self.factors[0], y * self.factors[1]]
         })
-    }
-}
-
-impl Series<'_> {
-    /// A line through the points of an axis that has an order, and the fitted power law over the cells that it was fitted to.
-    pub fn lines(&self, [x, y]: [&Axis; 2]) -> Markup {
-        let joined = self.points.iter().filter(|_| self.joined);
-        let joined = joined.map(|point| [point.x, point.y.median]).collect_vec();
-        let fitted = self.fitted().map_or_else(Vec::new, |fit| self.ends_of(fit).to_vec());
-        let line = |ends: &[[f64; 2]]| {
-            let places = ends.iter().filter_map(|at| Some([x.px(at[0])?, y.px_within(at[1])]));
-            places.map(|[x, y]| format!("{x},{y}")).join(" ")
-        };
-        let [joined, fitted] = [joined, fitted].map(|ends| line(&ends));
-        html! {
-            @if !joined.is_empty() {
-                polyline.series.join[!fitted.is_empty()] points=(joined) style={ "stroke:" (self.color) } {}
-            }
-            @if !fitted.is_empty() {
-                polyline.series.fit points=(fitted) style={ "stroke:" (self.color) } {}
-            }
-        }
-    }
-
-    /// A mark and the interval of each point that the axes can show.
-    pub fn marks(&self, [x, y]: [&Axis; 2]) -> Markup {
-        let placed = self.points.iter().filter_map(|point| {
-            let at = [x.px(point.x)?, y.px(point.y.median)?];
-            Some((at, point.y.ends().map(|end| y.px_within(end)), &point.tip))
-        });
-        let Marker { shape, hollow } = self.marker;
-        let fill = if hollow { "var(--ground)" } else { &self.color };
-        html! {
-            g data-series=(self.name) {
-                @for ([x, y], [low, high], tip) in placed {
-                    @if low - high > 1.0 { line.whisker x1=(x) x2=(x) y1=(low) y2=(high) style={ "stroke:" (self.color) } {} }
-                    path.mark d=(shape.path([x, y])) style={ "fill:" (fill) ";stroke:" (self.color) } {
-                        @if let Some(tip) = tip { title { (tip) } }
-                    }
-                }
-            }
-        }
     }
 }

@@ -6,7 +6,6 @@
 use maud::{Markup, html};
 
 use crate::axis::{Axis, tenth};
-use crate::colors::Color;
 
 /// Least size of type in a chart.
 pub const TYPE_PX: f64 = 12.0;
@@ -81,27 +80,7 @@ pub fn apart(edges_px: &[f64], heights_px: &[f64], [top_px, bottom_px]: [f64; 2]
     placed
 }
 
-/// What marks are painted with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Paint {
-    Stage(Color),
-    /// Of what is no stage's.
-    Ink,
-    Accent,
-}
-
-impl Paint {
-    /// A colour of CSS.
-    pub fn css(self) -> String {
-        match self {
-            Self::Stage(color) => color.hex(),
-            Self::Ink => "var(--ink)".to_owned(),
-            Self::Accent => "var(--accent)".to_owned(),
-        }
-    }
-}
-
-/// The shape of marks, so that runs and series differ by more than colour.
+/// The shape of marks, so that series differ by more than colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Shape {
     Circle,
@@ -115,34 +94,10 @@ pub enum Shape {
 impl Shape {
     pub const COUNT: usize = 6;
 
-    /// By the place of a run on the page. A seventh has the shape of the first: labels tell them apart.
+    /// By the place of a series. A seventh has the shape of the first: labels tell them apart.
     pub fn of(place: usize) -> Shape {
         use Shape::*;
         [Circle, Square, Triangle, Diamond, Hanging, Upright][place % Self::COUNT]
-    }
-
-    /// For text.
-    pub fn symbol(self) -> &'static str {
-        match self {
-            Self::Circle => "●",
-            Self::Square => "■",
-            Self::Triangle => "▲",
-            Self::Diamond => "◆",
-            Self::Hanging => "▼",
-            Self::Upright => "▮",
-        }
-    }
-
-    /// Its outline about a point.
-    pub fn path(self, [x, y]: [f64; 2]) -> String {
-        match self {
-            Self::Circle => format!("M{} {y}a4 4 0 1 0 8 0a4 4 0 1 0 -8 0z", tenth(x - 4.0)),
-            Self::Square => format!("M{} {}h7v7h-7z", tenth(x - 3.5), tenth(y - 3.5)),
-            Self::Triangle => format!("M{x} {}l4.5 8h-9z", tenth(y - 5.0)),
-            Self::Diamond => format!("M{x} {}l5 5l-5 5l-5 -5z", tenth(y - 5.0)),
-            Self::Hanging => format!("M{x} {}l4.5 -8h-9z", tenth(y + 5.0)),
-            Self::Upright => format!("M{} {}h4v11h-4z", tenth(x - 2.0), tenth(y - 5.5)),
-        }
     }
 }
 
@@ -159,19 +114,6 @@ impl Marker {
     /// By a series' place among those of its colour: every shape filled, then every shape hollow.
     pub fn of(place: usize) -> Marker {
         Marker { shape: Shape::of(place), hollow: place % Self::COUNT >= Shape::COUNT }
-    }
-
-    /// For text.
-    pub fn symbol(self) -> &'static str {
-        match self.shape {
-            shape if !self.hollow => shape.symbol(),
-            Shape::Circle => "○",
-            Shape::Square => "□",
-            Shape::Triangle => "△",
-            Shape::Diamond => "◇",
-            Shape::Hanging => "▽",
-            Shape::Upright => "▯",
-        }
     }
 }
 

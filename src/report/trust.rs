@@ -199,12 +199,6 @@ fn by_chance(view: &ReportView<'_>) -> Option<String> {
     })
 }
 
-/// Half widths of the frame times' 95 % intervals relative to the median, and their cells. Infinite where there is no interval.
-pub fn half_widths<'a>(view: &ReportView<'a>) -> Vec<(f64, &'a Cell)> {
-    let timed = view.timed();
-    timed.map(|(cell, measured)| (measured.frame.untimed.relative_half_width(), cell)).collect()
-}
-
 /// What a run does besides rendering frames, seconds over all runs of the records, the longest first.
 pub fn set_up_parts(view: &ReportView<'_>) -> Vec<(SetUp, f64)> {
     let mut parts = BTreeMap::<SetUp, f64>::new();

@@ -14,6 +14,7 @@ use serde_json::Value;
 use super::colors::StageColors;
 use super::plots::Figure;
 use fathom_base::folder::Folder;
+use fathom_base::private;
 use fathom_experiments as experiments;
 use fathom_experiments::{Experiment, Ruling, label_text};
 use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Record, Run, Standing};
@@ -52,7 +53,7 @@ impl LeftOut {
         for damage in damaged.iter() {
             by_reason.entry(&damage.reason).or_default().push(damage.line);
         }
-        let path = path.display();
+        let path = shown_file(path);
         let told = by_reason.into_iter().map(|(reason, lines)| match lines.as_slice() {
             [first, .., last] => {
                 let lines = format_args!("{path}, {} lines from {first} to {last}", lines.len());
@@ -66,6 +67,13 @@ impl LeftOut {
         });
         told.chain(more).collect()
     }
+}
+
+/// A file behind the folder that it lies in, which is shown as [`private::path`] does.
+pub fn shown_file(path: &Path) -> String {
+    let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    folder.map_or(file.clone(), |folder| format!("{}/{file}", private::path(folder)))
 }
 
 /// A cell and the run that it belongs to.
@@ -116,7 +124,7 @@ impl<'a> ReportView<'a> {
                     Section::of(&cell.experiment, &mut sections);
                     entries.insert((&cell.experiment, &cell.cell), Entry { cell, run });
                 }
-                Record::Comparison(_) => {}
+                Record::Begun(_) | Record::Comparison(_) => {}
             }
         }
         for ((experiment, _), entry) in entries {

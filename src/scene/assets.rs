@@ -155,12 +155,11 @@ impl Places {
                 asset.name, asset.source
             );
         }
-        let folder = match &self.cache {
-            Some(cache) => cache.display().to_string(),
-            None => "the folder that FATHOM_CACHE names".to_owned(),
-        };
         let Asset { source, file, .. } = asset;
-        format!("absent, and {source} has it: put {file} (or that and .gz) into {folder}")
+        format!(
+            "absent, and {source} has it: put {file} (or that and .gz) into fathom/assets of your cache folder, ~/.cache on Linux, or into \
+             the folder that FATHOM_CACHE names"
+        )
     }
 }
 

@@ -1,6 +1,6 @@
 //! Vulkan's rules as the Khronos validation layer checks them, with synchronization and best practices: over the checks of all
 //! stages, one frame of every gate configuration, the audit and the limits; on request over one frame of every cell. The table in
-//! `docs/validation.md` lists what the layer may report.
+//! `validation.md` lists what the layer may report.
 
 use std::collections::BTreeSet;
 
@@ -45,7 +45,7 @@ struct Message {
 
 /// Of each row of the documented table the message's name and a part of its text.
 fn listed() -> Vec<(&'static str, &'static str)> {
-    let document = include_str!("../../docs/validation.md");
+    let document = include_str!("validation.md");
     let rows = document.lines().filter_map(|line| line.strip_prefix("| `")?.split_once("` | `"));
     rows.filter_map(|(id, rest)| Some((id, rest.split_once("` | ")?.0))).collect()
 }
@@ -92,7 +92,7 @@ fn unlisted(messages: Vec<Message>) -> BTreeSet<Message> {
 #[track_caller]
 fn keep_the_rules(tests: &[&str]) {
     let unlisted = unlisted(tests.iter().flat_map(|test| under_layer(test)).collect());
-    let help = "mend it, or list it with its reason in docs/validation.md";
+    let help = "mend it, or list it with its reason in tests/nightly/validation.md";
     assert!(unlisted.is_empty(), "{} messages: {help}: {unlisted:#?}", unlisted.len());
 }
 
@@ -126,7 +126,7 @@ fn child_checks() {
 }
 
 #[test]
-#[ignore = "an hour on two cores: docs/validation.md has the command"]
+#[ignore = "an hour on two cores: tests/nightly/validation.md has the command"]
 fn every_cell_keeps_the_rules() {
     keep_the_rules(&["validation::child_quick_cells", "validation::child_paper_cells"]);
 }

@@ -6,6 +6,7 @@ mod capacity;
 mod common;
 mod gpu;
 mod hsao;
+mod lost_device;
 mod promises;
 mod scenes;
 mod stage_lists;

@@ -7,13 +7,14 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use crate::common::{
-    Ends, Place, SMALL, Told, cells, ended, holds, measured, names, own_experiment, records,
-    repetitions, signal, skipped_cell, wait_until, write_records,
+    Ends, Place, SMALL, Told, cells, ended, holds, measured, names, records, repetitions, signal,
+    skipped_cell, wait_until, write_records,
 };
-use fathom::record::{self, Addition, Cell, FramePair, Record, Run, SCHEMA, SampleLine, StageTime};
+use fathom::record::{
+    self, Addition, Cell, FramePair, Outcome, Record, Run, SCHEMA, SampleLine, StageTime,
+};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use serde_json::Value;
 
 /// A run of two small cells that never reach their precision.
 const RUN: &str = "run uw-waves --no-ceilings --precision 1e-9 --axis water=circular --axis water.amplitude_m=0.0,0.1";
@@ -253,90 +254,38 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
     place.fathom("report").arg(&out).ends(0);
 }
 
-/// Every text of a run's records by its place in them: what the machine or its user says, and what fathom says itself.
-/// The text of an experiment and the values of its axes and parameters are the user's own words.
-const OF_THE_MACHINE: [&str; 12] = [
-    "run.command",
-    "run.adapter.name",
-    "run.adapter.backend",
-    "run.adapter.device_type",
-    "run.adapter.driver",
-    "run.adapter.driver_info",
-    "run.conditions.rasterizer_threads",
-    "run.conditions.host",
-    "run.conditions.machine.cpu",
-    "run.conditions.machine.kernel",
-    "run.conditions.machine.governor",
-    "run.started_at",
-];
-const OF_FATHOM: [&str; 18] = [
-    "run.fathom_version",
-    "run.build.commit",
-    "run.profile",
-    "run.shader_checks",
-    "run.clocks",
-    "run.audit.",
-    "run.notes.",
-    "run.ceilings.",
-    "experiment.id",
-    "experiment.toml",
-    "cell.experiment",
-    "cell.cell",
-    "cell.axes.",
-    "cell.pipeline",
-    "cell.scene",
-    "cell.stand_ins",
-    "cell.params.",
-    "cell.outcome.",
-];
-
-fn texts(place: &str, value: &Value, found: &mut Vec<(String, String)>) {
-    match value {
-        Value::String(text) => found.push((place.to_owned(), text.clone())),
-        Value::Array(values) => values.iter().for_each(|value| texts(place, value, found)),
-        Value::Object(map) => {
-            for (name, value) in map.iter().filter(|(name, _)| *name != "record") {
-                texts(&format!("{place}.{name}"), value, found);
-            }
-        }
-        _ => {}
-    }
+/// A run of one small cell that is killed as soon as it has begun it; whether nothing was sampled of it yet.
+fn killed_in_its_cell(place: &Place, options: &str) -> bool {
+    let begun = || {
+        let text = fs::read_to_string(place.path("out/records.jsonl")).unwrap_or_default();
+        text.matches(r#"{"record":"begun""#).count()
+    };
+    let before = begun();
+    let run = RUN.replace("0.0,0.1", "0.1");
+    let mut command = place.fathom(format!("{run} {SMALL} --out out --budget 600 {options}"));
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    wait_until("a cell that is begun", || {
+        assert_eq!(child.try_wait().unwrap(), None, "it ended before it began a cell");
+        begun() > before
+    });
+    child.kill().unwrap();
+    child.wait().unwrap();
+    kept(place).is_empty()
 }
 
 #[test]
-fn records_tell_neither_the_host_nor_where_the_user_keeps_files() {
-    let place = Place::new();
-    let home = place.path("home of jo");
-    fs::create_dir_all(home.join("work")).unwrap();
-    let experiment = place.write("home of jo/own-1.toml", own_experiment(1));
-    let out = home.join("runs/first");
-    let mut command = place.fathom("run --no-ceilings --budget 10m --precision 1");
-    command.arg(experiment).arg("--out").arg(&out).env("HOME", &home);
-    command.current_dir(home.join("work")).ends(0);
-    let mut found = Vec::new();
-    for line in fs::read_to_string(out.join("records.jsonl")).unwrap().lines() {
-        let line: Value = serde_json::from_str(line).unwrap();
-        texts(line["record"].as_str().unwrap(), &line, &mut found);
-    }
-    let known = |place: &str| {
-        OF_THE_MACHINE.contains(&place) || OF_FATHOM.iter().any(|known| place.starts_with(known))
-    };
-    let unknown: Vec<_> = found.iter().filter(|(place, _)| !known(place)).collect();
-    assert!(unknown.is_empty(), "does the machine say these? {unknown:?}");
-    let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let temporary = place.path("");
-    let temporary = temporary.file_name().unwrap().to_str().unwrap();
-    for (place, text) in &found {
-        for private in ["home of jo", temporary] {
-            assert!(!text.contains(private), "{place}: {text}");
+fn a_cell_in_which_two_processes_ended_is_failed_named_and_passed_over() {
+    let place = loop {
+        let place = Place::new();
+        if killed_in_its_cell(&place, "") && killed_in_its_cell(&place, "--resume") {
+            break place;
         }
-        let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '-' && c != '.');
-        assert!(host.trim().is_empty() || words.all(|word| word != host.trim()), "{place}: {text}");
-    }
-    let of = |place: &str| -> Vec<&str> {
-        found.iter().filter(|(found, _)| found == place).map(|(_, text)| text.as_str()).collect()
     };
-    assert_eq!(of("run.conditions.host"), [fathom::private::machine().unwrap()]);
-    let command = of("run.command");
-    assert!(command.contains(&"own-1.toml") && command.contains(&"first"), "{command:?}");
+    let rest = RUN.replace("1e-9", "1");
+    let told = place.fathom(format!("{rest} {SMALL} --out out --resume --budget 10m")).ends(1);
+    holds(&told.err, &["water.amplitude_m=0.1: failed: two processes ended while they built it"]);
+    let cells = cells(&place.path("out"));
+    let failed = |cell: &&Cell| matches!(&cell.outcome, Outcome::Failed { .. });
+    assert_eq!((cells.len(), cells.iter().filter(failed).count()), (2, 1), "{cells:?}");
+    assert!(cells.iter().any(|cell| cell.measured().is_some()));
 }

@@ -16,4 +16,5 @@ mod merge;
 mod missing_figures;
 mod overlay;
 mod printing;
+mod private;
 mod queries;

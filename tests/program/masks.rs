@@ -4,9 +4,8 @@ use crate::common::{Ends, Place, SMALL, fathom, holds, records};
 use fathom::record::{Feature, Mask, NoteKind, Record, finished};
 
 /// Every command that opens an adapter.
-const OPENING: [&str; 7] = [
+const OPENING: [&str; 6] = [
     "run uw-default",
-    "run uw-default --dry-run",
     "verify planar",
     "ceilings",
     "audit",

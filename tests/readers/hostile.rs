@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use fathom::compare::{store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::Experiment;
-use fathom::history::{History, NewRun, Selection};
+use fathom::history::NewRun;
 use fathom::record::comparison::{Compared, Launch};
 use fathom::record::{self, Record};
 
@@ -281,20 +281,4 @@ fn a_history_reads_a_run_record_by_record() {
     let (run, peak) = peak_of(|| NewRun::read(&place.path(""), "records.jsonl").unwrap());
     assert_eq!(run.cells, 3000);
     assert!(peak < records.len(), "{peak} for {}", records.len());
-}
-
-/// An archive of 64 MiB in the place of a run's records.
-#[test]
-fn an_archive_in_a_history_is_not_kept() {
-    let place = Place::new();
-    let path = place.write("history.sqlite", seeds::history());
-    let bomb = gzip(&vec![0; 64 << 20]);
-    let connection = rusqlite::Connection::open(&path).unwrap();
-    connection.execute("UPDATE fathom_run SET records = $1", [bomb]).unwrap();
-    drop(connection);
-    let mut history = History::open(&path).unwrap();
-    let run = history.runs(&Selection::default()).unwrap().remove(0);
-    let (got, peak) = peak_of(|| history.records(&run.digest));
-    assert!(got.unwrap_err().to_string().contains("the database is damaged"));
-    assert!(peak < 8 << 20, "{peak}");
 }

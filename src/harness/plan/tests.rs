@@ -87,20 +87,6 @@ fn cells_beyond_a_limit_are_skipped_with_the_numbers_and_the_others_stay() {
 }
 
 #[test]
-fn a_cell_that_is_left_out_says_so_and_one_that_is_not_there_is_an_error() {
-    let names: Vec<String> =
-        planned(&request(&[])).unwrap()[0].cells.iter().map(|cell| full_name(&cell.plan)).collect();
-    let left_out = Request { skip: vec![names[1].clone()], ..Request::default() };
-    let skips: Vec<Option<String>> =
-        planned(&left_out).unwrap()[0].cells.iter().map(|cell| cell.skip.clone()).collect();
-    assert_eq!(skips[0], None);
-    assert_eq!(skips[1].as_deref(), Some("left out by --skip"));
-    let unknown = Request { skip: vec!["e none".to_owned()], ..Request::default() };
-    let error = planned(&unknown).err().unwrap().to_string();
-    assert_eq!(error, "no chosen experiment has the cell `e none` to skip");
-}
-
-#[test]
 fn unknown_names_are_errors_that_name_the_nearest() {
     let error = |request| planned(&request).err().unwrap().to_string();
     let unknown = error(request(&[("caustics.gird", json!(3))]));

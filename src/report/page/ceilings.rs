@@ -5,9 +5,8 @@ use maud::{Markup, html};
 
 use super::parts::{numbers, table, words};
 use super::{Fold, Page, PageRun, PageSection};
-use crate::ceilings::{self, Bound, bounds};
+use crate::ceilings::{Bound, bounds};
 use crate::format::{percent, si, three};
-use crate::plots;
 use fathom_record::ceilings::{Basis, Ceiling, CeilingShare};
 
 pub const SECTION: PageSection = PageSection {
@@ -53,20 +52,6 @@ fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
             details { summary { (folded.len()) " more stages" } (shares(page, folded)) }
         }
         details { summary { "The limits" } (limits(run)) }
-        @for pipeline in ceilings::rooflines(run.view).keys() { (roofline(run, pipeline)) }
-    }
-}
-
-/// Room for the pipeline's roofline, which the script draws when it is opened.
-fn roofline(run: &PageRun<'_>, pipeline: &str) -> Markup {
-    let about = format!("Roofline of {pipeline}");
-    html! {
-        details.plot.script-only {
-            summary { (about) }
-            div.scroll tabindex="0" role="region" aria-label=(about) {
-                div.drawing role="img" aria-label=(about) data-run=(run.label) data-plot=(plots::roofline_file(pipeline)) {}
-            }
-        }
     }
 }
 
@@ -106,7 +91,7 @@ fn basis(basis: Basis) -> &'static str {
 }
 
 fn limits(run: &PageRun<'_>) -> Markup {
-    // Those of the latest sitting, as rooflines have them.
+    // Those of the latest sitting.
     let measured = run.view.runs.iter().rev().find(|run| !run.ceilings.is_empty());
     let ceilings: &[Ceiling] = measured.map_or(&[], |run| &run.ceilings);
     let heads = html! { (words(&["Limit"])) (numbers(&["Rate", "(interval)", "n", "2 N / N"])) };

@@ -1,6 +1,5 @@
 //! What the page's script reads: the samples of every cell and the plots, compressed.
 
-use std::borrow::Cow;
 use std::io::BufWriter;
 
 use base64::Engine as _;
@@ -12,7 +11,6 @@ use super::{Page, PageRun};
 use crate::axis::tenth;
 use crate::colors::StageColors;
 use crate::format::NS_PER_MS;
-use crate::plots::rooflines;
 use crate::{ReportView, Section};
 use fathom_base::statistics;
 use fathom_record::{Cell, Measured};
@@ -36,11 +34,11 @@ struct RunData<'a> {
     plots: Vec<PlotData<'a>>,
 }
 
-/// Of an experiment, by its id, or a roofline, by the name of its file.
+/// Of an experiment, by its id.
 #[derive(Serialize)]
 struct PlotData<'a> {
-    name: Cow<'a, str>,
-    svg: Cow<'a, str>,
+    name: &'a str,
+    svg: &'a str,
 }
 
 /// Samples as multiples of a [`STEPS`]th of their median: whole numbers compress well.
@@ -120,13 +118,9 @@ fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
         .fold(f64::INFINITY, f64::min);
     let cells = Cells { view: run.view, started_s };
     let plot = |section: &'a Section<'a>| {
-        Some(PlotData { name: section.id.into(), svg: section.figure().svg.as_deref()?.into() })
+        Some(PlotData { name: section.id, svg: section.figure().svg.as_deref()? })
     };
-    let plots = run.view.sections.iter().filter_map(plot);
-    let rooflines = rooflines(run.view).into_iter().filter_map(|file| {
-        Some(PlotData { name: file.name.into(), svg: String::from_utf8(file.bytes).ok()?.into() })
-    });
-    let plots = plots.chain(rooflines).collect();
+    let plots = run.view.sections.iter().filter_map(plot).collect();
     RunData { label: &run.label, cells, plots }
 }
 

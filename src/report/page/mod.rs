@@ -31,7 +31,7 @@ use sha2::{Digest, Sha256};
 
 use super::colors::StageColors;
 use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written};
-use fathom_base::text;
+use fathom_base::{private, text};
 use fathom_record::Run;
 
 /// Name of the page within a report's folder.
@@ -47,10 +47,9 @@ pub const EXPORTER: RunExporter = Exporter {
 
 const STYLES: [&str; 2] = [include_str!("assets/page.css"), include_str!("assets/charts.css")];
 /// In the order in which they run.
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 5] = [
     include_str!("assets/core.js"),
     include_str!("assets/time.js"),
-    include_str!("assets/scaling.js"),
     include_str!("assets/pictures.js"),
     include_str!("assets/plots.js"),
     include_str!("assets/cells.js"),
@@ -90,7 +89,7 @@ pub fn labelled<'a>(views: &'a [(&Path, ReportView<'a>)]) -> Vec<PageRun<'a>> {
     let adapters = of(|run| run.adapter.title());
     let drivers = of(|run| format!("{}, {}", run.adapter.title(), run.adapter.driver_info));
     let versions = of(|run| format!("{}, fathom {}", run.adapter.title(), run.fathom_version));
-    let folders = views.iter().map(|(folder, _)| folder.display().to_string()).collect();
+    let folders = views.iter().map(|(folder, _)| private::path(folder)).collect();
     let choices = [adapters, drivers, versions];
     let labels = choices.into_iter().find(|labels| labels.iter().all_unique()).unwrap_or(folders);
     let labelled = labels.into_iter().zip(views);
@@ -201,11 +200,6 @@ impl<'a> Page<'a> {
     /// The head of the column that names the run, where there are several.
     fn run_head(&self) -> Markup {
         html! { @if self.is_overlay() { (parts::words(&["Run"])) } }
-    }
-
-    /// The name of a run and what stands behind it, where there are several.
-    fn naming(&self, run: usize, end: &str) -> String {
-        if self.is_overlay() { self.runs[run].label.clone() + end } else { String::new() }
     }
 
     pub fn file(&self) -> Artifact {

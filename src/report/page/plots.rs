@@ -153,7 +153,6 @@ fn meaning(kind: NoteKind) -> &'static str {
         NoteKind::NotFinite => "a figure was not finite and is left out",
         NoteKind::NotComputed => "a figure could not be computed",
         NoteKind::NoPicture => "a picture could not be written",
-        NoteKind::Reduced => "this is a public copy, which leaves something out",
     }
 }
 

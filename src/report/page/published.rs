@@ -11,7 +11,7 @@ use super::{Fold, Page, PageRun, PageSection};
 use crate::Section;
 use crate::format::three;
 use fathom_experiments::schema::{Comparison, Published};
-use fathom_experiments::{RuledFigure, fits, flatten, fps};
+use fathom_experiments::{fits, flatten, fps};
 use fathom_record::Estimate;
 
 pub const SECTION: PageSection = PageSection {
@@ -45,8 +45,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     Some(html! {
         p.lead {
             @if ratios.is_empty() && rates.is_empty() {
-                "No published figure can be compared with this run: no claim states a published ratio, and no two published "
-                "frame rates of an experiment are of sizes that were measured."
+                "No published frame rate can be compared with this run: no two of an experiment are of sizes that were measured."
             } @else {
                 "The last column is 1 where a figure agrees with the publication. Intervals stand in brackets."
             }
@@ -57,20 +56,10 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     })
 }
 
-/// What claims publish, and ratios between published frame rates: both hold on any device.
+/// Ratios between published frame rates hold on any device.
 fn ratios(place: usize, run: &PageRun<'_>) -> Vec<Pair> {
     let sections = run.view.sections.iter();
-    sections.flat_map(|section| of_claims(place, section).chain(of_rates(place, section))).collect()
-}
-
-fn of_claims<'p>(run: usize, section: &'p Section<'_>) -> impl Iterator<Item = Pair> + 'p {
-    let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
-    claims.zip(section.rulings()).filter_map(move |(claim, ruling)| {
-        let RuledFigure { value, interval, .. } = ruling.deciding.first()?;
-        let ends = interval.map_or([*value; 2], |interval| [interval.low, interval.high]);
-        let what = format!("{}: {}", section.id, claim.text);
-        Some(Pair { run, published: claim.published?, measured: *value, ends, what })
-    })
+    sections.flat_map(|section| of_rates(place, section)).collect()
 }
 
 /// A published frame rate, and the frame time of the first cell of its size that was timed.
@@ -290,17 +279,6 @@ mod tests {
             let section = section(page, "uw-photons");
             assert!(matched(section).len() >= 2);
             assert_eq!(of_rates(0, section).len(), 0);
-        });
-    }
-
-    #[test]
-    fn claims_stand_beside_what_they_publish() {
-        with_page(&records(true), |page| {
-            let sections = page.runs[0].view.sections.iter();
-            let claims: Vec<Pair> = sections.flat_map(|section| of_claims(0, section)).collect();
-            assert!(claims.len() >= 2, "{}", claims.len());
-            let text = write(page).unwrap().into_string();
-            assert!(claims.iter().all(|pair| text.contains(&three(pair.published))));
         });
     }
 

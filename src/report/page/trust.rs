@@ -12,7 +12,7 @@ use crate::noise::RunVerdict;
 use crate::svg::{chart, x_axis, y_axis};
 use crate::trust::{self, TimedSample};
 use fathom_base::statistics;
-use fathom_record::{AuditRow, Cell, Clock, Estimate, FrameRecord, PassKind, Rejection, Run};
+use fathom_record::{AuditRow, Clock, PassKind, Rejection, Run};
 
 pub const SECTION: PageSection = PageSection {
     id: "trust",
@@ -30,8 +30,6 @@ const RIGHT_PX: f64 = 326.0;
 const TOP_PX: f64 = 30.0;
 const BOTTOM_PX: f64 = 196.0;
 
-/// Cells of a strip that a mark names, those with the largest figures.
-const MOST_NAMED: usize = 30;
 /// Samples that are drawn over time.
 const MOST_SAMPLES: usize = 2_000;
 /// Spans of time whose median is a mark.
@@ -51,7 +49,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             p { b { (trust::verdict(run)) } " " "Clock: " (trust::conditions(run)) "." }
             @if on_page.view.runs.len() > 1 { (sittings(on_page.view)) }
             (audit(run))
-            (charts(on_page.view))
+            (over_time(&trust::samples_by_time(on_page.view)))
             (facts(on_page.view, run))
         }
     })
@@ -111,102 +109,9 @@ fn audit_row(row: &AuditRow) -> Markup {
     }
 }
 
-/// A cell's figure in per cent.
-struct StripMark {
-    value: f64,
-    ends: [f64; 2],
-    tip: String,
-}
-
-fn charts(view: &ReportView<'_>) -> Markup {
-    let frames: Vec<(&Cell, &FrameRecord)> =
-        view.timed().map(|(cell, measured)| (cell, &measured.frame)).collect();
-    let costs = frames.iter().map(|(cell, frame)| cost_mark(cell, &frame.timing_cost));
-    let widths = trust::half_widths(view);
-    let widths = widths.iter().map(|(width, cell)| share_mark(cell, *width));
-    let accounting = frames.iter().map(|(cell, frame)| share_mark(cell, frame.accounting_error));
-    html! {
-        div.grid.charts {
-            (strip("Cost of timing (% of the untimed frame)", "Cost of timing per cell", costs.collect()))
-            (strip("Half width of the 95 % interval (%)", "Half widths of the frame times' intervals per cell", widths.collect()))
-            @if has_timestamps(view) {
-                (strip("Stages + gaps against the frame (%)", "Difference of stages and gaps from the frame per cell", accounting.collect()))
-            }
-            (over_time(&trust::samples_by_time(view)))
-        }
-    }
-}
-
 /// Only timestamps measure the frame apart from its stages.
 fn has_timestamps(view: &ReportView<'_>) -> bool {
     view.runs.iter().any(|run| run.clocks.values().contains(&Clock::Timestamp))
-}
-
-fn name(cell: &Cell) -> String {
-    format!("{} {}", cell.experiment, cell.cell)
-}
-
-fn cost_mark(cell: &Cell, cost: &Estimate) -> StripMark {
-    let in_percent = |ratio: f64| 100.0 * (ratio - 1.0);
-    let ends = cost.ends().map(in_percent);
-    let interval = cost
-        .interval
-        .map_or_else(String::new, |_| format!(" ({:+.1} to {:+.1})", ends[0], ends[1]));
-    let value = in_percent(cost.median);
-    StripMark { value, ends, tip: format!("{}: {value:+.1} %{interval}", name(cell)) }
-}
-
-fn share_mark(cell: &Cell, share: f64) -> StripMark {
-    let value = 100.0 * share;
-    StripMark { value, ends: [value; 2], tip: format!("{}: {} %", name(cell), three(value)) }
-}
-
-/// The figures of all cells in order of size, one above the other.
-fn strip(title: &str, about: &str, marks: Vec<StripMark>) -> Markup {
-    let all = marks.len();
-    let mut marks: Vec<StripMark> =
-        marks.into_iter().filter(|mark| mark.value.is_finite()).collect();
-    let left_out = all - marks.len();
-    marks.sort_by(|a, b| b.value.total_cmp(&a.value));
-    let ends = marks.iter().flat_map(|mark| mark.ends).chain(marks.iter().map(|mark| mark.value));
-    let Some(axis) = Axis::fit(ScaleKind::Linear, ends, [LEFT_PX, RIGHT_PX]) else {
-        return html! {};
-    };
-    let step = (BOTTOM_PX - TOP_PX - 8.0) / marks.len() as f64;
-    let y = |rank: usize| tenth(TOP_PX + 4.0 + (rank as f64 + 0.5) * step);
-    let px = |value: f64| axis.px_within(value);
-    let content = html! {
-        (x_axis(&axis, [TOP_PX, BOTTOM_PX], title))
-        path.cloud d=(squares(marks.iter().enumerate().skip(MOST_NAMED).map(|(rank, mark)| [px(mark.value), y(rank)]))) {}
-        @for (rank, mark) in marks.iter().enumerate().take(MOST_NAMED) {
-            g.mark {
-                title { (mark.tip) }
-                @if mark.ends[0] < mark.ends[1] {
-                    line.whisker x1=(px(mark.ends[0])) x2=(px(mark.ends[1])) y1=(y(rank)) y2=(y(rank)) {}
-                }
-                circle.ink cx=(px(mark.value)) cy=(y(rank)) r="2.5" {}
-            }
-        }
-    };
-    html! {
-        figure {
-            (chart([WIDTH_PX, HEIGHT_PX], about, &content))
-            figcaption { (counted(marks.len())) (without_interval(left_out)) }
-        }
-    }
-}
-
-fn counted(cells: usize) -> String {
-    let named = if cells > MOST_NAMED {
-        format!(" The {MOST_NAMED} largest name their cell.")
-    } else {
-        String::new()
-    };
-    format!("A dot per cell, n = {cells}, in order of size.{named}")
-}
-
-fn without_interval(cells: usize) -> String {
-    if cells == 0 { String::new() } else { format!(" {cells} cells have too few samples for it.") }
 }
 
 /// Every sample by the time when it was taken, as per cent off the median of its cell; and medians over spans of time.
@@ -360,7 +265,7 @@ mod tests {
     use super::*;
     use crate::testing::written;
     use fathom_experiments::fixtures;
-    use fathom_record::{FaultKind, Profile, RejectedFrames};
+    use fathom_record::{Cell, FaultKind, Profile, RejectedFrames};
 
     #[test]
     fn the_first_sentence_says_whether_the_clocks_can_be_trusted() {
@@ -383,8 +288,6 @@ mod tests {
         for expected in [
             "✕ unusable",
             "begins late",
-            "Cost of timing (% of the untimed frame)",
-            "Stages + gaps against the frame (%)",
             "Time since the first sample (min)",
             "Frames rejected: none",
             "set-up 21.0 s: pipelines 20.0 s, audit 1.00 s",
@@ -402,17 +305,6 @@ mod tests {
         assert_eq!(text.matches("h2v2h-2z").count(), 2_000);
         assert!(text.contains("2000 of 10000 samples"), "{text}");
         assert_eq!(text.matches("class=\"mark median\"").count(), SPANS);
-    }
-
-    #[test]
-    fn a_strip_has_every_cell_and_names_the_largest() {
-        let mut records = fixtures::run();
-        let cell = fixtures::cells(&mut records).next().unwrap();
-        let marks = (0..400).map(|i| share_mark(cell, f64::from(i) / 100.0));
-        let text = strip("x (%)", "x", marks.collect()).into_string();
-        assert_eq!(text.matches("<circle").count(), MOST_NAMED);
-        assert_eq!(text.matches("h2v2h-2z").count(), 400 - MOST_NAMED);
-        assert!(text.contains("n = 400") && text.contains(": 399 %"), "{text}");
     }
 
     #[test]

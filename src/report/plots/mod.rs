@@ -9,7 +9,6 @@ mod lines;
 mod map;
 pub(super) mod names;
 mod ratios;
-mod roofline;
 mod stacked;
 mod style;
 
@@ -27,8 +26,6 @@ use fathom_experiments as experiments;
 use fathom_experiments::Measure;
 use fathom_experiments::schema::{Experiment, Plot, PlotKind, Published};
 use fathom_record::Cell;
-
-pub use roofline::{EXPORTER as ROOFLINES, export as rooflines, file_name as roofline_file};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "plots",

@@ -42,9 +42,6 @@ pub fn write(view: &ReportView<'_>, text: &mut String) {
     }
     trust::facts(view).iter().for_each(|fact| table.row([fact.about, &fact.words]));
     *text += &table.markdown();
-    for finding in facts::findings(view) {
-        let _ = writeln!(text, "- {}", text::markdown(&finding));
-    }
     let rest = [link("page", page::FILE), link(CELLS_CSV.file, CELLS_CSV.file)].join(" and ");
     let _ = writeln!(text, "\nEvery cell, picture and plot: {rest}.\n");
     notes(view, text);

@@ -89,10 +89,7 @@ fn what_cannot_be_exported_is_one_clear_line() {
         ("csv empty", "holds a file records.jsonl"),
         ("bencherr run", "unknown format `bencherr`; did you mean `bencher`?"),
         ("csv comparison", "holds a comparison, which cannot be written as `csv`, only as text"),
-        (
-            "text run",
-            "holds a run, which cannot be written as `text`, only as plots, rooflines, csv",
-        ),
+        ("text run", "holds a run, which cannot be written as `text`, only as plots, csv"),
         ("plots run", "name a folder with -o DIR"),
         ("csv run -o no/such/folder/cells.csv", "cannot write no/such/folder/cells.csv"),
     ] {
