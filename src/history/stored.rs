@@ -10,10 +10,10 @@ use jiff::tz::TimeZone;
 
 use super::History;
 use super::database::{Value, integer, other_type, stored_name, text};
-use super::run::{FigureKey, NANOSECONDS};
+use super::run::{FigureKey, NANOSECONDS, Name};
 use super::store::{FIGURE_COLUMNS, RUN_COLUMNS, SERIES_COLUMNS};
 use fathom_base::text::line;
-use fathom_record::{Estimate, Interval, Name};
+use fathom_record::{Estimate, Interval};
 use fathom_report::format::NS_PER_MS;
 
 /// Digits of a commit or a run that people read.
@@ -99,7 +99,7 @@ impl SeriesKey {
     }
 
     pub fn is_time(&self) -> bool {
-        self.figure.unit == NANOSECONDS
+        *self.figure.unit == *NANOSECONDS
     }
 
     /// What turns a value into the unit that people read.
