@@ -62,7 +62,8 @@ fn damage_in_a_comparison_is_counted_and_no_comparison_is_not_resumed() {
     let told = resume().ends(0);
     holds(&told.err, &[": not JSON", "(and 1 more): skipped"]);
     // The torn line is cut off.
-    assert_eq!(fs::read_to_string(&lines).unwrap(), format!("{sound}nonsense\n"));
+    let begin = format!("{sound}nonsense\n{{\"record\":\"comparison\",\"kind\":\"end\"");
+    assert!(fs::read_to_string(&lines).unwrap().starts_with(&begin));
     holds(&told.out, &["left out: line "]);
     is_whole(&builds);
     for garbage in ["nonsense\n", "{\"record\":\"comparison\",\"kind\":\"header\",\"sch"] {
