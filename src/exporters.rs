@@ -97,7 +97,7 @@ pub fn write(folder: &Path, reading: Reading) -> anyhow::Result<Vec<PathBuf>> {
         let comparison = StoredComparison::of(reading, &folder.join(RECORDS))?;
         return put(folder, of_comparison(&Verdicts::of(&comparison)));
     }
-    let left_out = LeftOut::lines(&folder.join(RECORDS), &reading.damaged);
+    let left_out = LeftOut::lines(&folder.join(RECORDS), &reading.damaged).into_iter().collect();
     write_view(folder, &ReportView { left_out, ..ReportView::new(&reading.records, Some(folder)) })
 }
 

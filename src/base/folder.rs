@@ -1,14 +1,12 @@
-//! What lies in a folder that the user names. The folder itself may be a symbolic link: that is the user's choice. What lies
-//! beneath it may come from anyone: there no link is followed, and only regular files are read and written.
-//!
-//! A file is written under no name or a random one and moved to its place when it is whole. If something else than a regular
-//! file stands there (a link, pipe, device or folder), that is refused and stays as it is.
+//! Files in a folder that a user names, which can hold other people's files. The folder itself may be a symbolic link; beneath it no
+//! link is followed, and only regular files are read, replaced and removed. A file is written beside its place and moved there when it
+//! is whole.
 
-use std::fs::{File, FileType, Metadata, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Component, Path, PathBuf};
 
-use crate::input::{self, Limited};
+use crate::input::{self, kind_name};
 
 /// A folder that is there. Names of files are paths beneath it.
 #[derive(Clone, Debug)]
@@ -37,7 +35,7 @@ pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
 
 /// Something has this name, if only a link that leads nowhere.
 pub fn is_there(path: &Path) -> bool {
-    std::fs::symlink_metadata(path).is_ok()
+    path.symlink_metadata().is_ok()
 }
 
 impl Folder {
@@ -57,110 +55,54 @@ impl Folder {
         &self.path
     }
 
-    /// A folder beneath, which is made where it is not there.
-    pub fn make_beneath(&self, name: impl AsRef<Path>) -> io::Result<Self> {
-        let path = self.descend(name.as_ref(), |path| match std::fs::create_dir(path) {
-            Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error),
-            _ => Ok(()),
-        })?;
-        Ok(Self { path })
+    /// Makes a folder beneath, where it is not there.
+    pub fn make_beneath(&self, name: &str) -> io::Result<()> {
+        let path = self.path.join(name);
+        match path.symlink_metadata() {
+            Ok(found) if !found.is_dir() => {
+                Err(refusal(Path::new(name), kind_name(found.file_type())))
+            }
+            _ => std::fs::create_dir_all(path),
+        }
     }
 
-    /// The path of a folder beneath. None of its parts is a link.
-    fn descend(
-        &self,
-        name: &Path,
-        before: impl Fn(&Path) -> io::Result<()>,
-    ) -> io::Result<PathBuf> {
+    /// The path of a name at which there is a regular file or nothing.
+    fn place(&self, name: &Path) -> io::Result<PathBuf> {
         let mut path = self.path.clone();
-        for part in name.components() {
-            let Component::Normal(part) = part else {
-                return Err(outside(name));
-            };
+        let mut parts = name.components().peekable();
+        while let Some(part) = parts.next() {
+            let Component::Normal(part) = part else { return Err(outside(name)) };
             path.push(part);
-            before(&path)?;
-            let kind = path.symlink_metadata()?.file_type();
-            if !kind.is_dir() {
-                return Err(refusal(Path::new(part), &format!("is {} and no folder", told(kind))));
+            match path.symlink_metadata() {
+                Ok(found) if parts.peek().is_some() && found.is_dir() => {}
+                Ok(found) if parts.peek().is_none() && found.is_file() => {}
+                Ok(found) => return Err(refusal(Path::new(part), kind_name(found.file_type()))),
+                Err(error) if error.kind() == ErrorKind::NotFound => {}
+                Err(error) => return Err(error),
             }
         }
-        Ok(path)
-    }
-
-    /// The path of a name whose folder is no link.
-    fn place(&self, name: &Path) -> io::Result<PathBuf> {
-        let Some(Component::Normal(last)) = name.components().next_back() else {
-            return Err(outside(name));
-        };
-        Ok(self.descend(name.parent().unwrap_or(Path::new("")), |_| Ok(()))?.join(last))
-    }
-
-    /// Of what has this name, a link not followed.
-    pub fn metadata(&self, name: impl AsRef<Path>) -> io::Result<Metadata> {
-        self.place(name.as_ref())?.symlink_metadata()
+        if path == self.path { Err(outside(name)) } else { Ok(path) }
     }
 
     /// A regular file has this name.
     pub fn has_file(&self, name: impl AsRef<Path>) -> bool {
-        self.metadata(name).is_ok_and(|found| found.is_file())
-    }
-
-    /// An open file is the one that has this name. Elsewhere than on Unix any regular file passes.
-    pub fn has(&self, name: impl AsRef<Path>, file: &File) -> bool {
-        let Ok(found) = self.metadata(name) else { return false };
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::MetadataExt;
-            let id = |of: &Metadata| (of.dev(), of.ino());
-            file.metadata().is_ok_and(|own| id(&own) == id(&found))
-        }
-        #[cfg(not(unix))]
-        {
-            let _ = file;
-            found.is_file()
-        }
-    }
-
-    /// Opens a regular file, without waiting for the other end of a pipe.
-    fn open_file(&self, name: &Path, options: &mut OpenOptions) -> io::Result<File> {
-        let path = self.place(name)?;
-        // Asked before it is opened, because opening a device can act on it, and again of what was opened.
-        refuse_other(&path, name)?;
-        #[cfg(unix)]
-        std::os::unix::fs::OpenOptionsExt::custom_flags(
-            options,
-            libc::O_NOFOLLOW | libc::O_NONBLOCK,
-        );
-        let file = options.open(path)?;
-        if file.metadata()?.is_file() {
-            return Ok(file);
-        }
-        Err(refusal(name, "is no regular file"))
+        self.place(name.as_ref()).is_ok_and(|path| path.is_file())
     }
 
     /// Opens a file to read it.
     pub fn read(&self, name: impl AsRef<Path>) -> io::Result<File> {
-        self.open_file(name.as_ref(), OpenOptions::new().read(true))
+        File::open(self.place(name.as_ref())?)
     }
 
     /// Opens a file to read it and to add to its end. It is made where it is not there.
     pub fn append(&self, name: impl AsRef<Path>) -> io::Result<File> {
-        self.open_file(name.as_ref(), OpenOptions::new().read(true).append(true).create(true))
-    }
-
-    /// Makes a file of a name that nothing has.
-    pub fn create_new(&self, name: impl AsRef<Path>) -> io::Result<File> {
-        File::create_new(self.place(name.as_ref())?)
-    }
-
-    /// Its bytes, to be read one after the other, no more than `limit`.
-    pub fn plain(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<Limited<File>> {
-        Limited::of_file(self.read(name)?, limit)
+        let path = self.place(name.as_ref())?;
+        OpenOptions::new().read(true).append(true).create(true).open(path)
     }
 
     /// Its bytes, no more than `limit`.
     pub fn bytes(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<Vec<u8>> {
-        self.plain(name, limit)?.bytes()
+        input::limited(self.read(name)?, limit)?.bytes()
     }
 
     /// Writes a file, replacing one of that name, all or nothing.
@@ -175,7 +117,6 @@ impl Folder {
         write: impl FnOnce(&mut File) -> Result<(), E>,
     ) -> Result<(), E> {
         let path = self.place(name.as_ref())?;
-        refuse_other(&path, name.as_ref())?;
         let mut fresh = tempfile::Builder::new();
         // Those of any new file, in place of the private ones of temporary files.
         #[cfg(unix)]
@@ -186,39 +127,9 @@ impl Folder {
         Ok(())
     }
 
-    /// Writes a file of no name to the disk and lets go of it.
-    pub fn try_writing(&self, bytes: &[u8]) -> io::Result<()> {
-        let mut file = tempfile::tempfile_in(&self.path)?;
-        file.write_all(bytes)?;
-        file.sync_all()
-    }
-
-    /// Removes a file, or a link itself.
+    /// Removes a file.
     pub fn remove(&self, name: impl AsRef<Path>) -> io::Result<()> {
         std::fs::remove_file(self.place(name.as_ref())?)
-    }
-}
-
-/// An error where something else than a regular file is there.
-fn refuse_other(path: &Path, name: &Path) -> io::Result<()> {
-    match path.symlink_metadata() {
-        Ok(found) if !found.is_file() => {
-            Err(refusal(name, &format!("is {}", told(found.file_type()))))
-        }
-        Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
-        _ => Ok(()),
-    }
-}
-
-fn told(kind: FileType) -> &'static str {
-    if kind.is_symlink() {
-        "a symbolic link"
-    } else if kind.is_dir() {
-        "a folder"
-    } else if kind.is_file() {
-        "a file"
-    } else {
-        "a pipe or a device"
     }
 }
 
@@ -227,26 +138,17 @@ fn outside(name: &Path) -> io::Error {
     io::Error::new(ErrorKind::InvalidInput, message)
 }
 
-fn refusal(name: &Path, what: &str) -> io::Error {
-    let message = format!("`{}` {what}; only regular files are read and replaced", name.display());
+fn refusal(name: &Path, kind: &str) -> io::Error {
+    let message =
+        format!("`{}` is {kind}; only regular files are read and replaced", name.display());
     io::Error::new(ErrorKind::InvalidInput, message)
 }
 
 #[cfg(test)]
 mod tests {
     use std::fs;
-    use std::sync::mpsc;
-    use std::time::Duration;
 
     use super::*;
-
-    fn names(folder: &Path) -> Vec<String> {
-        let entries = fs::read_dir(folder).unwrap().flatten();
-        let mut names: Vec<String> =
-            entries.map(|entry| entry.file_name().into_string().unwrap()).collect();
-        names.sort();
-        names
-    }
 
     #[test]
     fn a_file_is_replaced_whole_or_stays() {
@@ -259,55 +161,40 @@ mod tests {
         });
         assert_eq!(failed.unwrap_err().to_string(), "disk full");
         assert_eq!(folder.bytes("x", 3).unwrap(), b"one");
-        folder.write("x", b"three").unwrap();
-        assert_eq!(folder.bytes("x", 5).unwrap(), b"three");
-        assert_eq!(folder.bytes("x", 4).unwrap_err().kind(), ErrorKind::FileTooLarge);
-        assert_eq!(names(folder.path()), ["x"]);
-        assert_eq!(folder.create_new("x").unwrap_err().kind(), ErrorKind::AlreadyExists);
+        assert_eq!(folder.bytes("x", 2).unwrap_err().kind(), ErrorKind::FileTooLarge);
         folder.append("x").unwrap().write_all(b"+").unwrap();
-        assert_eq!(folder.bytes("x", 9).unwrap(), b"three+");
-        folder.make_beneath("c/d").unwrap().write("y", b"").unwrap();
-        assert!(folder.has_file("c/d/y") && !folder.has_file("c/d") && !folder.has_file("z"));
-        folder.remove("c/d/y").unwrap();
-        assert!(!folder.has_file("c/d/y"));
-    }
-
-    #[test]
-    fn no_name_leads_out_of_the_folder() {
-        let place = tempfile::tempdir().unwrap();
-        fs::write(place.path().join("secret"), "keep").unwrap();
-        let folder = Folder::make(&place.path().join("own")).unwrap();
-        let absolute = place.path().join("secret");
-        for name in [Path::new("../secret"), &absolute, Path::new(""), Path::new("..")] {
-            assert!(folder.read(name).is_err(), "{name:?}");
-            assert!(folder.write(name, b"lost").is_err(), "{name:?}");
-            assert!(folder.append(name).is_err(), "{name:?}");
-            assert!(folder.remove(name).is_err(), "{name:?}");
-        }
-        assert_eq!(fs::read_to_string(absolute).unwrap(), "keep");
+        assert_eq!(folder.bytes("x", 9).unwrap(), b"one+");
+        folder.make_beneath("c").unwrap();
+        folder.write("c/y", b"").unwrap();
+        assert!(folder.has_file("c/y") && !folder.has_file("c") && !folder.has_file("z"));
+        folder.remove("c/y").unwrap();
+        let left: Vec<_> = fs::read_dir(folder.path().join("c")).unwrap().collect();
+        assert!(left.is_empty(), "{left:?}");
     }
 
     #[cfg(unix)]
     #[test]
-    fn links_pipes_and_folders_are_refused_and_stay() {
+    fn links_pipes_folders_and_paths_out_of_the_folder_are_refused_and_stay() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
         let place = tempfile::tempdir().unwrap();
         let precious = place.path().join("precious");
         fs::create_dir(&precious).unwrap();
         fs::write(precious.join("a"), "keep").unwrap();
         let folder = Folder::make(&place.path().join("own")).unwrap();
-        let link = |to: &Path, name: &str| {
-            std::os::unix::fs::symlink(to, folder.path().join(name)).unwrap();
-        };
-        link(&precious.join("a"), "link");
-        link(&precious, "linked");
-        link(Path::new("nowhere"), "dangling");
-        // A link to a file of the folder itself is none the less a link.
         folder.write("own", b"own").unwrap();
-        link(Path::new("own"), "inner");
-        fs::create_dir(folder.path().join("folder")).unwrap();
+        let links = [
+            (precious.join("a"), "link"),
+            (precious.clone(), "linked"),
+            ("nowhere".into(), "dangling"),
+            ("own".into(), "inner"),
+        ];
+        for (to, name) in links {
+            symlink(to, folder.path().join(name)).unwrap();
+        }
+        folder.make_beneath("folder").unwrap();
         let made = std::process::Command::new("mkfifo").arg(folder.path().join("pipe")).status();
         assert!(made.unwrap().success());
-        let before = names(folder.path());
+        let absolute = precious.join("a").display().to_string();
         for (name, what) in [
             ("link", "a symbolic link"),
             ("dangling", "a symbolic link"),
@@ -317,46 +204,32 @@ mod tests {
             ("folder", "a folder"),
             ("pipe", "a pipe"),
             ("own/x", "a file"),
+            ("../precious/a", "no path within"),
+            (&absolute, "no path within"),
+            ("", "no path within"),
         ] {
-            let (path, (done, tried)) = (folder.path().to_owned(), mpsc::channel());
-            std::thread::spawn(move || {
-                let folder = Folder::open(&path).unwrap();
-                let tried = [
-                    folder.read(name).map(drop),
-                    folder.append(name).map(drop),
-                    folder.write(name, b"lost"),
-                ];
-                done.send(tried)
-            });
-            // Far longer than it takes: only a hang ends so.
-            let tried = tried.recv_timeout(Duration::from_secs(300)).expect(name);
+            let tried = [
+                folder.read(name).map(drop),
+                folder.append(name).map(drop),
+                folder.write(name, b"lost"),
+                folder.remove(name),
+            ];
             for result in tried {
                 let told = result.unwrap_err().to_string();
                 assert!(told.contains(what), "{name}: {told}");
             }
             assert!(!folder.has_file(name), "{name}");
         }
-        assert!(folder.make_beneath("linked/new").is_err());
-        assert_eq!(names(folder.path()), before);
-        assert_eq!(names(&precious), ["a"]);
-        assert_eq!(fs::read_to_string(precious.join("a")).unwrap(), "keep");
+        assert!(folder.make_beneath("linked").is_err());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 7);
+        assert_eq!(fs::read_dir(&precious).unwrap().count(), 1);
         // The folder that the user names may be a link.
         let linked = Folder::open(&folder.path().join("linked")).unwrap();
         assert_eq!(linked.bytes("a", 9).unwrap(), b"keep");
-        folder.remove("link").unwrap();
-        assert!(precious.join("a").exists());
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn what_is_written_can_be_read_by_whom_any_new_file_can() {
-        use std::os::unix::fs::PermissionsExt;
-        let place = tempfile::tempdir().unwrap();
+        // What is written can be read by whom any new file can.
         let usual = place.path().join("usual");
         fs::write(&usual, "").unwrap();
-        let folder = Folder::open(place.path()).unwrap();
-        folder.write("own", b"").unwrap();
         let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
-        assert_eq!(mode(&place.path().join("own")), mode(&usual));
+        assert_eq!(mode(&folder.path().join("own")), mode(&usual));
     }
 }

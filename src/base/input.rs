@@ -1,7 +1,7 @@
-//! Files that a user names, read with a limit: a folder, pipe or device is refused before it is opened, and a file that is too
-//! large or endless ends in an error that names the limit.
+//! Files that a user names, read with a limit: only regular files are read, and a file that is larger ends in an error that names
+//! the limit.
 
-use std::fs::{self, File, Metadata, OpenOptions};
+use std::fs::{self, File, FileType};
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Take};
 use std::path::Path;
 
@@ -18,25 +18,22 @@ const GZIP: [u8; 2] = [0x1f, 0x8b];
 
 /// Opens a regular file to read it. Anything else is an error: reading a pipe or a device may wait for ever.
 pub fn open(path: &Path) -> io::Result<File> {
-    // Asked before it is opened, because opening a device can act on it, and again of what was opened.
-    regular(&fs::metadata(path)?)?;
-    // Opening does not wait for the other end of a pipe.
-    let mut options = OpenOptions::new();
-    options.read(true);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK);
-    let file = options.open(path)?;
-    regular(&file.metadata()?)?;
-    Ok(file)
+    let kind = fs::metadata(path)?.file_type();
+    if kind.is_file() {
+        return File::open(path);
+    }
+    let message = format!("it is {}, and only regular files are read", kind_name(kind));
+    Err(io::Error::new(ErrorKind::InvalidInput, message))
 }
 
-fn regular(metadata: &Metadata) -> io::Result<()> {
-    if metadata.is_file() {
-        return Ok(());
+/// What a file is, for people.
+pub(crate) fn kind_name(kind: FileType) -> &'static str {
+    match kind {
+        kind if kind.is_symlink() => "a symbolic link",
+        kind if kind.is_dir() => "a folder",
+        kind if kind.is_file() => "a file",
+        _ => "a pipe or a device",
     }
-    let what = if metadata.is_dir() { "a folder" } else { "a pipe or a device" };
-    let message = format!("it is {what}, and only regular files are read");
-    Err(io::Error::new(ErrorKind::InvalidInput, message))
 }
 
 /// A source that fails where it gives more than its limit.
@@ -49,29 +46,12 @@ impl<R: Read> Limited<R> {
     pub fn new(source: R, limit: u64) -> Self {
         Self { source: source.take(limit.saturating_add(1)), limit }
     }
-}
-
-impl Limited<File> {
-    /// A file that is larger is an error before it is read.
-    pub fn of_file(file: File, limit: u64) -> io::Result<Self> {
-        if file.metadata()?.len() > limit {
-            return Err(too_large(limit));
-        }
-        Ok(Self::new(file, limit))
-    }
 
     /// All its bytes at once.
     pub fn bytes(mut self) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         self.read_to_end(&mut bytes)?;
         Ok(bytes)
-    }
-
-    /// All of its text.
-    pub fn text(mut self) -> io::Result<String> {
-        let mut text = String::new();
-        self.read_to_string(&mut text)?;
-        Ok(text)
     }
 }
 
@@ -86,24 +66,25 @@ impl<R: Read> Read for Limited<R> {
 }
 
 fn too_large(limit: u64) -> io::Error {
-    let message = format!("more than {}, and at most that is read", size(limit));
+    let size = match limit {
+        limit if limit.is_multiple_of(1 << 20) => format!("{} MiB", limit >> 20),
+        limit => format!("{limit} bytes"),
+    };
+    let message = format!("more than {size}, and at most that is read");
     io::Error::new(ErrorKind::FileTooLarge, message)
 }
 
-/// A number of bytes for people.
-fn size(bytes: u64) -> String {
-    if bytes.is_multiple_of(1 << 20) {
-        format!("{} MiB", bytes >> 20)
-    } else if bytes.is_multiple_of(1 << 10) {
-        format!("{} KiB", bytes >> 10)
-    } else {
-        format!("{bytes} bytes")
+/// The bytes of an open file, no more than `limit`. A file that is larger is an error before it is read.
+pub fn limited(file: File, limit: u64) -> io::Result<Limited<File>> {
+    if file.metadata()?.len() > limit {
+        return Err(too_large(limit));
     }
+    Ok(Limited::new(file, limit))
 }
 
 /// A file's bytes, no more than `limit`.
 pub fn plain(path: &Path, limit: u64) -> io::Result<Limited<File>> {
-    Limited::of_file(open(path)?, limit)
+    limited(open(path)?, limit)
 }
 
 /// A file's bytes, decompressed where it starts as gzip does; no more than `limit` before and after.
@@ -113,7 +94,7 @@ pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
 
 /// The same of an open file.
 pub fn unpack(file: File, limit: u64) -> io::Result<Box<dyn Read>> {
-    let mut file = BufReader::new(Limited::of_file(file, limit)?);
+    let mut file = BufReader::new(limited(file, limit)?);
     Ok(if file.fill_buf()?.starts_with(&GZIP) {
         Box::new(Limited::new(MultiGzDecoder::new(file), limit))
     } else {
@@ -122,23 +103,19 @@ pub fn unpack(file: File, limit: u64) -> io::Result<Box<dyn Read>> {
 }
 
 /// SHA-256 of all bytes, in hexadecimal.
-pub fn sha256(source: impl Read) -> io::Result<String> {
-    let mut sum = Sha256::new();
-    let mut source = BufReader::with_capacity(READ_AT_ONCE, source);
+pub fn sha256(mut source: impl Read) -> io::Result<String> {
+    let (mut sum, mut buffer) = (Sha256::new(), vec![0; READ_AT_ONCE]);
     loop {
-        let bytes = source.fill_buf()?;
-        if bytes.is_empty() {
-            return Ok(hex::encode(sum.finalize()));
+        match source.read(&mut buffer)? {
+            0 => return Ok(hex::encode(sum.finalize())),
+            read => sum.update(&buffer[..read]),
         }
-        sum.update(bytes);
-        let read = bytes.len();
-        source.consume(read);
     }
 }
 
 /// A file's text, no more than `limit` bytes of it.
 pub fn text(path: &Path, limit: u64) -> io::Result<String> {
-    plain(path, limit)?.text()
+    io::read_to_string(plain(path, limit)?)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,50 +127,25 @@ pub enum LineEnd {
     TooLong,
 }
 
-/// The lines of a source, one at a time, each kept up to a number of bytes.
-pub struct Lines<R> {
-    source: R,
+/// Reads the next line without its newline, of a longer one the first `longest` bytes; none at the end of the source.
+pub fn next_line(
+    source: &mut impl BufRead,
     longest: usize,
-    /// The line that was read last, without its newline.
-    pub line: Vec<u8>,
-    /// Its number, from 1.
-    pub number: usize,
-    /// Bytes of all lines so far, with their newlines.
-    pub bytes: u64,
-}
-
-impl<R: BufRead> Lines<R> {
-    pub fn new(source: R, longest: usize) -> Self {
-        Self { source, longest, line: Vec::new(), number: 0, bytes: 0 }
+    line: &mut Vec<u8>,
+) -> io::Result<Option<LineEnd>> {
+    line.clear();
+    if source.by_ref().take(longest as u64 + 1).read_until(b'\n', line)? == 0 {
+        return Ok(None);
     }
-
-    /// Reads the next line; none at the end of the source.
-    pub fn advance(&mut self) -> io::Result<Option<LineEnd>> {
-        self.line.clear();
-        self.number += 1;
-        let mut seen = 0;
-        loop {
-            let bytes = self.source.fill_buf()?;
-            let newline = bytes.iter().position(|byte| *byte == b'\n');
-            let part = &bytes[..newline.unwrap_or(bytes.len())];
-            seen += part.len();
-            let room = self.longest - self.line.len();
-            self.line.extend_from_slice(&part[..part.len().min(room)]);
-            let (used, ended) = (part.len() + usize::from(newline.is_some()), bytes.is_empty());
-            self.source.consume(used);
-            self.bytes += used as u64;
-            if ended && seen == 0 {
-                return Ok(None);
-            }
-            if newline.is_some() || ended {
-                return Ok(Some(match newline {
-                    _ if seen > self.longest => LineEnd::TooLong,
-                    Some(_) => LineEnd::Newline,
-                    None => LineEnd::File,
-                }));
-            }
-        }
+    if line.pop_if(|byte| *byte == b'\n').is_some() {
+        return Ok(Some(LineEnd::Newline));
     }
+    if line.len() <= longest {
+        return Ok(Some(LineEnd::File));
+    }
+    line.truncate(longest);
+    source.skip_until(b'\n')?;
+    Ok(Some(LineEnd::TooLong))
 }
 
 #[cfg(test)]
@@ -204,60 +156,34 @@ mod tests {
 
     use super::*;
 
-    fn written(bytes: &[u8]) -> tempfile::NamedTempFile {
-        let mut file = tempfile::NamedTempFile::new().unwrap();
-        file.write_all(bytes).unwrap();
-        file
-    }
-
-    fn packed(bytes: &[u8]) -> Vec<u8> {
-        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-        encoder.write_all(bytes).unwrap();
-        encoder.finish().unwrap()
-    }
-
     #[test]
-    fn the_limit_is_the_last_size_that_is_read() {
-        let file = written(b"12345");
-        assert_eq!(text(file.path(), 5).unwrap(), "12345");
-        let fault = text(file.path(), 4).unwrap_err().to_string();
+    fn the_limit_is_the_last_size_that_is_read_before_and_after_unpacking() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        fs::write(&path, "12345").unwrap();
+        assert_eq!(text(&path, 5).unwrap(), "12345");
+        let fault = text(&path, 4).unwrap_err().to_string();
         assert!(fault.contains("more than 4 bytes"), "{fault}");
-    }
-
-    #[test]
-    fn the_limit_holds_for_what_comes_out_of_an_archive() {
-        let file = written(&packed(&[7; 1 << 20]));
-        assert!(file.path().metadata().unwrap().len() < 1 << 12);
-        let mut bytes = Vec::new();
-        let whole = unpacked(file.path(), 1 << 20).unwrap().read_to_end(&mut bytes);
-        assert_eq!(whole.unwrap(), 1 << 20);
-        let mut source = unpacked(file.path(), (1 << 20) - 1).unwrap();
-        let fault = source.read_to_end(&mut Vec::new()).unwrap_err();
-        assert_eq!(fault.kind(), ErrorKind::FileTooLarge);
-    }
-
-    #[test]
-    fn a_source_that_never_ends_is_left_at_the_limit() {
-        let mut endless = Limited::new(io::repeat(0), 1 << 16);
-        let fault = io::copy(&mut endless, &mut io::sink()).unwrap_err();
-        assert!(fault.to_string().contains("more than 64 KiB"), "{fault}");
+        let mut packer = GzEncoder::new(File::create(&path).unwrap(), Compression::best());
+        packer.write_all(&[7; 1 << 20]).unwrap();
+        packer.finish().unwrap();
+        let read = |limit| unpacked(&path, limit).unwrap().read_to_end(&mut Vec::new());
+        assert_eq!(read(1 << 20).unwrap(), 1 << 20);
+        assert_eq!(read((1 << 20) - 1).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        let endless = Limited::new(io::repeat(0), 1 << 20).bytes().unwrap_err();
+        assert!(endless.to_string().contains("more than 1 MiB"), "{endless}");
     }
 
     #[test]
     fn lines_are_cut_at_their_longest_and_the_next_one_is_whole() {
-        let mut lines = Lines::new(BufReader::with_capacity(3, &b"ab\nabcdefgh\n\nabcd\nx"[..]), 4);
-        let mut found = Vec::new();
-        while let Some(end) = lines.advance().unwrap() {
-            found.push((lines.number, String::from_utf8(lines.line.clone()).unwrap(), end));
+        let mut source = BufReader::with_capacity(3, &b"ab\nabcdefgh\n\nabcd\nx"[..]);
+        let (mut line, mut found) = (Vec::new(), Vec::new());
+        while let Some(end) = next_line(&mut source, 4, &mut line).unwrap() {
+            found.push((String::from_utf8(line.clone()).unwrap(), end));
         }
-        let line = |number, text: &str, end| (number, text.to_owned(), end);
-        let expected = [
-            line(1, "ab", LineEnd::Newline),
-            line(2, "abcd", LineEnd::TooLong),
-            line(3, "", LineEnd::Newline),
-            line(4, "abcd", LineEnd::Newline),
-            line(5, "x", LineEnd::File),
-        ];
-        assert_eq!(found, expected);
+        use LineEnd::{File, Newline, TooLong};
+        let lines =
+            [("ab", Newline), ("abcd", TooLong), ("", Newline), ("abcd", Newline), ("x", File)];
+        assert_eq!(found, lines.map(|(line, end)| (line.to_owned(), end)));
     }
 }

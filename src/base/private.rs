@@ -55,63 +55,24 @@ pub fn command() -> Vec<String> {
 
 /// A text with the absolute paths in it as [`path`] gives them.
 pub fn words(text: &str) -> String {
-    let folder = |path: Option<std::path::PathBuf>| {
-        path.map(|path| format!("{}/", path.to_string_lossy())).filter(|path| path.len() > 2)
-    };
+    let is_beside_path = |c: char| c.is_whitespace() || AFTER_PATH.contains(&c);
     // Names of these folders may hold what ends a path elsewhere, such as spaces.
-    let mut text = text.to_owned();
-    if let Some(current) = folder(std::env::current_dir().ok()) {
-        text = replaced(&text, &current, "");
-    }
-    if let Some(home) = folder(std::env::home_dir()) {
-        text = replaced(&text, &home, "/~/");
-    }
-    let (mut shown, mut rest) = (String::new(), text.as_str());
-    while let Some(start) = next_path(rest, &shown) {
-        let (before, found) = rest.split_at(start);
-        let (found, after) = found.split_at(found.find(is_beside_path).unwrap_or(found.len()));
-        shown.push_str(before);
-        // A lone name after a stroke is no path: `1 /s`.
-        match found.trim_end_matches('/').rsplit_once('/') {
-            Some((folder, last)) if !folder.is_empty() => shown.push_str(last),
-            _ => shown.push_str(found),
+    let folders = [(std::env::current_dir().ok(), ""), (std::env::home_dir(), "/~/")];
+    let folders =
+        folders.map(|(path, by)| (format!("{}/", path.unwrap_or_default().display()), by));
+    let whole = folders.iter().filter(|(folder, _)| folder.len() > 2);
+    let text = whole.fold(text.to_owned(), |text, (folder, by)| text.replace(folder, by));
+    let shown = |word: &str| {
+        let path = word.trim_end_matches(is_beside_path);
+        match path.trim_end_matches('/').rsplit_once('/') {
+            // `https://` and comments are no paths, nor is a lone name after a stroke: `1 /s`.
+            Some((folder, last)) if folder.starts_with('/') && !folder.starts_with("//") => {
+                format!("{last}{}", &word[path.len()..])
+            }
+            _ => word.to_owned(),
         }
-        rest = after;
-    }
-    shown + rest
-}
-
-fn is_beside_path(c: char) -> bool {
-    c.is_whitespace() || AFTER_PATH.contains(&c)
-}
-
-/// A path may begin behind this text.
-fn may_begin(before: &str) -> bool {
-    before.chars().next_back().is_none_or(is_beside_path)
-}
-
-/// Where the next path begins in what is left of a text.
-fn next_path(rest: &str, before: &str) -> Option<usize> {
-    let is_start = |at: usize| {
-        let before = if at == 0 { before } else { &rest[..at] };
-        // `https://` and comments are no paths.
-        may_begin(before) && !rest[at + 1..].starts_with(['/', ' ']) && rest.len() > at + 1
     };
-    rest.match_indices('/').map(|(at, _)| at).find(|at| is_start(*at))
-}
-
-/// Replaces a folder's path where it begins a path.
-fn replaced(text: &str, folder: &str, by: &str) -> String {
-    let mut shown = String::new();
-    let mut rest = text;
-    while let Some(at) = rest.find(folder) {
-        let (before, found) = rest.split_at(at);
-        shown.push_str(before);
-        let shown_as = if may_begin(&shown) { by } else { folder };
-        shown.push_str(shown_as);
-        rest = &found[folder.len()..];
-    }
-    shown + rest
+    text.split_inclusive(is_beside_path).map(shown).collect()
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use itertools::Itertools;
 use thiserror::Error;
 
-use crate::input::{LineEnd, Lines};
+use crate::input::{LineEnd, next_line};
 use crate::{tell, text};
 
 /// Longest time of a tool that may check out a repository or download 200 MB, more than any asset's package, at 3 Mbit/s.
@@ -26,8 +26,7 @@ pub const TOOL_TIME: Duration = Duration::from_secs(600);
 const MAX_ANSWER: u64 = 16 << 20;
 /// Bytes that are kept of a line of complaint, and lines: together 10 KiB.
 const MAX_LINE: usize = 512;
-const FIRST_LINES: usize = 4;
-const LAST_LINES: usize = 16;
+const LAST_LINES: usize = 20;
 /// Lines that may wait to be told. A process that writes more waits for its reader.
 const LINES_AHEAD: usize = 64;
 /// How long an interruption or the end of a time limit may go unnoticed.
@@ -147,30 +146,12 @@ enum Said {
     Answer(io::Result<Option<Vec<u8>>>),
 }
 
-/// What a command that has ended left.
-pub struct Ended {
-    pub status: ExitStatus,
-    /// Its standard output.
-    pub answer: String,
-    pub complaint: Excerpt,
-}
-
 /// Runs a command to its end and gives its standard output, if it ended well. `tell` takes each line of its standard error.
 pub fn run(
     command: &mut Command,
     limits: Limits<'_>,
     tell: &mut dyn FnMut(&str),
 ) -> Result<String, ProcessError> {
-    let Ended { status, answer, complaint } = ended(command, limits, tell)?;
-    if status.success() { Ok(answer) } else { Err(ProcessError::Failed { status, complaint }) }
-}
-
-/// The same, whatever its status is.
-pub fn ended(
-    command: &mut Command,
-    limits: Limits<'_>,
-    tell: &mut dyn FnMut(&str),
-) -> Result<Ended, ProcessError> {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let start = Instant::now();
     let mut tree = ProcessTree::spawn(command).map_err(ProcessError::Start)?;
@@ -198,7 +179,10 @@ pub fn ended(
             None => limits.check(start)?,
         }
     };
-    Ok(Ended { status, answer: String::from_utf8_lossy(&answer).into_owned(), complaint })
+    if !status.success() {
+        return Err(ProcessError::Failed { status, complaint });
+    }
+    Ok(String::from_utf8_lossy(&answer).into_owned())
 }
 
 /// What a tool prints, without white space around it.
@@ -233,9 +217,9 @@ fn answer(output: impl Read) -> io::Result<Option<Vec<u8>>> {
 
 /// Hands on the lines that hold anything, of long ones the beginning, until `take` wants no more.
 fn each_line(output: impl Read, mut take: impl FnMut(String) -> bool) {
-    let mut lines = Lines::new(BufReader::new(output), MAX_LINE);
-    while let Ok(Some(end)) = lines.advance() {
-        let mut line = text::line(String::from_utf8_lossy(&lines.line).trim_end());
+    let (mut source, mut bytes) = (BufReader::new(output), Vec::new());
+    while let Ok(Some(end)) = next_line(&mut source, MAX_LINE, &mut bytes) {
+        let mut line = text::line(String::from_utf8_lossy(&bytes).trim_end());
         if end == LineEnd::TooLong {
             line.push('…');
         }
@@ -245,36 +229,26 @@ fn each_line(output: impl Read, mut take: impl FnMut(String) -> bool) {
     }
 }
 
-/// The first and the last lines that a process has written to its standard error.
+/// The last lines that a process has written to its standard error.
 #[derive(Clone, Debug, Default)]
-pub struct Excerpt {
-    first: Vec<String>,
-    last: VecDeque<String>,
-    left_out: usize,
-}
+pub struct Excerpt(VecDeque<String>);
 
 impl Excerpt {
     fn add(&mut self, line: String) {
-        if self.first.len() < FIRST_LINES {
-            return self.first.push(line);
+        if self.0.len() == LAST_LINES {
+            self.0.pop_front();
         }
-        if self.last.len() == LAST_LINES {
-            self.last.pop_front();
-            self.left_out += 1;
-        }
-        self.last.push_back(line);
+        self.0.push_back(line);
     }
 
-    /// With a line for those that are left out.
-    pub fn lines(&self) -> impl DoubleEndedIterator<Item = String> {
-        let left_out = (self.left_out > 0).then(|| format!("… ({} lines left out)", self.left_out));
-        self.first.iter().cloned().chain(left_out).chain(self.last.iter().cloned())
+    pub fn lines(&self) -> impl DoubleEndedIterator<Item = &String> {
+        self.0.iter()
     }
 }
 
 impl fmt::Display for Excerpt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.lines().map(|line| line.trim().to_owned()).format("; "))
+        write!(f, "{}", self.lines().map(|line| line.trim()).format("; "))
     }
 }
 

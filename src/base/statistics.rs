@@ -96,13 +96,6 @@ pub fn median(samples: &[f64]) -> f64 {
     median_of_sorted(&sorted(samples))
 }
 
-/// The place of the sample nearest to the median; the first of several. None for no samples.
-pub fn nearest_to_median(samples: &[f64]) -> Option<usize> {
-    let median = median(samples);
-    let distances = samples.iter().map(|sample| (sample - median).abs()).enumerate();
-    distances.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(place, _)| place)
-}
-
 /// The median with its 95 % interval. A median of 0 and no interval for no samples.
 pub fn estimate(samples: &[f64]) -> Estimate {
     if samples.is_empty() {
@@ -367,13 +360,11 @@ mod tests {
     }
 
     #[test]
-    fn median_of_odd_even_and_none_and_the_sample_nearest_to_it() {
+    fn median_of_odd_even_and_none() {
         assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
         assert_eq!(median(&[4.0, 1.0, 3.0, 2.0]), 2.5);
         assert!(median(&[]).is_nan());
         assert_eq!(estimate(&[]), Estimate::default());
-        assert_eq!(nearest_to_median(&[5.0, 1.0, 3.0, 9.0, 3.5]), Some(4));
-        assert_eq!(nearest_to_median(&[]), None);
     }
 
     /// In how many of `trials` the interval from `n` samples holds a value.

@@ -89,14 +89,6 @@ fn at_line_start(mut text: String) -> String {
     text
 }
 
-/// Paragraphs of [`markdown`], parted by empty lines as in `text`.
-pub fn paragraphs(text: &str) -> String {
-    let lines: Vec<&str> = text.lines().map(str::trim).collect();
-    let paragraphs = lines.split(|line| line.is_empty()).filter(|lines| !lines.is_empty());
-    let written: Vec<String> = paragraphs.map(|lines| markdown(&lines.join(" "))).collect();
-    written.join("\n\n")
-}
-
 /// A name as code in Markdown, outside tables.
 pub fn code(name: &str) -> String {
     let name = line(name);
@@ -262,7 +254,6 @@ mod tests {
         for text in ["-0.5 a", "+5 %", "1.5 ms", "a # b", "2 cells"] {
             assert_eq!(markdown(text), text);
         }
-        assert_eq!(paragraphs("a\n b\n\n\n# c\n"), "a b\n\n\\# c");
     }
 
     #[test]

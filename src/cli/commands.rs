@@ -402,7 +402,7 @@ pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
 pub fn sound(output: &OutputFolder, hint: &str) -> anyhow::Result<Reading> {
     let reading =
         record::read_good(&output.records()).with_context(|| format!("{hint} {RECORDS}"))?;
-    reading.damaged.notices(&output.records()).into_iter().for_each(tell::note);
+    reading.damaged.notice(&output.records()).into_iter().for_each(tell::note);
     Ok(reading)
 }
 

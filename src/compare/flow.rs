@@ -261,7 +261,7 @@ fn obstacle(gate: Gate, greetings: &[Greeting; 2], options: &CompareOptions) -> 
 
 /// The folder's comparison, if it is this one.
 fn resumed(held: &mut Held, settings: &Value, tell: &dyn Fn(&str)) -> Result<StoredComparison> {
-    held.notices.iter().for_each(|notice| tell(notice));
+    held.damage.iter().for_each(|notice| tell(notice));
     let folder = held.output.folder.clone();
     let before = StoredComparison::from_records(std::mem::take(&mut held.before));
     let before = before.ok_or_else(|| OutputError::NoHeader { path: folder.clone() })?;

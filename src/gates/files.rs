@@ -92,8 +92,7 @@ fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
 fn sorted(file: &RunFile) -> anyhow::Result<Sorted<'_>> {
     let RunFile { path, reading } = file;
     let name = private::path(path);
-    let damaged = reading.damaged.told(ToString::to_string).into_iter();
-    let mut notes: Vec<String> = damaged.map(|told| format!("{name}: {told}")).collect();
+    let mut notes: Vec<String> = reading.damaged.notice(Path::new(&name)).into_iter().collect();
     let mut last: Option<&Run> = None;
     let mut cells = BTreeMap::new();
     for record in &reading.records {
@@ -173,11 +172,11 @@ impl Contents {
             allocated_bytes: measured.allocated_bytes,
             errors: measured.errors.iter().map(|e| (e.name.to_string(), e.value)).collect(),
             judged: measured.errors.clone(),
-            quantities: measured.quantities.to_map(),
+            quantities: measured.quantities.clone(),
             notes: Vec::new(),
         });
         self.comparison.exact.extend(measured.stages.iter().map(|stage| {
-            let counters = self.same_driver.then(|| stage.counters.to_map());
+            let counters = self.same_driver.then(|| stage.counters.clone());
             ExactFigures {
                 side,
                 cell: CellId::new(configuration, &stage.stage),

@@ -60,11 +60,7 @@ impl StoredComparison {
 
     /// The comparison that the records of a file hold.
     pub fn of(reading: Reading, path: &Path) -> anyhow::Result<Self> {
-        let mut damaged: Vec<String> = reading.damaged.told(ToString::to_string);
-        damaged.extend(record::kept_aside(path).into_iter().map(|aside| {
-            let name = aside.file_name().unwrap_or_default().to_string_lossy();
-            format!("unreadable lines were skipped; they are in {name}")
-        }));
+        let damaged = Some(reading.damaged.to_string()).filter(|_| !reading.damaged.is_empty());
         let foreign = !reading.records.is_empty() && !holds_comparison(&reading.records);
         if foreign {
             bail!("no comparison in {}", path.display());

@@ -70,21 +70,21 @@ pub struct Journal {
 
 impl Journal {
     /// Opens the file, or starts it where there is none, and gives what there is to say of its damage.
-    pub fn open(path: &Path) -> Result<(Self, Vec<String>), RecordError> {
-        let opened = LineWriter::open(path, |_| Ok::<(), RecordError>(()))?;
-        let notices = opened.notices();
-        let open = by_cell(opened.read.records);
+    pub fn open(path: &Path) -> Result<(Self, Option<String>), RecordError> {
+        let (writer, read) = LineWriter::open(path, |_| Ok::<(), RecordError>(()))?;
+        let damage = read.damaged.notice(path);
+        let open = by_cell(read.records);
         let now = Instant::now();
         let journal = Self {
             path: path.to_owned(),
-            writer: opened.writer,
+            writer,
             open,
             clocks: Clocks::new(),
             unwritten: Vec::new(),
             written: now,
             synced: now,
         };
-        Ok((journal, notices))
+        Ok((journal, damage))
     }
 
     /// Whether samples of the cell are here to go on with.
@@ -259,8 +259,8 @@ mod tests {
     }
 
     fn journal(folder: &tempfile::TempDir) -> Journal {
-        let (journal, notices) = Journal::open(&folder.path().join("samples.jsonl")).unwrap();
-        assert_eq!(notices, Vec::<String>::new());
+        let (journal, damage) = Journal::open(&folder.path().join("samples.jsonl")).unwrap();
+        assert_eq!(damage, None);
         journal
     }
 
@@ -348,11 +348,10 @@ mod tests {
         keep(&mut first, [("a", pair(1.0)), ("b", pair(2.0))]);
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
-        let (second, notices) = Journal::open(&path).unwrap();
-        assert!(notices[0].contains("line 2: torn off"), "{notices:?}");
+        let (second, damage) = Journal::open(&path).unwrap();
+        let damage = damage.unwrap();
+        assert!(damage.contains("line 2: torn off"), "{damage}");
         assert_eq!(second.taken(&cell("a")), Samples::of(&[pair(1.0)]));
         assert!(!second.is_open("b"));
-        let aside = folder.path().join("samples.damaged-1.jsonl");
-        assert_eq!(std::fs::read(aside).unwrap(), bytes[..bytes.len() - 9]);
     }
 }

@@ -48,7 +48,7 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged> {
     let (mut notes, mut merged_records) = (Vec::new(), Vec::new());
     for mut shard in shards {
         let records = OutputFolder { folder: shard.path.clone() }.records();
-        notes.extend(shard.reading.damaged.notices(&records));
+        notes.extend(shard.reading.damaged.notice(&records));
         notes.extend(copy_pictures(&shard, &to)?);
         let headers = shard.reading.records.iter_mut().filter_map(Record::try_as_run_mut);
         headers.for_each(|run| run.shard = None);

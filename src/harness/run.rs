@@ -147,7 +147,7 @@ pub fn run(
         schedule,
         interrupted,
     };
-    measurement.begin(&damage, &ids)?;
+    measurement.begin(damage, &ids)?;
     deadly.into_iter().try_for_each(|cell| measurement.output.finish(cell))?;
     measurement.measure()?;
     measurement.end(kept)
@@ -387,11 +387,11 @@ struct Measurement<'a> {
 
 impl Measurement<'_> {
     /// Writes the header, and says what of an earlier run was damaged and what is gone on with.
-    fn begin(&mut self, damage: &[String], ids: &[String]) -> Result<()> {
+    fn begin(&mut self, damage: Option<String>, ids: &[String]) -> Result<()> {
         let header = Record::Run(Box::new(self.output.header.clone()));
         self.output.write(header)?;
         let Output { held, journal, .. } = &self.output;
-        held.notices.iter().chain(damage).for_each(tell::note);
+        held.damage.iter().chain(&damage).for_each(tell::note);
         let (pairs, cells) = journal.earlier_pairs(ids);
         if pairs > 0 {
             tell::note(format!("continuing from {pairs} pairs of frames of {cells} cells"));

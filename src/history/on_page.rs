@@ -104,7 +104,7 @@ fn tone(series: &Series, change: &Change) -> Tone {
 /// Cell and figure; figures that are no times in words.
 fn name(series: &Series) -> String {
     let figure = &series.key.figure;
-    let told = if figure.figure == FRAME || series.key.is_time() {
+    let told = if *figure.figure == *FRAME || series.key.is_time() {
         figure.figure.to_string()
     } else {
         words::figure(&figure.figure).words

@@ -10,7 +10,10 @@ use sha2::{Digest, Sha256};
 
 use fathom_base::{folder, input};
 use fathom_record as record;
-use fathom_record::{Cell, Clock, Damaged, Estimate, Measured, Name, Record, Run, ShaderChecks};
+use fathom_record::{Cell, Clock, Damaged, Estimate, Measured, Record, Run, ShaderChecks};
+
+/// The figures of a cell share its names.
+pub type Name = std::sync::Arc<str>;
 
 /// Name of the figure that is a frame's time without per-stage timing.
 pub const FRAME: &str = "frame";
@@ -144,12 +147,8 @@ impl Found {
     /// The first header of sound records of a run.
     fn check(&mut self, path: &Path, damaged: &Damaged) -> anyhow::Result<Run> {
         let path = path.display();
-        if let Some(first) = damaged.first() {
-            let more = match damaged.count() {
-                1 => String::new(),
-                count => format!(" (and {} more)", count - 1),
-            };
-            bail!("{path} is damaged, so it was not stored: {first}{more}");
+        if !damaged.is_empty() {
+            bail!("{path} is damaged, so it was not stored: {damaged}");
         }
         if self.is_comparison {
             bail!("{path} holds a comparison, and a history stores runs only");
@@ -233,11 +232,11 @@ fn of_cell(run: &Run, cell: &Cell, measured: &Measured) -> Vec<(FigureKey, Estim
         .iter()
         .filter(|stage| stage.time.n > 0 && stage.is_resolved() && stage.clock != Clock::Host);
     for stage in timed {
-        let (figure, clock) = (stage.stage.clone(), stage.clock.name().into());
+        let (figure, clock) = (stage.stage.as_str().into(), stage.clock.name().into());
         figures.push((FigureKey { figure, clock, ..of_all.clone() }, stage.time));
     }
     for error in measured.errors.iter().filter(|error| error.value.is_finite()) {
-        let (figure, unit) = (error.name.clone(), error.unit.clone());
+        let (figure, unit) = (error.name.as_str().into(), error.unit.as_str().into());
         let value = Estimate { median: error.value, interval: None, n: 1 };
         figures.push((FigureKey { figure, unit, ..of_all.clone() }, value));
     }

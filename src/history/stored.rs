@@ -10,10 +10,10 @@ use jiff::tz::TimeZone;
 use rusqlite::Row;
 
 use super::History;
-use super::run::{FigureKey, NANOSECONDS};
+use super::run::{FigureKey, NANOSECONDS, Name};
 use super::store::{RUN_COLUMNS, SERIES_COLUMNS};
 use fathom_base::text::line;
-use fathom_record::{Estimate, Interval, Name};
+use fathom_record::{Estimate, Interval};
 use fathom_report::format::NS_PER_MS;
 
 /// Digits of a commit or a run that people read.
@@ -97,7 +97,7 @@ impl SeriesKey {
     }
 
     pub fn is_time(&self) -> bool {
-        self.figure.unit == NANOSECONDS
+        *self.figure.unit == *NANOSECONDS
     }
 
     /// What turns a value into the unit that people read.
@@ -208,7 +208,7 @@ impl History {
         let statement = format!("SELECT id, {SERIES_COLUMNS} FROM fathom_series");
         let mut statement = self.connection.prepare(&statement)?;
         let of_row = |row: &Row<'_>| {
-            let name = |column: usize| Ok(Name::from(&*row.get::<_, String>(column)?));
+            let name = |column: usize| Ok(Name::from(row.get::<_, String>(column)?));
             let names: Vec<Name> = (1..=9).map(name).collect::<rusqlite::Result<_>>()?;
             let names: [Name; 9] = names.try_into().map_err(|_| rusqlite::Error::InvalidQuery)?;
             let [machine, key @ ..] = names;

@@ -408,7 +408,7 @@ mod tests {
         let ceilings = [ceiling(Limit::Fill { format, blending: Blending::Opaque }, 1e9)];
         let mut stage = stage(1000.0, Work { fragments: 5000, ..Work::default() });
         assert!(stage.share_of(&ceilings).unwrap().is_impossible());
-        stage.counters.insert("fragment_invocations", 100);
+        stage.counters.insert("fragment_invocations".into(), 100);
         let share = stage.share_of(&ceilings).unwrap();
         assert_eq!((share.basis, share.amount), (Basis::Counted, 100));
         assert!((share.share - 0.1).abs() < 1e-9);

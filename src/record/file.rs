@@ -7,9 +7,7 @@ use std::path::Path;
 use itertools::Itertools as _;
 use serde_json::Value;
 
-use super::lines::{
-    Damaged, Line, LineWriter, OtherFormat, Reading, RecordError, read_lines, read_stored, sift,
-};
+use super::lines::{Damaged, Line, LineWriter, Reading, RecordError, read_lines, sift};
 use super::{Cell, Outcome, Record, Run, SCHEMA};
 use fathom_base::text;
 
@@ -28,40 +26,7 @@ impl Line for Record {
         };
         text::check_id(id).map_err(|fault| format!("experiment {fault}"))
     }
-
-    fn is_header(&self) -> bool {
-        matches!(self, Self::Run(_))
-    }
-
-    fn needs_header(&self) -> bool {
-        matches!(self, Self::Cell(_) | Self::Begun(_) | Self::End(_))
-    }
-
-    /// Unless it begins as another kind of record does and holds no header's beginning.
-    fn may_be_header(line: &[u8]) -> bool {
-        let line = String::from_utf8_lossy(line);
-        let other = OTHER_RECORDS.iter().any(|begin| line.starts_with(begin));
-        !other || line.contains(HEADER)
-    }
-
-    fn is_of_header(piece: &[u8]) -> bool {
-        let piece = String::from_utf8_lossy(piece);
-        [HEADER, ONLY_IN_HEADERS].iter().any(|word| piece.contains(word))
-    }
 }
-
-/// How a header line names itself.
-const HEADER: &str = r#""record":"run""#;
-/// A field that no other record has.
-const ONLY_IN_HEADERS: &str = r#""submit_cost_ns":"#;
-/// How lines begin that are no headers.
-const OTHER_RECORDS: [&str; 5] = [
-    r#"{"record":"cell""#,
-    r#"{"record":"begun""#,
-    r#"{"record":"experiment""#,
-    r#"{"record":"end""#,
-    r#"{"record":"comparison""#,
-];
 
 pub type Writer = LineWriter<Record>;
 
@@ -70,15 +35,10 @@ pub fn read(path: &Path) -> Result<Reading, RecordError> {
     read_lines(path)
 }
 
-/// As [`read`]; lines in another format are left out like damaged ones. A file without any sound record is an error that names
-/// its damage.
+/// As [`read`]. A file without any sound record is an error that names its damage.
 pub fn read_good(path: &Path) -> Result<Reading, RecordError> {
-    let read = read_stored::<Record>(path, OtherFormat::IsLeftOut)?;
-    if read.records.is_empty() {
-        Err(nothing_sound::<Record>(path, &read.damaged))
-    } else {
-        Ok(read)
-    }
+    let read = read(path)?;
+    if read.records.is_empty() { Err(nothing_sound(path, read.damaged)) } else { Ok(read) }
 }
 
 /// The same of what `source` gives of the file, a record at a time.
@@ -88,29 +48,25 @@ pub fn each_good(
     mut take: impl FnMut(Record),
 ) -> Result<Damaged, RecordError> {
     let mut any = false;
-    let sifted = sift(path, source, OtherFormat::IsLeftOut, |record, _| {
+    let (damaged, _) = sift(path, source, |record| {
         any = true;
         take(record);
     })?;
-    if any { Ok(sifted.damaged) } else { Err(nothing_sound::<Record>(path, &sifted.damaged)) }
+    if any { Ok(damaged) } else { Err(nothing_sound(path, damaged)) }
 }
 
 /// Lines were read and none is sound, or none was read.
-fn nothing_sound<T: Line>(path: &Path, damaged: &Damaged) -> RecordError {
-    let first = damaged.first().map(ToString::to_string);
-    RecordError::NothingSound {
-        path: path.to_owned(),
-        name: T::NAME,
-        damage: first.unwrap_or_else(|| "it is empty".to_owned()),
-    }
+fn nothing_sound(path: &Path, damaged: Damaged) -> RecordError {
+    let damage = if damaged.is_empty() { "it is empty".to_owned() } else { damaged.to_string() };
+    RecordError::NothingSound { path: path.to_owned(), name: Record::NAME, damage }
 }
 
 /// Refuses a file of which lines were read and none is sound. An empty file passes: a process that was killed early leaves one.
-pub fn empty_or_sound<T: Line>(path: &Path, read: &Reading<T>) -> Result<(), RecordError> {
+pub fn empty_or_sound(path: &Path, read: &Reading) -> Result<(), RecordError> {
     if read.damaged.is_empty() || !read.records.is_empty() {
         return Ok(());
     }
-    Err(nothing_sound::<T>(path, &read.damaged))
+    Err(nothing_sound(path, read.damaged.clone()))
 }
 
 /// Identity of a cell for `--resume`: a cell with another scene, stand-in or parameter is another cell.
@@ -171,7 +127,7 @@ pub fn finished(records: &[Record], run: &Run) -> BTreeSet<String> {
 
 /// Ids of the cells in which more than one process ended: their runs end with a [`Begun`](super::Begun) line.
 pub fn deadly(records: &[Record]) -> BTreeSet<String> {
-    let runs = records.chunk_by(|_, next| !next.is_header());
+    let runs = records.chunk_by(|_, next| !matches!(next, Record::Run(_)));
     let ended_in = runs.filter_map(|run| match run.last()? {
         Record::Begun(begun) => Some(begun.id.clone()),
         _ => None,

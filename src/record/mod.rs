@@ -29,7 +29,6 @@ mod lines;
 mod lock;
 pub mod machine;
 mod mask;
-mod names;
 pub mod nan;
 pub mod output;
 mod params;
@@ -51,14 +50,10 @@ pub use kinds::{
     ErrorSpan, FaultKind, Note, NoteKind, Picture, PictureKind, PictureScale, Profile,
     RejectedFrames, Rejection, SetUp, ShaderChecks, Standing, Surrounding,
 };
-pub use lines::{
-    Damage, Damaged, Line, LineWriter, MAX_LINE, Opened, Reading, RecordError, kept_aside,
-    read_lines, stored,
-};
+pub use lines::{Damaged, Line, LineWriter, Reading, RecordError, read_lines, stored};
 pub use lock::{FolderLock, LOCK, LockError};
 pub use machine::{MachineState, ThrottleReason, Throttling};
 pub use mask::{Feature, Mask};
-pub use names::{Name, Named};
 pub use params::Params;
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 pub use shard::{MOST_SHARDS, Part};
@@ -366,7 +361,7 @@ pub struct Measured {
     /// GPU memory that the pipeline allocated for this cell, bytes.
     pub allocated_bytes: u64,
     /// Rates of missed photons, means and the like: `name → value`, the unit in the name.
-    pub quantities: Named<f64>,
+    pub quantities: BTreeMap<String, f64>,
     /// Quantities that were measured once for each repetition of the cell with another seed or offset: `name → values`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub repeated: BTreeMap<String, Vec<f64>>,
@@ -404,7 +399,7 @@ pub struct HostCosts {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageEncoding {
     /// The stage's name.
-    pub stage: Name,
+    pub stage: String,
     /// Nanoseconds.
     pub encode: Estimate,
 }
@@ -442,7 +437,7 @@ impl Measured {
 pub struct StageRecord {
     /// The stage's name: `FAMILY/STEM`.
     #[serde(deserialize_with = "current_name")]
-    pub stage: Name,
+    pub stage: String,
     pub clock: Clock,
     /// Nanoseconds, frame by frame. In a fenced stage none is below its `resolution_ns`: a sample of that value says "at most".
     pub samples_ns: Vec<f64>,
@@ -456,22 +451,22 @@ pub struct StageRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub least_work: Option<Work>,
     /// Pipeline statistics, where the adapter counts them.
-    #[serde(default, skip_serializing_if = "Named::is_empty")]
-    pub counters: Named<u64>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub counters: BTreeMap<String, u64>,
     /// How near it comes to the adapter's limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ceiling: Option<CeilingShare>,
 }
 
 /// Reads a stage's name; earlier versions called `uniforms` `frame`.
-fn current_name<'de, D: Deserializer<'de>>(from: D) -> Result<Name, D::Error> {
-    let name = Name::deserialize(from)?;
-    Ok(if name.as_str() == "frame" { "uniforms".into() } else { name })
+fn current_name<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> {
+    let name = String::deserialize(from)?;
+    Ok(if name == "frame" { "uniforms".to_owned() } else { name })
 }
 
 impl StageRecord {
     /// A stage with these samples, of which nothing else is known.
-    pub fn of(stage: impl Into<Name>, clock: Clock, samples_ns: Vec<f64>) -> Self {
+    pub fn of(stage: impl Into<String>, clock: Clock, samples_ns: Vec<f64>) -> Self {
         Self {
             stage: stage.into(),
             clock,
@@ -480,7 +475,7 @@ impl StageRecord {
             fenced: None,
             work: Work::default(),
             least_work: None,
-            counters: Named::default(),
+            counters: BTreeMap::new(),
             ceiling: None,
         }
     }

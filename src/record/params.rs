@@ -8,8 +8,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value};
 
-use super::Name;
-use super::names::MOST_KNOWN;
+/// Groups that are remembered to be shared. Beyond that it begins again: a file of records may be anyone's.
+const MOST_KNOWN: usize = 1 << 14;
 
 /// A tree of parameters. Each of its groups is held once, by whatever number of cells.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -17,35 +17,28 @@ use super::names::MOST_KNOWN;
 #[schemars(with = "Map<String, Value>", inline, description = "")]
 pub struct Params(Box<[Group]>);
 
-#[derive(Clone, Debug, PartialEq)]
-struct Group {
-    name: Name,
-    value: Arc<Value>,
-}
+/// Its name and value.
+type Group = Arc<(String, Value)>;
 
 thread_local! {
     /// By name and JSON.
     static KNOWN: RefCell<HashMap<String, Group>> = RefCell::default();
 }
 
-impl Group {
-    fn shared(name: String, value: Value) -> Group {
-        let key = format!("{name}:{value}");
-        KNOWN.with_borrow_mut(|known| {
-            if known.len() > MOST_KNOWN {
-                known.clear();
-            }
-            let group = || Group { name: name.as_str().into(), value: Arc::new(value) };
-            known.entry(key).or_insert_with(group).clone()
-        })
-    }
+fn shared(name: String, value: Value) -> Group {
+    let key = format!("{name}:{value}");
+    KNOWN.with_borrow_mut(|known| {
+        if known.len() > MOST_KNOWN {
+            known.clear();
+        }
+        known.entry(key).or_insert_with(|| Arc::new((name, value))).clone()
+    })
 }
 
 impl Params {
     /// A group or parameter by its name.
     pub fn get(&self, name: &str) -> Option<&Value> {
-        let group = self.0.iter().find(|group| group.name == *name);
-        group.map(|group| &*group.value)
+        self.0.iter().find(|group| group.0 == name).map(|group| &group.1)
     }
 
     /// A parameter by its dotted path.
@@ -56,14 +49,13 @@ impl Params {
     }
 
     pub fn to_map(&self) -> Map<String, Value> {
-        let groups = self.0.iter();
-        groups.map(|group| (group.name.to_string(), (*group.value).clone())).collect()
+        self.0.iter().map(|group| Group::unwrap_or_clone(group.clone())).collect()
     }
 }
 
 impl From<Map<String, Value>> for Params {
     fn from(tree: Map<String, Value>) -> Self {
-        Self(tree.into_iter().map(|(name, value)| Group::shared(name, value)).collect())
+        Self(tree.into_iter().map(|(name, value)| shared(name, value)).collect())
     }
 }
 
@@ -76,7 +68,7 @@ impl From<Value> for Params {
 
 impl Serialize for Params {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(self.0.iter().map(|group| (&group.name, &*group.value)))
+        serializer.collect_map(self.0.iter().map(|group| (&group.0, &group.1)))
     }
 }
 
@@ -92,7 +84,7 @@ mod tests {
         let [one, other] = [1, 2].map(|count| Params::from(tree(count)));
         assert_eq!(serde_json::to_string(&one).unwrap(), tree(1).to_string());
         assert_eq!(serde_json::from_value::<Params>(tree(1)).unwrap(), one);
-        assert!(Arc::ptr_eq(&one.0[0].value, &other.0[0].value));
+        assert!(Arc::ptr_eq(&one.0[0], &other.0[0]));
         assert_ne!(one, other);
         assert_eq!(one.lookup("b.x"), Some(&json!([1, 2])));
         assert_eq!((one.lookup("b.z"), one.lookup("c"), one.lookup("")), (None, None, None));

@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{Clock, Line, MachineState, Name, PassKind, Rejection, Run, schema};
+use super::{Clock, Line, MachineState, PassKind, Rejection, Run, schema};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
 pub const SAMPLES_SCHEMA: u32 = 3;
@@ -101,7 +101,7 @@ pub struct FramePair {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageTime {
     /// The stage's name: `FAMILY/STEM`.
-    pub stage: Name,
+    pub stage: String,
     pub clock: Clock,
     /// Nanoseconds, less the submission's cost, if one is taken off; noise of that cost can then leave less than nothing.
     pub ns: f64,

@@ -41,12 +41,12 @@ fn file() -> (tempfile::TempDir, PathBuf) {
     (folder, path)
 }
 
-fn open(path: &Path) -> Opened<Record> {
-    Writer::open(path, |_| Ok::<(), RecordError>(())).unwrap()
+fn open(path: &Path) -> Writer {
+    Writer::open(path, |_| Ok::<(), RecordError>(())).unwrap().0
 }
 
 fn append(path: &Path, record: &Record) {
-    open(path).writer.write(record).unwrap();
+    open(path).write(record).unwrap();
 }
 
 #[test]
@@ -66,152 +66,54 @@ fn what_is_written_is_read() {
 }
 
 #[test]
-fn a_torn_last_line_is_named_and_kept_aside_on_appending() {
+fn a_torn_last_line_is_skipped_counted_and_cut_off_on_appending() {
     let (_folder, path) = file();
     let whole = serde_json::to_string(&skipped("a")).unwrap();
     fs::write(&path, format!("{whole}\n{}", &whole[..whole.len() / 2])).unwrap();
     let reading = read(&path).unwrap();
     assert_eq!(reading.records, [skipped("a")]);
-    assert_eq!(reading.damaged.len(), 1);
-    assert_eq!(reading.damaged[0].line, 2);
-    let told = reading.damaged[0].to_string();
+    let told = reading.damaged.to_string();
     assert!(told.starts_with("line 2: torn off while it was written"), "{told}");
-
-    let torn = fs::read(&path).unwrap();
     append(&path, &skipped("b"));
-    let reading = read(&path).unwrap();
-    assert_eq!(reading.records, [skipped("a"), skipped("b")]);
-    assert!(reading.damaged.is_empty());
-    let aside = kept_aside(&path);
-    assert_eq!(aside.len(), 1);
-    assert_eq!(fs::read(&aside[0]).unwrap(), torn);
+    let both = Reading { records: vec![skipped("a"), skipped("b")], ..Reading::default() };
+    assert_eq!(read(&path).unwrap(), both);
     // A whole line that only lacks its end is no damage.
     fs::write(&path, whole).unwrap();
     append(&path, &skipped("b"));
-    assert_eq!(read(&path).unwrap().records, [skipped("a"), skipped("b")]);
-    assert_eq!(kept_aside(&path).len(), 1);
+    assert_eq!(read(&path).unwrap(), both);
 }
 
 #[test]
-fn damaged_lines_are_named_one_by_one_and_the_rest_is_read() {
+fn damaged_and_unknown_lines_are_counted_and_the_rest_is_read() {
     let (_folder, path) = file();
-    let good = serde_json::to_string(&skipped("a")).unwrap();
-    let mut bytes = format!("{good}\nnonsense\n\n{{\"record\":\"cell\"}}\n").into_bytes();
-    bytes.extend(b"\xff\xfe\n");
-    bytes.extend(good.bytes());
-    bytes.push(b'\n');
-    fs::write(&path, bytes).unwrap();
+    let good = serde_json::to_vec(&skipped("a")).unwrap();
+    let (long, deep) = ("9".repeat(9 << 20), "[".repeat(1 << 20));
+    let lines: [&[u8]; 9] = [
+        &good,
+        b"nonsense",
+        b"",
+        b"{\"record\":\"cell\"}",
+        b"{\"record\":\"of a later version\"}",
+        b"\xff\xfe\0\0",
+        long.as_bytes(),
+        deep.as_bytes(),
+        &good,
+    ];
+    fs::write(&path, [lines.join(&b'\n'), b"\n".repeat(2)].concat()).unwrap();
     let reading = read(&path).unwrap();
-    assert_eq!(reading.records.len(), 2);
-    let lines: Vec<usize> = reading.damaged.iter().map(|damage| damage.line).collect();
-    assert_eq!(lines, [2, 4, 5]);
-    assert!(reading.damaged[1].reason.contains("missing field"));
-}
-
-/// A line of a run and one of a cell, as they are written.
-fn lines(records: &[Record]) -> Vec<String> {
-    let line = |record| serde_json::to_string(record).unwrap() + "\n";
-    records.iter().map(line).collect()
-}
-
-#[test]
-fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
-    let (_folder, path) = file();
-    let written =
-        lines(&[header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")]);
-    let [first, a, second, b] = written.as_slice() else { panic!() };
-    let torn = |line: &str, bytes: usize| format!("{}\n", &line[..bytes]);
-    let read_with = |damaged: &str| {
-        fs::write(&path, [first, a, damaged, b, second, b].map(String::from).concat()).unwrap();
-        read(&path).unwrap()
-    };
-    let merged = format!("{}{}", &a[..30], &second[..second.len() - 9]) + "\n";
-    for damaged in [&torn(second, 60), &torn(second, 5), &merged] {
-        let reading = read_with(damaged);
-        let whole = [header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")];
-        assert_eq!(reading.records, whole, "{damaged}");
-        let told: Vec<String> = reading.damaged.iter().map(ToString::to_string).collect();
-        assert_eq!(told.len(), 2, "{told:?}");
-        assert!(told[0].starts_with("line 3: not JSON"), "{told:?}");
-        let expected = "line 4: it belongs to a run whose header, line 3, could not be read";
-        assert_eq!(told[1], expected);
-    }
-    // A torn cell was no header.
-    let reading = read_with(&torn(a, 40));
-    assert_eq!(reading.records.len(), 5);
-    assert_eq!(reading.damaged.len(), 1);
-}
-
-/// Records over which a block of zeros lies, from a byte on, and what is read of them.
-fn read_under_zeros(written: &[String], at: usize, zeros: usize) -> Reading {
-    let (_folder, path) = file();
-    let mut bytes = written.concat().into_bytes();
-    bytes[at..at + zeros].fill(0);
-    fs::write(&path, bytes).unwrap();
-    read(&path).unwrap()
-}
-
-#[test]
-fn after_a_block_of_zeros_the_next_records_are_read() {
-    let header = header(Profile::Quick);
-    let cells: Vec<Record> = (0..9).map(|n| skipped(&n.to_string())).collect();
-    let written = lines(&[std::slice::from_ref(&header), &cells].concat());
-    let (first, length) = (written[0].len(), written[1].len());
-    for (at, zeros, lost, lines) in [
-        // Within a line; over the end of one; whole lines, with their ends and without.
-        (first + length + 9, 20, vec![1], 1),
-        (first + 2 * length - 9, 20, vec![1, 2], 1),
-        (first + length, 3 * length, vec![1, 2, 3], 1),
-        (first + length, 3 * length - 1, vec![1, 2, 3], 1),
-    ] {
-        let reading = read_under_zeros(&written, at, zeros);
-        let kept = cells.iter().enumerate().filter(|(n, _)| !lost.contains(n));
-        let kept: Vec<Record> = kept.map(|(_, cell)| cell.clone()).collect();
-        assert_eq!(reading.records[1..], kept, "{at}, {zeros}");
-        assert_eq!(reading.damaged.count(), lines);
-        let told = reading.damaged[0].to_string();
-        assert!(told.contains(&format!("{zeros} zero bytes lie over")), "{told}");
-    }
-}
-
-/// What is left of a header at either end of the zeros says that there was one.
-#[test]
-fn zeros_over_a_part_of_a_header_lose_its_cells() {
-    let written =
-        lines(&[header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")]);
-    let start = written[0].len() + written[1].len();
-    for at in [start + 12, start] {
-        let reading = read_under_zeros(&written, at, 30);
-        assert_eq!(reading.records, [header(Profile::Quick), skipped("a")]);
-        assert_eq!(reading.damaged.count(), 2, "{:?}", reading.damaged);
-    }
-}
-
-#[test]
-fn a_file_that_is_removed_or_replaced_while_it_is_written_to_is_rescued() {
-    let (folder, path) = file();
-    for (number, replaced) in [(1, false), (2, true)] {
-        let mut writer = Writer::create(&path).unwrap();
-        writer.write(&skipped("a")).unwrap();
-        fs::remove_file(&path).unwrap();
-        if replaced {
-            fs::write(&path, "another's").unwrap();
-        }
-        let error = writer.write(&skipped("b")).unwrap_err().to_string();
-        let rescued = folder.path().join(format!("records.rescued-{number}.jsonl"));
-        assert!(error.contains("was removed or replaced"), "{error}");
-        assert!(error.contains(&rescued.display().to_string()), "{error}");
-        let records = read(&rescued).unwrap().records;
-        assert_eq!(records, [skipped("a"), skipped("b")]);
-        assert_eq!(path.exists(), replaced);
-    }
-    assert_eq!(fs::read_to_string(&path).unwrap(), "another's");
+    assert_eq!((reading.records.len(), reading.damaged.count()), (2, 6));
+    let notice = reading.damaged.notice(Path::new("records.jsonl")).unwrap();
+    let told =
+        "records.jsonl, line 2: not JSON: expected ident at line 1 column 2 (and 5 more): skipped";
+    assert_eq!(notice, told);
+    append(&path, &skipped("b"));
+    assert_eq!(read(&path).unwrap().records.len(), 3);
 }
 
 #[test]
 fn what_two_writers_append_stays_whole() {
     let (_folder, path) = file();
-    let mut writers = [open(&path).writer, open(&path).writer];
+    let mut writers = [open(&path), open(&path)];
     for n in 0..6 {
         writers[n % 2].write(&skipped(&n.to_string())).unwrap();
     }
@@ -251,7 +153,7 @@ fn packed(bytes: &[u8]) -> Vec<u8> {
 fn a_compressed_file_is_read_where_there_is_no_other() {
     let (folder, path) = file();
     let compressed = folder.path().join("records.jsonl.gz");
-    fs::write(&compressed, packed(lines(&[skipped("a")])[0].as_bytes())).unwrap();
+    fs::write(&compressed, packed(&serde_json::to_vec(&skipped("a")).unwrap())).unwrap();
     assert_eq!(read(&path).unwrap().records, [skipped("a")]);
     assert_eq!(read(&compressed).unwrap().records, [skipped("a")]);
     append(&path, &skipped("b"));

@@ -47,25 +47,9 @@ impl LeftOut {
         LeftOut { what: what.to_string(), reason: reason.to_string() }
     }
 
-    /// The damaged lines of a file, those of the first that have one reason together.
-    pub fn lines(path: &Path, damaged: &Damaged) -> Vec<LeftOut> {
-        let mut by_reason = IndexMap::<&str, Vec<usize>>::new();
-        for damage in damaged.iter() {
-            by_reason.entry(&damage.reason).or_default().push(damage.line);
-        }
-        let path = shown_file(path);
-        let told = by_reason.into_iter().map(|(reason, lines)| match lines.as_slice() {
-            [first, .., last] => {
-                let lines = format_args!("{path}, {} lines from {first} to {last}", lines.len());
-                LeftOut::new(lines, reason)
-            }
-            lines => LeftOut::new(format_args!("{path}, line {}", lines.iter().join(", ")), reason),
-        });
-        let more = damaged.count() - damaged.len();
-        let more = (more > 0).then(|| {
-            LeftOut::new(format_args!("{path}, {more} more lines"), "not told one by one")
-        });
-        told.chain(more).collect()
+    /// The damaged lines of a file.
+    pub fn lines(path: &Path, damaged: &Damaged) -> Option<LeftOut> {
+        (!damaged.is_empty()).then(|| LeftOut::new(path.display(), damaged))
     }
 }
 

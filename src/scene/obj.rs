@@ -10,7 +10,7 @@ use tobj::{LoadError, LoadOptions};
 
 use super::Mesh;
 use super::read::{self, MAX_VERTICES, Source};
-use fathom_base::input::{LineEnd, Lines};
+use fathom_base::input::{LineEnd, next_line};
 
 /// Longest line that is read, bytes.
 const MAX_LINE: usize = 1 << 16;
@@ -26,7 +26,7 @@ pub fn read(source: Source, triangles: usize) -> Result<Mesh, String> {
     let no_materials = |_: &std::path::Path| Ok((Vec::new(), Default::default()));
     let loaded = tobj::load_obj_buf(&mut statements, &options, no_materials);
     let (models, _) = loaded.map_err(|fault| malformed(&statements, fault))?;
-    if statements.lines.number == 1 {
+    if statements.number == 1 {
         return Err("the file is empty".into());
     }
     let mut mesh = Mesh::default();
@@ -37,7 +37,7 @@ pub fn read(source: Source, triangles: usize) -> Result<Mesh, String> {
 }
 
 fn malformed<R>(statements: &Statements<R>, fault: LoadError) -> String {
-    let line = statements.lines.number;
+    let line = statements.number;
     match (&statements.fault, fault) {
         (Some(what), _) => format!("line {line}: {what}"),
         // Found when an object ends, so the line would mislead.
@@ -51,7 +51,10 @@ fn malformed<R>(statements: &Statements<R>, fault: LoadError) -> String {
 /// The lines of a file that describe geometry, as `tobj` is to read them: coordinates without colours, faces of three corners
 /// and more with indices that count from 1, and a new object wherever one with faces has ended.
 struct Statements<R> {
-    lines: Lines<R>,
+    source: R,
+    line: Vec<u8>,
+    /// Of the line, from 1.
+    number: usize,
     /// What is passed on of the line, and how much of it was taken.
     out: Vec<u8>,
     taken: usize,
@@ -70,7 +73,9 @@ struct Statements<R> {
 impl<R: BufRead> Statements<R> {
     fn new(source: R, most_triangles: usize) -> Self {
         Self {
-            lines: Lines::new(source, MAX_LINE),
+            source,
+            line: Vec::new(),
+            number: 0,
             out: Vec::new(),
             taken: 0,
             positions: 0,
@@ -88,14 +93,16 @@ impl<R: BufRead> Statements<R> {
         self.out.clear();
         self.taken = 0;
         while self.out.is_empty() {
-            match self.lines.advance().map_err(|error| error.to_string())? {
+            self.number += 1;
+            let read = next_line(&mut self.source, MAX_LINE, &mut self.line);
+            match read.map_err(|error| error.to_string())? {
                 None => return Ok(false),
                 Some(LineEnd::TooLong) => return Err(format!("longer than {MAX_LINE} bytes")),
                 Some(LineEnd::Newline | LineEnd::File) => {}
             }
-            let line = std::mem::take(&mut self.lines.line);
+            let line = std::mem::take(&mut self.line);
             let passed = self.statement(&line);
-            self.lines.line = line;
+            self.line = line;
             passed?;
         }
         Ok(true)

@@ -1,33 +1,23 @@
 //! Folders of comparisons under two processes and damage, and what an interrupt ends at once.
 
 use std::fs;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 
 use super::builds::{Builds, spawned};
-use super::common::{Ends, Place, Told, holds, names, repetitions, signal, wait_until};
+use super::common::{Ends, Place, holds, names, repetitions, signal, wait_until};
 use super::script::Script;
 
-/// Exactly one of two that began at the same time measures; the other names it, and ends before the first may go on.
+/// While one comparison measures, another in the same folder names it, and ends before the first may go on.
 #[track_caller]
-fn one_of_two(builds: &Builds, mut command: impl FnMut() -> Command) {
+fn one_of_two(builds: &Builds, options: &str) {
     builds.hold();
-    let mut spawn = || {
-        let mut command = command();
-        command.stdout(Stdio::piped()).stderr(Stdio::piped());
-        command.spawn().unwrap()
-    };
-    let mut children = [spawn(), spawn()];
-    let ids = children.each_ref().map(Child::id);
-    wait_until("the end of one", || {
-        children.iter_mut().any(|child| child.try_wait().unwrap().is_some())
-    });
+    let first = builds.command(options).spawn().unwrap();
+    let begin = format!("process {} ", first.id());
+    let lock = || fs::read_to_string(builds.path("out/.lock")).unwrap_or_default();
+    wait_until("a holder of the folder", || lock().starts_with(&begin));
+    builds.command(options).refused(&format!("is in use by {begin}(`"));
     builds.release();
-    let outputs = children.map(|child| child.wait_with_output().unwrap());
-    let measured = outputs.iter().position(|output| output.status.success());
-    let measured = measured.unwrap_or_else(|| panic!("{outputs:?}"));
-    let [first, second] = outputs;
-    let refused = Told::of(if measured == 0 { second } else { first }, 2);
-    refused.error(&format!("is in use by process {} (`", ids[measured]));
+    assert!(first.wait_with_output().unwrap().status.success());
 }
 
 #[track_caller]
@@ -46,21 +36,21 @@ fn of_two_comparisons_in_one_folder_one_measures_all_and_the_other_names_it() {
         builds.build("base", &Script::default());
         // It prepares nothing before it may, so that two processes are sure to meet.
         builds.build("head", &Script { first: builds.waits(), ..Script::default() });
-        one_of_two(&builds, || builds.command(""));
+        one_of_two(&builds, "");
         is_whole(&builds);
         let lines = builds.path("out/records.jsonl");
         // As if it had been killed after its exact figures.
         let text = fs::read_to_string(&lines).unwrap();
         let kept = text.lines().take_while(|line| !line.contains("\"kind\":\"pair\""));
         fs::write(&lines, kept.map(|line| format!("{line}\n")).collect::<String>()).unwrap();
-        one_of_two(&builds, || builds.command("--resume"));
+        one_of_two(&builds, "--resume");
         is_whole(&builds);
         assert!(!builds.path("out/.lock").exists());
     }
 }
 
 #[test]
-fn damage_in_a_comparison_is_named_and_kept_aside_and_no_comparison_is_not_resumed() {
+fn damage_in_a_comparison_is_counted_and_no_comparison_is_not_resumed() {
     let builds = Builds::new(&Script::default(), &Script::default());
     let resume = || builds.command("--resume");
     resume().refused("no comparison to resume in ");
@@ -68,14 +58,13 @@ fn damage_in_a_comparison_is_named_and_kept_aside_and_no_comparison_is_not_resum
     builds.command("").ends(0);
     let lines = builds.path("out/records.jsonl");
     let sound = fs::read_to_string(&lines).unwrap();
-    let damaged = format!("{sound}nonsense\n{{\"kind\":\"launch\",\"lau");
-    fs::write(&lines, &damaged).unwrap();
+    fs::write(&lines, format!("{sound}nonsense\n{{\"kind\":\"launch\",\"lau")).unwrap();
     let told = resume().ends(0);
-    let aside = "out/records.damaged-1.jsonl";
-    holds(&told.err, &[": not JSON", ": torn off", aside]);
-    assert_eq!(fs::read_to_string(builds.path(aside)).unwrap(), damaged);
-    assert!(fs::read_to_string(&lines).unwrap().starts_with(&sound));
-    holds(&told.out, &["records.damaged-1.jsonl"]);
+    holds(&told.err, &[": not JSON", "(and 1 more): skipped"]);
+    // The torn line is cut off.
+    let begin = format!("{sound}nonsense\n{{\"record\":\"comparison\",\"kind\":\"end\"");
+    assert!(fs::read_to_string(&lines).unwrap().starts_with(&begin));
+    holds(&told.out, &["left out: line "]);
     is_whole(&builds);
     for garbage in ["nonsense\n", "{\"record\":\"comparison\",\"kind\":\"header\",\"sch"] {
         fs::write(&lines, garbage).unwrap();

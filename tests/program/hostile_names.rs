@@ -1,10 +1,9 @@
 //! One set of hostile names through everything that is written of records: Markdown, SVG, CSV, terminal, JUnit, JSON.
 
 use crate::common::hostile::{HOSTILE, PICTURE, records};
-use crate::common::{Ends, Place, holds, names, write_records};
+use crate::common::{Ends, Place, holds, lines, names, write_records};
 use fathom::record::comparison::{
-    CellId, Compared, ComparisonEnd, ComparisonHeader, ConfigurationFigures, ExactFigures, Gate,
-    GateSettings, InstructionCounts, Side,
+    CellId, Compared, ComparisonEnd, ComparisonHeader, ExactFigures, Gate, GateSettings, Side,
 };
 use fathom::record::{Record, Work};
 use itertools::Itertools;
@@ -133,42 +132,39 @@ fn reports_show_hostile_names_as_text() {
     assert_eq!(rows, 4 * HOSTILE.len());
 }
 
+#[test]
+fn a_history_shows_hostile_names_as_text() {
+    let place = Place::new();
+    let path = place.write("run/records.jsonl", records());
+    let sound = lines(fathom::record::read_good(&path).unwrap().records);
+    place.write("run/records.jsonl", sound);
+    let sql = "x'); DROP TABLE fathom_run; --\" ../../up \u{1b}[31m";
+    let mut add = place.fathom("history add run --db history.sqlite");
+    add.args(["--branch", sql, "--machine", sql, "--commit", sql]).ends(0);
+    for words in ["list", "show", "show --out page"] {
+        plain(words, &place.fathom(format!("history {words} --db history.sqlite")).answer());
+    }
+    let page = place.read("page/index.html");
+    plain("the page", &page);
+    assert_eq!(page.matches("<script").count(), 2);
+    let mut names = names(&place.path(""));
+    names.retain(|name| !name.starts_with("history.sqlite"));
+    assert_eq!(names, ["page", "run"]);
+}
+
 /// Of configurations with these names, whose head has more work.
 fn comparison() -> Vec<Record> {
     let cells: Vec<CellId> = HOSTILE.iter().map(|name| CellId::new(name, "compose")).collect();
-    let settings =
-        GateSettings { gates: vec![Gate::Exact, Gate::Instructions], ..Default::default() };
+    let settings = GateSettings { gates: vec![Gate::Exact], ..Default::default() };
     let header = ComparisonHeader { cells: cells.clone(), settings, ..Default::default() };
-    let mut lines = vec![Compared::Header(Box::new(header))];
-    for ((side, photons), cell) in
-        [(Side::Base, 100), (Side::Head, 200)].iter().cartesian_product(cells)
-    {
-        let (side, work) = (*side, Work { photons: *photons, ..Work::default() });
-        lines.push(Compared::Configuration(ConfigurationFigures {
-            side,
-            configuration: cell.configuration().to_owned(),
-            allocated_bytes: 1,
-            errors: Default::default(),
-            judged: Vec::new(),
-            quantities: Default::default(),
-            notes: Vec::new(),
-        }));
-        let counts = vec![*photons; 3];
-        lines.push(Compared::Instructions(InstructionCounts {
-            side,
-            cell: cell.clone(),
-            counts,
-            second: false,
-        }));
-        lines.push(Compared::Exact(ExactFigures {
-            side,
-            cell,
-            work,
-            counters: Default::default(),
-        }));
-    }
-    lines.push(Compared::End(ComparisonEnd { wall_s: 1.0, interrupted: false }));
-    lines.into_iter().map(Record::from).collect()
+    let sides = [(Side::Base, 100), (Side::Head, 200)].into_iter().cartesian_product(cells);
+    let exact = sides.map(|((side, photons), cell)| {
+        let work = Work { photons, ..Work::default() };
+        Compared::Exact(ExactFigures { side, cell, work, counters: Default::default() })
+    });
+    let end = Compared::End(ComparisonEnd { wall_s: 1.0, interrupted: false });
+    let header = Compared::Header(Box::new(header));
+    std::iter::once(header).chain(exact).chain([end]).map(Record::from).collect()
 }
 
 #[test]

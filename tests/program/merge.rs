@@ -6,13 +6,12 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::common::{
-    Ends, Place, cells, hostile, measured, names, own_experiments, reference, reference_of,
-    write_records,
+    Ends, Place, cells, measured, names, own_experiments, reference, reference_of, write_records,
 };
 use fathom::experiments::Experiment;
 use fathom::harness::plan::{self, Request};
 use fathom::harness::shard;
-use fathom::record::{self, Part, Record};
+use fathom::record::{Part, Record};
 
 /// Writes so many shards of a run as they would have been measured, with the run's header, and its end in the first; their folders.
 fn shards(run: &[Record], of: u32, place: &Place) -> Vec<String> {
@@ -137,29 +136,6 @@ fn shards_that_were_measured_make_a_run() {
     assert!(first.is_disjoint(&second));
     assert!(files(out).iter().all(|(_, bytes)| !bytes.is_empty()));
     assert!(out.join("index.html").is_file() && out.join("renders").is_dir());
-}
-
-/// Records of anyone may be merged.
-#[test]
-fn hostile_names_stay_in_the_folder() {
-    let place = Place::new();
-    let run = reference_of("uw-");
-    let folders = shards(&run, 2, &place);
-    let mut cells: Vec<_> = run.into_iter().filter_map(Record::try_as_cell).collect();
-    for (cell, name) in cells.iter_mut().zip(hostile::HOSTILE.iter().cycle()) {
-        cell.cell = format!("{}{name}", cell.cell);
-        for picture in cell.measured_mut().into_iter().flat_map(|measured| &mut measured.pictures) {
-            picture.path = "../../../passwd".into();
-        }
-    }
-    let other = place.path(&folders[1]);
-    let mut lines = record::read(&other.join("records.jsonl")).unwrap().records;
-    lines.extend(cells.into_iter().map(Record::Cell));
-    write_records(&other, &lines);
-    let told = merge(&place, &folders, "merged").ends(0);
-    assert_eq!(names(&place.path("")), ["merged", &folders[0], &folders[1]]);
-    assert!(!told.out.contains('\x1b') && !told.err.contains('\x1b'), "{}{}", told.out, told.err);
-    assert!(place.path("merged/index.html").is_file());
 }
 
 #[test]

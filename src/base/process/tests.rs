@@ -47,14 +47,13 @@ fn what_hangs_floods_or_is_interrupted_is_killed_and_said_so() {
 }
 
 #[test]
-fn of_endless_complaints_the_first_and_the_last_lines_are_kept() {
+fn of_endless_complaints_the_last_lines_are_kept() {
     let one_line = Listener::start(io::repeat(b'x').take(100 << 20)).heard().to_string();
     assert_eq!(one_line, "x".repeat(MAX_LINE) + "…");
     let many: String = (0..100_000).map(|line| format!("{line}\n")).collect();
-    let lines: Vec<String> = Listener::start(io::Cursor::new(many)).heard().lines().collect();
-    assert_eq!(lines.len(), FIRST_LINES + 1 + LAST_LINES);
-    assert_eq!(&lines[3..6], ["3", "… (99980 lines left out)", "99984"]);
-    assert_eq!(lines.last().map(String::as_str), Some("99999"));
+    let heard = Listener::start(io::Cursor::new(many)).heard();
+    let lines: Vec<&String> = heard.lines().collect();
+    assert_eq!((lines.len(), lines[0].as_str(), lines[19].as_str()), (20, "99980", "99999"));
 }
 
 /// Starts a process in a session of its own, whose parent ends, and then does what `then` says.

@@ -86,7 +86,7 @@ fn known() -> [Vec<Record>; 2] {
         let measured = cell.measured_mut().filter(|_| directional);
         let falling = [("caustics_unconverged_rate".to_owned(), 0.1 - amplitude_m / 10.0)];
         if let Some(measured) = measured {
-            let mut all = measured.quantities.to_map();
+            let mut all = measured.quantities.clone();
             all.extend(falling);
             measured.quantities = all.into();
         }

@@ -99,7 +99,7 @@ fn full() -> Vec<Value> {
         measured.repeated.insert("error".into(), vec![0.5, 0.6]);
         measured.frame.machine = vec![MachineState { clock_mhz: Some(1e3), ..Default::default() }];
         let stage = &mut measured.stages[0];
-        stage.counters.insert("vertex_invocations", 3);
+        stage.counters.insert("vertex_invocations".into(), 3);
         stage.fenced = Some(Fenced {
             wall_samples_ns: vec![2e5],
             submit_cost_samples_ns: vec![1e5],

@@ -107,7 +107,7 @@ impl Download<'_> {
 
 /// The line of a client's error output that says most: the first about an error, else the last.
 fn reason(complaint: &Excerpt, status: ExitStatus) -> String {
-    let speaks = |l: &String| l.to_ascii_lowercase().starts_with('e') || l.contains("error");
+    let speaks = |l: &&String| l.to_ascii_lowercase().starts_with('e') || l.contains("error");
     let line = complaint.lines().find(speaks).or_else(|| complaint.lines().next_back());
     line.map_or_else(|| status.to_string(), |line| line.trim().to_owned())
 }
