@@ -177,10 +177,4 @@ pub mod tests {
         assert_eq!(underwater.roofs.len(), 1);
         assert!(underwater.without.is_empty());
     }
-
-    #[test]
-    fn records_without_ceilings_have_no_roofline() {
-        let view = testing::view();
-        assert!(rooflines(&view).is_empty() && bounds(&view).is_empty());
-    }
 }

@@ -444,17 +444,6 @@ mod tests {
     }
 
     #[test]
-    fn exponents_are_those_of_the_fixtures_cost_model() {
-        let view = testing::view();
-        let exponents = exponents(&view);
-        let trace = exponents.iter().find(|exponent| {
-            exponent.section.id == "uw-photons" && exponent.y_title() == "caustics/trace"
-        });
-        let slope = trace.unwrap().fit.slope.slope;
-        assert!((slope - 1.0).abs() < 0.05, "{slope}");
-    }
-
-    #[test]
     fn findings_are_three_sentences_and_none_without_measured_cells() {
         let records = fixtures::run();
         let found = findings(&ReportView::new(&records, None));

@@ -10,10 +10,9 @@ use crate::common::{
     Ends, Place, SMALL, Told, cells, ended, holds, measured, names, own_experiment, records,
     repetitions, signal, skipped_cell, wait_until, write_records,
 };
-use fathom::record::{self, Addition, Cell, FramePair, Record, Run, SCHEMA, SampleLine, StageTime};
+use fathom::record::{self, Addition, Cell, FramePair, Record, Run, SCHEMA, SampleLine};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use serde_json::Value;
 
 /// A run of two small cells that never reach their precision.
 const RUN: &str = "run uw-waves --no-ceilings --precision 1e-9 --axis water=circular --axis water.amplitude_m=0.0,0.1";
@@ -69,17 +68,6 @@ fn one_of_two(place: &Place, options: &str) -> String {
 }
 
 #[test]
-fn of_two_runs_in_one_folder_one_measures_all_and_the_other_names_it() {
-    for _ in 0..repetitions() {
-        let place = Place::new();
-        one_of_two(&place, "");
-        let out = place.path("out");
-        assert_eq!(cells(&out).len(), 2);
-        assert!(!out.join(".lock").exists() && !out.join("samples.jsonl").exists());
-    }
-}
-
-#[test]
 fn a_kill_at_any_moment_loses_no_sample_and_one_of_two_processes_goes_on() {
     let mut random = Pcg64::seed_from_u64(repetitions());
     for _ in 0..repetitions() {
@@ -104,7 +92,7 @@ fn a_kill_at_any_moment_loses_no_sample_and_one_of_two_processes_goes_on() {
     }
 }
 
-/// Every pair that was kept stands in its cell's record, at the beginning and in its order.
+/// Every pair that was kept stands in its cell's record, at the beginning and in its order. `harness::sample` has the rest of the law.
 #[track_caller]
 fn goes_on(before: &[SampleLine], cells: &[Cell]) {
     assert_eq!(cells.len(), 2);
@@ -123,26 +111,9 @@ fn goes_on(before: &[SampleLine], cells: &[Cell]) {
         let of =
             |ns: fn(&FramePair) -> f64| -> Vec<f64> { pairs.iter().map(|pair| ns(pair)).collect() };
         assert_eq!(frame.envelope_samples_ns[..n], of(|pair| pair.envelope_ns));
-        assert_eq!(frame.gap_samples_ns[..n], of(|pair| pair.gaps_ns));
         assert_eq!(frame.untimed_samples_ns[..n], of(|pair| pair.untimed_ns));
-        for (place, stage) in measured.stages.iter().enumerate() {
-            assert_eq!(stage.samples_ns.len(), all);
-            let known = pairs.iter().map(|pair| &pair.stages[place]);
-            let read = |stage: &StageTime| stage.ns + stage.submit_cost_ns;
-            let [known, as_read]: [Vec<f64>; 2] =
-                [known.clone().map(|stage| stage.ns).collect(), known.map(read).collect()];
-            match &stage.fenced {
-                Some(fenced) => assert_eq!(fenced.wall_samples_ns[..n], as_read),
-                None => assert_eq!(stage.samples_ns[..n], known),
-            }
-        }
         let warm_up: u32 = added.iter().map(|added| added.warm_up_frames).sum();
         assert!(measured.warm_up_frames >= warm_up + 2);
-        // More than these, where a resumed run was resumed once more.
-        let note = format!(" of {all} pairs of frames were measured before");
-        let told = measured.notes.iter().find_map(|found| found.text.split_once(&note));
-        let earlier = told.map_or(0, |(earlier, _)| earlier.parse().unwrap());
-        assert!((n..=all).contains(&earlier), "{earlier} of {all}, {n} at least");
     }
     assert!(additions.is_empty(), "{:?}", additions.keys());
 }
@@ -189,57 +160,28 @@ fn recorded(place: &Place) {
     write_records(&place.path("out"), &[Record::Run(Box::new(run)), skipped_cell("n=1")]);
 }
 
+/// What a link, a pipe or a folder in the way comes to is tested in `base::folder`.
 #[test]
-fn reports_are_written_through_no_link_and_no_pipe() {
+fn reports_and_what_a_user_names_are_written_through_no_link_and_no_pipe() {
     let place = Place::new();
     recorded(&place);
-    let out = place.path("out");
-    let report = || place.fathom("report out");
-    report().ends(0);
-    let written = names(&out);
-    holds(&written.join(" "), &["index.html", "summary.md", "cells.csv"]);
     let precious = place.write("precious", "keep");
-    for name in written.iter().filter(|name| *name != "records.jsonl") {
-        let path = out.join(name);
-        fs::remove_file(&path).unwrap();
-        std::os::unix::fs::symlink(&precious, &path).unwrap();
-        ended(report(), 2).error(&format!("`{name}` is a symbolic link"));
-        assert!(path.is_symlink() && place.read("precious") == "keep");
-        fs::remove_file(&path).unwrap();
-        pipe(&path);
-        ended(report(), 2).error(&format!("`{name}` is a pipe or a device"));
-        fs::remove_file(&path).unwrap();
+    for name in ["out/index.html", "link"] {
+        std::os::unix::fs::symlink(&precious, place.path(name)).unwrap();
     }
-    // The folder that the user names may be a link; what it holds may not.
-    std::os::unix::fs::symlink(&out, place.path("link")).unwrap();
-    place.fathom("report link").ends(0);
-    assert_eq!(names(&out), written);
-    let (records, elsewhere) = (out.join("records.jsonl"), place.path("elsewhere.jsonl"));
-    fs::rename(&records, &elsewhere).unwrap();
-    std::os::unix::fs::symlink(elsewhere, &records).unwrap();
-    ended(report(), 2).error("`records.jsonl` is a symbolic link");
-}
-
-#[test]
-fn files_that_a_user_names_are_replaced_only_if_they_are_regular() {
-    let place = Place::new();
-    recorded(&place);
-    let precious = place.write("precious", "keep");
-    std::os::unix::fs::symlink(precious, place.path("link")).unwrap();
-    pipe(&place.path("pipe"));
     pipe(&place.path("pipe.png"));
-    place.write("old.csv", "old");
     for (words, reason) in [
+        ("report out", "`index.html` is a symbolic link"),
         ("export csv out -o link", "`link` is a symbolic link"),
-        ("export csv out -o pipe", "`pipe` is a pipe or a device"),
         (&format!("render tank -o pipe.png {SMALL}"), "`pipe.png` is a pipe or a device"),
-        ("compare --base-bin pipe --out compared", "it is a pipe or a device"),
+        ("compare --base-bin pipe.png --out compared", "it is a pipe or a device"),
     ] {
         ended(place.fathom(words), 2).error(reason);
     }
+    assert_eq!(place.read("precious"), "keep");
+    place.write("old.csv", "old");
     ended(place.fathom("export csv out -o old.csv"), 0);
     holds(&place.read("old.csv"), &["own"]);
-    assert_eq!(place.read("precious"), "keep");
 }
 
 #[test]
@@ -253,90 +195,31 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
     place.fathom("report").arg(&out).ends(0);
 }
 
-/// Every text of a run's records by its place in them: what the machine or its user says, and what fathom says itself.
-/// The text of an experiment and the values of its axes and parameters are the user's own words.
-const OF_THE_MACHINE: [&str; 12] = [
-    "run.command",
-    "run.adapter.name",
-    "run.adapter.backend",
-    "run.adapter.device_type",
-    "run.adapter.driver",
-    "run.adapter.driver_info",
-    "run.conditions.rasterizer_threads",
-    "run.conditions.host",
-    "run.conditions.machine.cpu",
-    "run.conditions.machine.kernel",
-    "run.conditions.machine.governor",
-    "run.started_at",
-];
-const OF_FATHOM: [&str; 18] = [
-    "run.fathom_version",
-    "run.build.commit",
-    "run.profile",
-    "run.shader_checks",
-    "run.clocks",
-    "run.audit.",
-    "run.notes.",
-    "run.ceilings.",
-    "experiment.id",
-    "experiment.toml",
-    "cell.experiment",
-    "cell.cell",
-    "cell.axes.",
-    "cell.pipeline",
-    "cell.scene",
-    "cell.stand_ins",
-    "cell.params.",
-    "cell.outcome.",
-];
-
-fn texts(place: &str, value: &Value, found: &mut Vec<(String, String)>) {
-    match value {
-        Value::String(text) => found.push((place.to_owned(), text.clone())),
-        Value::Array(values) => values.iter().for_each(|value| texts(place, value, found)),
-        Value::Object(map) => {
-            for (name, value) in map.iter().filter(|(name, _)| *name != "record") {
-                texts(&format!("{place}.{name}"), value, found);
-            }
-        }
-        _ => {}
-    }
-}
-
+/// The folders, the user and the host bear marks: none of them stands in what is written, but for the name of the file and of the folder
+/// that the command line names last.
 #[test]
-fn records_tell_neither_the_host_nor_where_the_user_keeps_files() {
+fn nothing_that_is_written_tells_the_host_the_user_or_where_files_are_kept() {
     let place = Place::new();
     let home = place.path("home of jo");
     fs::create_dir_all(home.join("work")).unwrap();
     let experiment = place.write("home of jo/own-1.toml", own_experiment(1));
     let out = home.join("runs/first");
     let mut command = place.fathom("run --no-ceilings --budget 10m --precision 1");
-    command.arg(experiment).arg("--out").arg(&out).env("HOME", &home);
-    command.current_dir(home.join("work")).ends(0);
-    let mut found = Vec::new();
-    for line in fs::read_to_string(out.join("records.jsonl")).unwrap().lines() {
-        let line: Value = serde_json::from_str(line).unwrap();
-        texts(line["record"].as_str().unwrap(), &line, &mut found);
-    }
-    let known = |place: &str| {
-        OF_THE_MACHINE.contains(&place) || OF_FATHOM.iter().any(|known| place.starts_with(known))
-    };
-    let unknown: Vec<_> = found.iter().filter(|(place, _)| !known(place)).collect();
-    assert!(unknown.is_empty(), "does the machine say these? {unknown:?}");
+    command.arg(experiment).arg("--out").arg(&out).env("HOME", &home).env("USER", "jo-the-user");
+    command.env("MARK", "value-of-mark").current_dir(home.join("work")).ends(0);
     let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let temporary = place.path("");
-    let temporary = temporary.file_name().unwrap().to_str().unwrap();
-    for (place, text) in &found {
-        for private in ["home of jo", temporary] {
-            assert!(!text.contains(private), "{place}: {text}");
+    let folder = place.path("");
+    let folder = folder.file_name().unwrap().to_str().unwrap();
+    for name in names(&out).into_iter().filter(|name| out.join(name).is_file()) {
+        let text = String::from_utf8_lossy(&fs::read(out.join(&name)).unwrap()).into_owned();
+        for private in ["home of jo", "jo-the-user", "value-of-mark", folder] {
+            assert!(!text.contains(private), "{name}: {private}");
         }
         let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '-' && c != '.');
-        assert!(host.trim().is_empty() || words.all(|word| word != host.trim()), "{place}: {text}");
+        assert!(host.trim().is_empty() || words.all(|word| word != host.trim()), "{name}");
     }
-    let of = |place: &str| -> Vec<&str> {
-        found.iter().filter(|(found, _)| found == place).map(|(_, text)| text.as_str()).collect()
-    };
-    assert_eq!(of("run.conditions.host"), [fathom::private::machine().unwrap()]);
-    let command = of("run.command");
-    assert!(command.contains(&"own-1.toml") && command.contains(&"first"), "{command:?}");
+    let all = records(&out);
+    let run = all[0].try_as_run_ref().unwrap();
+    assert_eq!(run.conditions.host, Some(fathom::private::machine().unwrap()));
+    assert!(["own-1.toml", "first"].iter().all(|part| run.command.iter().any(|word| word == part)));
 }
