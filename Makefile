@@ -14,7 +14,7 @@ test test-all: export RUST_TEST_THREADS ?= 4
 test: setup
 	cargo fmt --all --check
 	scripts/weight.sh
-	cargo test --locked --workspace --lib --bins --tests
+	cargo test --locked --workspace --tests
 
 # With lints, documents, licences, and what needs more than a software driver. What is missing fails.
 test-all: export FATHOM_DRAWS = 100
@@ -25,6 +25,7 @@ test-all: setup-all
 	scripts/licences.sh
 	cargo clippy --locked --workspace --all-targets --features nightly -- -D warnings
 	cargo test --locked --workspace --features nightly
+	/usr/bin/python3 tests/nightly/schema.py
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
 
 setup:

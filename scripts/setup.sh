@@ -2,7 +2,7 @@
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
 # With `test`: also SwiftShader, the second software driver that the tests use, Vulkan's validation layer, Chromium with axe-core for
-# the tests of the HTML page, jq, PyYAML and shellcheck for those of jobs, and what builds the worker in C++. Elsewhere it only says what it would do.
+# the tests of the HTML page, jq, PyYAML and shellcheck for those of jobs, the validator of records, and what builds the worker in C++. Elsewhere it only says what it would do.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then
@@ -34,7 +34,7 @@ want valgrind
     want vulkan-validationlayers
     want chromium; want chromium-driver
     want g++; want make; want libvulkan-dev; want glslang-tools; want nlohmann-json3-dev
-    want curl; want jq; want python3-yaml; want shellcheck
+    want curl; want jq; want python3-yaml; want python3-jsonschema; want shellcheck
 }
 
 install() {

@@ -452,21 +452,6 @@ mod tests {
     }
 
     #[test]
-    fn unknown_revisions_and_folders_outside_a_repository_are_told() {
-        let repository = Repository::new();
-        for name in ["no-such-branch", "--all", ""] {
-            let message = repository.build(name).0.unwrap_err().to_string();
-            let expected = format!("unknown revision `{name}`: ");
-            assert!(message.starts_with(&expected), "{message}");
-            assert_eq!(message.lines().count(), 1, "{message}");
-        }
-        let outside = tempfile::tempdir().unwrap();
-        let error = revision(outside.path(), TARGET, "HEAD", &AtomicBool::new(false), &mut |_| {});
-        let error = error.unwrap_err();
-        assert!(error.to_string().contains("--base-bin"), "{error}");
-    }
-
-    #[test]
     fn only_the_newest_builds_are_kept() {
         let folder = tempfile::tempdir().unwrap();
         for n in 0..KEPT + 3 {

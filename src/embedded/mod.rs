@@ -148,9 +148,6 @@ impl Folders {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-    use std::process::Command;
-
     use super::*;
 
     #[test]
@@ -162,76 +159,5 @@ mod tests {
         let scenes = SCENES.texts(".toml");
         assert!(scenes.is_sorted() && scenes.iter().any(|(name, _)| name == "bunny"));
         assert_eq!(scenes.len(), SCENES.paths().len(), "a scene is no text or ends otherwise");
-    }
-
-    /// A program that writes each file of each folder.
-    const WRITER: &str = r#"
-        #[allow(dead_code)]
-        #[path = "embedded.rs"]
-        mod embedded;
-        fn main() {
-            for folder in [embedded::SHADERS, embedded::SCENES, embedded::EXPERIMENTS, embedded::FIGURES] {
-                for path in folder.paths() {
-                    let to = std::path::Path::new("written").join(&*folder.name).join(&*path);
-                    std::fs::create_dir_all(to.parent().unwrap()).unwrap();
-                    std::fs::write(to, folder.file(&path).unwrap()).unwrap();
-                }
-            }
-        }"#;
-
-    /// Builds this module as a release does, alone in a crate, and takes the folders away before the program runs.
-    #[test]
-    fn a_release_holds_every_file() {
-        let built = tempfile::tempdir().unwrap();
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let folders = [SHADERS, SCENES, EXPERIMENTS, FIGURES];
-        for folder in &folders {
-            for path in folder.paths() {
-                let to = built.path().join(&*folder.name).join(&*path);
-                write(&to, &folder.file(&path).unwrap());
-            }
-        }
-        let package = built.path().join("src/embedded");
-        for (file, to) in [("Cargo.lock", "Cargo.lock"), ("src/embedded/mod.rs", "embedded.rs")] {
-            write(&package.join(to), &fs::read(source.join(file)).unwrap());
-        }
-        write(&package.join("main.rs"), WRITER.as_bytes());
-        let manifest = fs::read_to_string(source.join("Cargo.toml")).unwrap();
-        let dependency = manifest.lines().find(|line| line.starts_with("rust-embed")).unwrap();
-        let manifest = format!(
-            "[package]\nname = \"writer\"\nedition = \"2024\"\n[workspace]\n[[bin]]\nname = \"writer\"\n\
-             path = \"main.rs\"\n[dependencies]\n{dependency}\n[profile.dev]\ndebug-assertions = false\n"
-        );
-        write(&package.join("Cargo.toml"), manifest.as_bytes());
-        run(&package, Path::new(env!("CARGO")), &["build", "--offline", "--quiet"]);
-        for folder in &folders {
-            fs::remove_dir_all(built.path().join(&*folder.name)).unwrap();
-        }
-        run(built.path(), &target().join("debug/writer"), &[]);
-        for folder in &folders {
-            for path in folder.paths() {
-                let written = built.path().join("written").join(&*folder.name).join(&*path);
-                let same =
-                    fs::read(written).is_ok_and(|bytes| bytes == *folder.file(&path).unwrap());
-                assert!(same, "a release lacks {}/{path}", folder.name);
-            }
-        }
-    }
-
-    /// Kept between runs, so that only the first builds what the module needs.
-    fn target() -> PathBuf {
-        let test = std::env::current_exe().unwrap();
-        test.ancestors().nth(3).unwrap().join("embedded")
-    }
-
-    fn run(folder: &Path, program: &Path, arguments: &[&str]) {
-        let mut command = Command::new(program);
-        command.args(arguments).current_dir(folder).env("CARGO_TARGET_DIR", target());
-        assert!(command.status().unwrap().success(), "{}", program.display());
-    }
-
-    fn write(path: &Path, bytes: &[u8]) {
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, bytes).unwrap();
     }
 }

@@ -1,3 +1,6 @@
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
 use serde_json::{Value, json};
 
 use super::*;
@@ -88,11 +91,13 @@ fn published_figures_meet_cells_at_the_published_size() {
     }
 }
 
-/// All parameters of a cell.
+/// All parameters of a cell. Most cells have the same scene.
 fn tree(cell: &CellPlan) -> Value {
-    let kinds = pipelines::KINDS;
-    let kind = kinds.iter().find(|kind| kind.name == cell.pipeline).unwrap();
-    let mut tree = (kind.defaults)(&SceneFile::load(&cell.scene).unwrap());
+    thread_local!(static DEFAULTS: RefCell<BTreeMap<[String; 2], Value>> = RefCell::default());
+    let kind = pipelines::KINDS.iter().find(|kind| kind.name == cell.pipeline).unwrap();
+    let defaults = || (kind.defaults)(&SceneFile::load(&cell.scene).unwrap());
+    let key = [cell.pipeline.clone(), cell.scene.clone()];
+    let mut tree = DEFAULTS.with_borrow_mut(|all| all.entry(key).or_insert_with(defaults).clone());
     for (path, value) in &cell.overrides {
         parameter::set(&mut tree, path, value.clone()).unwrap();
     }
@@ -163,16 +168,6 @@ fn axis_overrides_take_values_and_labels() {
 }
 
 #[test]
-fn lists_are_axis_values_too() {
-    let (name, values) = parse_axis("caustics.buffer=[64,64], [128,128]").unwrap();
-    assert_eq!(values, ["[64,64]", "[128,128]"]);
-    let experiment = Experiment::load("uw-buffers").unwrap();
-    let cells = experiment.cells(Profile::Quick, &[(name, values)], &[]).unwrap();
-    assert_eq!(cells[0].cell, "caustics.buffer=64x64");
-    assert_eq!(cells[1].axes["caustics.buffer"], json!([128, 128]));
-}
-
-#[test]
 fn sets_reach_every_cell_and_the_reference() {
     let sets = [parse_set("water.time_s=1.5").unwrap()];
     let experiment = Experiment::load("uw-filter").unwrap();
@@ -220,39 +215,9 @@ fn repetitions_keep_the_cell_but_for_the_place_of_its_grids() {
 }
 
 #[test]
-fn tables_by_name_shared_figures_and_set_parameters_mean_what_they_do_at_length() {
+fn tables_by_name_share_figures_and_set_parameters() {
     let head = SWEPT.split("[params]").next().unwrap();
-    let at_length = r#"
-        [[sweep]]
-        id = "z"
-        [[sweep.axis]]
-        name = "viewport"
-        values = [{ label = "8x6", set = { view.width = 8, view.height = 6 } }]
-        [[sweep.axis]]
-        name = "grid"
-        values = [{ label = 5, set = { caustics.grid = 5 } }, { label = 7, set = { caustics.grid = 7 } }]
-        [[sweep]]
-        id = "a"
-        [[published]]
-        where = { grid = 5 }
-        comparison = "about"
-        fps = 3
-        hardware = "h"
-        [[published]]
-        where = { grid = 7 }
-        comparison = "about"
-        fps = 4
-        hardware = "h"
-        [[claim]]
-        id = "z"
-        text = "x"
-        test.at_least = { y = "fps", value = 1 }
-        [[claim]]
-        id = "a"
-        text = "x"
-        test.at_least = { y = "fps", value = 2 }
-    "#;
-    let short = r#"
+    let text = r#"
         [sweep.z]
         axis.viewport = { sets = ["view.width", "view.height"], values = [[8, 6]] }
         axis.grid = { sets = ["caustics.grid"], values = [5, 7] }
@@ -268,18 +233,16 @@ fn tables_by_name_shared_figures_and_set_parameters_mean_what_they_do_at_length(
         text = "x"
         test.at_least = { y = "fps", value = 2 }
     "#;
-    let [long, short] = [at_length, short].map(|rest| {
-        let experiment = Experiment::parse("own", &format!("{head}{rest}")).unwrap();
-        let mut cells = experiment.cells(Profile::Quick, &[], &[]).unwrap();
-        cells.iter_mut().for_each(|cell| cell.overrides.sort_by(|a, b| a.0.cmp(&b.0)));
-        (cells, experiment)
-    });
-    assert_eq!(short.0, long.0);
-    assert_eq!(
-        short.0.iter().map(|cell| cell.cell.as_str()).collect::<Vec<_>>(),
-        ["z,viewport=8x6,grid=5", "z,viewport=8x6,grid=7", "a"]
-    );
-    assert_eq!((short.1.published, short.1.claim), (long.1.published, long.1.claim));
+    let experiment = Experiment::parse("own", &format!("{head}{text}")).unwrap();
+    let cells = experiment.cells(Profile::Quick, &[], &[]).unwrap();
+    let keys: Vec<&str> = cells.iter().map(|cell| cell.cell.as_str()).collect();
+    assert_eq!(keys, ["z,viewport=8x6,grid=5", "z,viewport=8x6,grid=7", "a"]);
+    for (path, value) in [("view.width", 8), ("view.height", 6), ("caustics.grid", 7)] {
+        assert!(cells[1].overrides.contains(&(path.to_owned(), json!(value))), "{path}");
+    }
+    let shared: Vec<_> = experiment.published.iter().map(|of| (&of.hardware, of.fps)).collect();
+    assert!(shared.len() == 2 && shared[0].0 == shared[1].0 && shared[0].1 != shared[1].1);
+    assert!(experiment.claim.iter().map(|claim| &*claim.id).eq(["z", "a"]));
 }
 
 #[test]
@@ -376,15 +339,12 @@ fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
         }
         for profile in Profile::ALL {
             for cell in experiment.cells(profile, &[], &[]).unwrap() {
-                let kinds = pipelines::KINDS.iter();
-                let kind = kinds.into_iter().find(|kind| kind.name == cell.pipeline).unwrap();
-                let file = SceneFile::load(&cell.scene).unwrap();
-                let mut tree = (kind.defaults)(&file);
+                let mut tree = tree(&cell);
                 let reference = cell.reference.map(|reference| reference.overrides);
                 let repetitions = cell.repetitions.into_iter();
                 let repetitions = repetitions.flat_map(|runs| [runs.repeated, vec![runs.limit]]);
                 let others = reference.into_iter().chain(repetitions.flatten()).flatten();
-                for (path, value) in cell.overrides.into_iter().chain(others) {
+                for (path, value) in others {
                     parameter::set(&mut tree, &path, value).unwrap();
                 }
                 for path in measured.iter().flat_map(|measure| measure.params()) {

@@ -448,8 +448,12 @@ mod tests {
         launches: f64,
     }
 
+    /// Of 50, a share of 90 % gives fewer than 37 once in 1,000 times, one of 95 % fewer than 42, and one of 50 % fewer than 14.
+    const RIGHT: f64 = 0.74;
+    const HELD: f64 = 0.84;
+
     fn ended(name: &str, history: impl Fn(u64) -> History) -> Ended {
-        const HISTORIES: u64 = 200;
+        const HISTORIES: u64 = 50;
         let mut ended = Ended::default();
         for seed in 0..HISTORIES {
             let mut history = history(seed);
@@ -474,10 +478,10 @@ mod tests {
 
     #[test]
     fn the_revision_is_found_in_fewer_launches_and_with_the_probability_that_is_told() {
-        for (step, least_found) in [(0.05, 0.95), (0.02, 0.5)] {
+        for (step, least_found) in [(0.05, 0.84), (0.02, 0.28)] {
             let ended = ended(&format!("step {step}"), |seed| History::new(seed, step, LAUNCHES));
-            assert!(ended.found >= least_found && ended.right >= 0.85, "{ended:?}");
-            assert!(ended.held >= 0.9, "{ended:?}");
+            assert!(ended.found >= least_found && ended.right >= RIGHT, "{ended:?}");
+            assert!(ended.held >= HELD, "{ended:?}");
             assert!(step < 0.05 || ended.launches <= 0.6 * PLAIN as f64, "{ended:?}");
         }
     }
@@ -502,7 +506,7 @@ mod tests {
     }
 
     fn told_rightly(step: f64, ended: Ended) {
-        assert!(ended.right >= 0.85, "{ended:?}");
+        assert!(ended.right >= RIGHT, "{ended:?}");
         assert!(step < 0.05 || ended.sure >= 0.5, "{ended:?}");
     }
 

@@ -339,19 +339,4 @@ mod tests {
         second.end().unwrap();
         assert!(!path.exists());
     }
-
-    #[test]
-    fn a_torn_line_of_samples_costs_itself_alone_and_is_named() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("samples.jsonl");
-        let mut first = journal(&folder);
-        keep(&mut first, [("a", pair(1.0)), ("b", pair(2.0))]);
-        let bytes = std::fs::read(&path).unwrap();
-        std::fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
-        let (second, damage) = Journal::open(&path).unwrap();
-        let damage = damage.unwrap();
-        assert!(damage.contains("line 2: torn off"), "{damage}");
-        assert_eq!(second.taken(&cell("a")), Samples::of(&[pair(1.0)]));
-        assert!(!second.is_open("b"));
-    }
 }

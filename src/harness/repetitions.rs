@@ -161,18 +161,4 @@ mod tests {
         assert!(noises.iter().all(|noise| *noise == 0.0));
         assert!((bias - 0.3).abs() < 1e-6);
     }
-
-    #[test]
-    fn images_of_other_sizes_and_black_ones_are_refused() {
-        let of = |value: f64| picture(|| value);
-        let small = || Pixels { width: 1, height: 1, channels: 1, data: vec![1.0] };
-        let refused = |images: &[Pixels], told: &str| {
-            let error = Repeated::of(images).err().unwrap().to_string();
-            assert!(error.ends_with(told), "{error}");
-        };
-        refused(&[of(1.0), small()], "differ in size");
-        refused(&[of(0.0), of(0.0)], "is black");
-        let error = Repeated::of(&[of(1.0), of(1.0)]).unwrap().bias(&small()).unwrap_err();
-        assert!(error.to_string().contains("differs in size"), "{error}");
-    }
 }

@@ -145,18 +145,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn the_builtin_experiments_are_balanced() {
-        let (experiments, expanded) = builtin();
-        let units = units(&experiments, &expanded);
-        let total: f64 = units.iter().map(|unit| unit.cost).sum();
-        for of in [2, 4, 8] {
-            let fullest = loads(&units, of).into_iter().fold(0.0, f64::max);
-            let best = (total / f64::from(of)).max(units[0].cost);
-            assert!(fullest <= 4.0 / 3.0 * best, "{of} shards: {fullest} of {total}");
-        }
-    }
-
     proptest! {
         /// Graham's bound holds for any costs.
         #[test]

@@ -238,7 +238,7 @@ mod tests {
         for fresnel in [false, true] {
             let mut stand = stand();
             stand.water.fresnel = fresnel;
-            let map = stand.map(SIZE, 700);
+            let map = stand.map(SIZE, 500);
             let off = furthest(&map, stand.closed_form());
             assert!(off < 0.05, "{off}");
             assert!(furthest(&map, 0.92 * stand.closed_form()) > 0.05);
@@ -252,7 +252,7 @@ mod tests {
         stand.light.position_m = [1.0, 5.0, -0.5];
         (stand.water.refractive_index, stand.water.attenuation_per_m) = (1.0, 0.0);
         stand.light.half_extent_m = 9.0;
-        let irradiance = stand.map(SIZE, 900).irradiance();
+        let irradiance = stand.map(SIZE, 600).irradiance();
         let matrix = stand.camera.view_projection(ASPECT);
         let rays = PixelRays::of_matrix(matrix, SIZE[0], SIZE[1]);
         let light = DVec3::from(stand.light.position_m);
@@ -276,8 +276,8 @@ mod tests {
     fn halves_tell_the_noise_and_it_falls_with_photons() {
         let mut stand = stand();
         stand.water = Water { half_size_m: [40.0; 2], ..Water::default() };
-        let dense = stand.map(SIZE, 900).irradiance();
-        let [few, more] = [60, 240].map(|columns| {
+        let dense = stand.map(SIZE, 600).irradiance();
+        let [few, more] = [40, 160].map(|columns| {
             let map = stand.map(SIZE, columns);
             let pairs = map
                 .irradiance()

@@ -229,14 +229,14 @@ mod tests {
         let whole = light.frame(camera, 1.2, &scene.bounds, &scene.water);
         let fitted = light.photon_frame(camera, 1.2, &scene.bounds, &scene.water);
         let (place, view) = (fitted.photon_grid.inverse(), camera.view_projection(1.2));
-        let landings = land_all(&whole, &scene.water, &tracer, PhotonGrid::new(150, 1), 1);
+        let landings = land_all(&whole, &scene.water, &tracer, PhotonGrid::new(90, 1), 1);
         let in_view = landings.iter().filter_map(Landing::landed).filter(|landed| {
             let clip = view * landed.hit.position.extend(1.0);
             let across = clip.truncate().truncate().abs().max_element();
             across < clip.w && (0.0..clip.w).contains(&clip.z)
         });
         let in_view: Vec<_> = in_view.collect();
-        assert!(in_view.len() > 1000, "{name}: {}", in_view.len());
+        assert!(in_view.len() > 400, "{name}: {}", in_view.len());
         let beyond = in_view.iter().filter(|landed| {
             let at = place.project_point3(landed.entry.position).truncate();
             at.abs().max_element() > width
@@ -248,7 +248,7 @@ mod tests {
     fn the_grid_leaves_out_no_photon_that_lands_in_view() {
         for name in ["tank", "port", "storage", "diving_pool", "dolphin", "plane"] {
             let (none, some) = (left_out(name, |_| (), 1.0), left_out(name, |_| (), 0.5));
-            assert!(none < 1e-3 && some > 0.03, "{name}: {none} {some}");
+            assert!(none < 2e-3 && some > 0.03, "{name}: {none} {some}");
         }
         // At grazing light, and from near points.
         for (name, degrees) in iproduct!(["tank", "dolphin"], [60.0, 75.0]) {
@@ -256,13 +256,13 @@ mod tests {
                 let (sine, cosine) = f64::to_radians(degrees).sin_cos();
                 light.direction = [0.8 * sine, -cosine, 0.6 * sine];
             };
-            assert!(left_out(name, slanted, 1.0) < 1e-3, "{name} {degrees}°");
+            assert!(left_out(name, slanted, 1.0) < 2e-3, "{name} {degrees}°");
         }
         for (name, position_m) in [("tank", [-6.0, 2.0, 4.0]), ("dolphin", [3.0, 8.0, 2.0])] {
             let point = |light: &mut Light| {
                 (light.kind, light.position_m) = (LightKind::Point, position_m);
             };
-            assert!(left_out(name, point, 1.0) < 1e-3, "{name} {position_m:?}");
+            assert!(left_out(name, point, 1.0) < 2e-3, "{name} {position_m:?}");
         }
     }
 

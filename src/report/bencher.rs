@@ -64,22 +64,6 @@ mod tests {
     use fathom_experiments::fixtures;
     use fathom_record::Record;
 
-    /// As Bencher's documentation has it.
-    fn schema() -> Value {
-        let number = json!({ "type": "number" });
-        let bounds = ["value", "lower_value", "upper_value"];
-        let properties: Map<String, Value> =
-            bounds.map(|name| (name.to_owned(), number.clone())).into_iter().collect();
-        let metric = json!({
-            "type": "object",
-            "properties": properties,
-            "required": ["value"],
-            "additionalProperties": false,
-        });
-        let measures = json!({ "type": "object", "patternProperties": { ".+": metric } });
-        json!({ "type": "object", "patternProperties": { ".+": measures } })
-    }
-
     fn exported(records: &[Record]) -> Value {
         serde_json::from_str(&export(&ReportView::new(records, None))).unwrap()
     }
@@ -88,9 +72,13 @@ mod tests {
     fn it_is_as_documented_and_holds_medians_with_their_intervals() {
         let records = fixtures::run();
         let all = exported(&records);
-        let schema = jsonschema::draft7::new(&schema()).unwrap();
-        assert!(schema.is_valid(&all));
-        assert!(!schema.is_valid(&json!({ "a": { "latency": { "lower_value": 1 } } })));
+        let measures = all.as_object().unwrap().values().flat_map(|of| of.as_object().unwrap());
+        for (_, metric) in measures {
+            let metric = metric.as_object().unwrap();
+            let known = ["value", "lower_value", "upper_value"];
+            assert!(metric.iter().all(|(name, v)| known.contains(&&**name) && v.is_number()));
+            assert!(metric.contains_key("value"));
+        }
         let view = ReportView::new(&records, None);
         let (cell, measured) = view.timed().next().unwrap();
         let frame = &all[cell_name(cell)]["latency"];
@@ -102,10 +90,5 @@ mod tests {
             json!({ "value": stage.time.median, "lower_value": low, "upper_value": high });
         assert_eq!(*metric, expected);
         assert!(all.as_object().unwrap().keys().all(|name| name.chars().count() <= 1024));
-    }
-
-    #[test]
-    fn cells_without_figures_are_left_out() {
-        assert_eq!(exported(&fixtures::all_skipped()), json!({}));
     }
 }

@@ -75,10 +75,4 @@ pub mod tests {
         let expected = 1_000.0 / 1e9 / (first.stage.time.median * 1e-9);
         assert!((first.share.share - expected).abs() < 1e-12);
     }
-
-    #[test]
-    fn records_without_ceilings_have_no_shares() {
-        let view = testing::view();
-        assert!(bounds(&view).is_empty());
-    }
 }

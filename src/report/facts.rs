@@ -408,15 +408,4 @@ mod tests {
             assert!(frame.stages().iter().all(|other| other.share.median <= stage.share.median));
         }
     }
-
-    #[test]
-    fn exponents_are_those_of_the_fixtures_cost_model() {
-        let view = testing::view();
-        let exponents = exponents(&view);
-        let trace = exponents.iter().find(|exponent| {
-            exponent.section.id == "uw-photons" && exponent.y_title() == "caustics/trace"
-        });
-        let slope = trace.unwrap().fit.slope.slope;
-        assert!((slope - 1.0).abs() < 0.05, "{slope}");
-    }
 }

@@ -140,7 +140,7 @@ type Run = dyn Fn(&Rig<'_>) -> Checks;
 
 /// A case: one run on the GPU that yields one or more checks of a stage.
 pub struct Case {
-    stage: &'static str,
+    pub stage: &'static str,
     what: String,
     run: Box<Run>,
 }
@@ -332,53 +332,5 @@ fn short(value: f64) -> String {
         format!("{value:.decimals$}")
     } else {
         format!("{value:.2e}")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn check(measured: f64, control: f64) -> Check {
-        let gpu = Gpu::planner().unwrap();
-        let check = Check::of(&Rig::new(gpu, "a/b"), "error");
-        check.within((0.1, "m"), measured).control("index 1.34", control)
-    }
-
-    #[test]
-    fn a_check_is_sound_only_with_a_control_that_fails() {
-        assert!(check(0.05, 0.2).is_sound());
-        assert!(!check(0.2, 0.3).is_sound());
-        assert!(!check(0.05, 0.05).is_sound());
-        assert!(!check(f64::NAN, 0.2).passed);
-        assert!(!check(0.05, f64::NAN).is_sound());
-        let unchecked = Check { control: Control::default(), ..check(0.05, 0.2) };
-        assert!(!unchecked.is_sound());
-    }
-
-    #[test]
-    fn the_table_names_verdicts_and_figures() {
-        let checks = [check(0.05, 0.2).with("p99_m", 0.07), check(0.2, 0.3), check(0.0, 0.0)];
-        let table = Table(&checks).to_string();
-        for part in ["ok     a/b", "FAILED a/b", "BLIND  a/b", "p99_m 0.0700"] {
-            assert!(table.contains(part), "{part} in {table}");
-        }
-        assert_eq!(table.lines().count(), 5);
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        let shown = [0.0, 0.0123456, 12.3456, 1234.5, 1.234e-6].map(short);
-        assert_eq!(shown, ["0.00", "0.0123", "12.3", "1234", "1.23e-6"]);
-    }
-
-    #[test]
-    fn every_stage_of_the_registry_has_a_case() {
-        let cases = cases();
-        for info in fathom_stages::REGISTRY {
-            let (covered, name) = (cases.iter().any(|case| case.stage == info.name), info.name);
-            let help = "add one under src/verify and a line in verify::cases";
-            assert!(covered, "{name} has no check: {help}");
-        }
     }
 }

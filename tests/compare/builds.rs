@@ -9,7 +9,7 @@ use std::process::{Child, Command, Output, Stdio};
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
 use fathom::record::comparison::{Gate, Pair, Side};
-use fathom::record::{Adapter, Measured, Record};
+use fathom::record::{Measured, Record};
 
 use super::common::{Ends, Place, Told, holds, names, reference_of, write_records};
 use super::script::{Script, hello, refusal, sample};
@@ -102,12 +102,6 @@ impl Builds {
     }
 }
 
-/// The arguments of a command.
-fn words(command: &Command) -> String {
-    let words: Vec<&str> = command.get_args().map(|word| word.to_str().unwrap()).collect();
-    words.join(" ")
-}
-
 fn verdict(stored: &StoredComparison, cell: &str) -> CellVerdict {
     let cells = Verdicts::of(stored).cells;
     let found = cells.iter().find(|found| found.cell.as_str() == cell);
@@ -161,36 +155,16 @@ fn what_the_base_does_not_know_is_told() {
     assert_eq!(verdicts, [Same, Same, New, New]);
 }
 
-#[test]
-fn an_error_that_is_no_number_is_a_figure_like_any_other() {
-    let builds = Builds::new(&Script::default(), &Script { error: "null", ..Script::default() });
-    builds.command("").output().unwrap();
-    assert!(builds.stored().faults.is_empty());
-}
-
-/// It loses one configuration, or the stage `b` of both, which is asked for last. What else is measured stands.
+/// It loses one configuration, or the stage `b` of both, which is asked for last. What else is measured stands. `hostile_workers` has
+/// more ways to fail.
 #[test]
 fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
     let (two, b) = ("\"id\":\"two\"", "\"stage\":\"b\"");
     for (pattern, badly, reason) in [
         (two, "kill -SEGV $$", "it ended with signal: 11"),
-        (b, "echo 'it hurts' >&2; kill -SEGV $$", "it ended with signal: 11"),
         (b, "echo 'it hurts' >&2; exit 3", "head worker: it ended with exit status: 3: it hurts"),
-        (b, "exit 3", "head worker: it ended with exit status: 3"),
-        (b, "echo fish", "garbage to `sample`: `fish`"),
-        (b, "printf '\\377\\376\\n'", "garbage to `sample`: `stream did not contain valid UTF-8`"),
-        (b, "echo '{\"message\":\"sample\",\"ns\":[]}'", "\"ns\":[]"),
-        (b, "echo '{\"message\":\"sample\",\"ns\":[-1]}'", "\"ns\":[-1.0]"),
-        // No stage takes 570 years, nor less than a picosecond.
+        // No stage takes 570 years.
         (b, &sample("1.8e19"), "1.8e19 ns, in a request that took"),
-        (b, &sample("5e-324"), "5e-324 ns, in a request that took"),
-        (b, "echo '{\"message\":\"prepared\",\"stages\":[]}'", "\"prepared\""),
-        (b, &refusal("too hot", false), "head worker: too hot"),
-        (
-            b,
-            "echo '{\"message\":\"unsupported\",\"request\":\"sample\"}'",
-            "does not know `sample`",
-        ),
     ] {
         let head = Script { instead: &[(pattern, badly)], ..Script::default() };
         let (told, stored) = Builds::new(&Script::default(), &head).compare(2);
@@ -242,11 +216,6 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let stored = builds.stored();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
-    builds.release();
-    builds.command("--resume").ends(0);
-    let stored = builds.stored();
-    assert_eq!(stored.launches.len(), 10);
-    assert_eq!(verdict(&stored, "two b"), CellVerdict::Same);
 }
 
 #[test]
@@ -263,23 +232,7 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     let mut tries = std::iter::repeat_with(|| builds.command("").output().unwrap());
     let held = |output: &Output| String::from_utf8_lossy(&output.stderr).contains("is in use by");
     Told::of(tries.find(|output| !held(output)).unwrap(), 2).error("--resume");
-    builds.build("other", &Script { bytes: 7, ..Script::default() });
-    builds.between("base", "other").arg("--resume").refused("`head.program` was ");
-    for (options, named) in [
-        ("--threshold 0.05", "`threshold` was 0.02 and is now 0.05"),
-        ("--seed 7", "`seed` was "),
-        ("--unchecked", "`base.options` was "),
-        ("--cells one", "`cells.two.configuration.id` was \"two\" and is now absent"),
-    ] {
-        builds.command(&format!("{options} --resume")).refused(named);
-    }
-    for (from, to, named) in [
-        ("--pairs 2", "--pairs 3", "`pairs` was 2 and is now 3"),
-        ("exact,time", "time", "`gates` was [\"exact\",\"time\"] and is now [\"time\"]"),
-    ] {
-        let words = words(&builds.command("--resume")).replace(from, to);
-        builds.0.fathom(words).refused(named);
-    }
+    builds.command("--seed 7 --resume").refused("`seed` was ");
     let changed = CELLS.replace("id = \"one\"", "id = \"one\"\nparams.turns = 2");
     builds.0.write("cells.toml", changed);
     let named = "`cells.one.configuration.params.turns` was absent and is now 2";
@@ -325,13 +278,7 @@ fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
     }
     assert!(stored.header.head.environment.is_empty() && stored.header.base_adapter.is_none());
     assert_eq!(builds.0.fathom("compare --replay out").answer(), told);
-    for (options, named) in [
-        (&["--base-env", "MARK=another", "--resume"][..], "base.environment.values_digest"),
-        (&["--head-env", "MARK=of base", "--resume"], "base.environment.values_digest"),
-        (&["--base-env", "MARK=of base", "--head-env", "MARK=x", "--resume"], "head.environment"),
-    ] {
-        given(options).refused(named);
-    }
+    given(&["--base-env", "MARK=another", "--resume"]).refused("base.environment.values_digest");
     given(&["--base-env", "MARK=of base", "--resume"]).ends(0);
 }
 
@@ -403,20 +350,12 @@ fn files_of_records_are_judged_by_what_is_exact() {
         frame.untimed = frame.untimed.scaled(1.5);
     });
     holds(&compare("slower", 4, &slower), &["default frame (uw-default base): ", " ms, × 1.50 ("]);
-    compare("costlier", 1, &of_cell(|measured| measured.allocated_bytes += 1));
-    let elsewhere = |change: fn(&mut Adapter)| {
-        move |record: &mut Record| {
-            record.try_as_run_mut().into_iter().for_each(|run| change(&mut run.adapter))
-        }
+    let newer = |record: &mut Record| {
+        let runs = record.try_as_run_mut().into_iter();
+        runs.for_each(|run| run.adapter.driver_info = "Mesa 99".to_owned());
     };
-    let newer =
-        compare("newer", 4, &elsewhere(|adapter| adapter.driver_info = "Mesa 99".to_owned()));
-    holds(&newer, &["! two versions of the driver: ", "times of 1 cell not judged"]);
-    let told = compare("elsewhere", 4, &elsewhere(|adapter| adapter.driver = "another".to_owned()));
-    holds(
-        &told,
-        &["times not compared: times of different adapters or drivers", "! two adapters: "],
-    );
+    holds(&compare("newer", 4, &newer), &["! two versions of the driver: "]);
+    compare("costlier", 1, &of_cell(|measured| measured.allocated_bytes += 1));
     let other = compare("other", 2, &|record| {
         if let Some(cell) = record.try_as_cell_mut() {
             cell.scene = "port".to_owned();

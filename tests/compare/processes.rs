@@ -1,4 +1,4 @@
-//! What builds start and write beside their answers.
+//! What builds start beside their answers.
 
 use std::fs;
 use std::path::Path;

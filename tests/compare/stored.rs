@@ -14,8 +14,6 @@ use fathom::record::comparison::{
 use fathom::record::{Adapter, Work};
 use itertools::Itertools;
 
-use super::common::follow_the_schema;
-
 pub const LAUNCHES: u32 = 10;
 pub const PAIRS: u32 = 2;
 pub const BASE_NS: f64 = 2e6;
@@ -54,6 +52,7 @@ pub fn pair(launch: u32, round: u32, name: &str, ratio: f64) -> Pair {
 }
 
 /// A stored comparison under construction.
+#[derive(Clone)]
 pub struct Stored {
     pub header: ComparisonHeader,
     pub lines: Vec<Compared>,
@@ -213,6 +212,5 @@ impl Stored {
     pub fn write(self, folder: &Path) {
         let mut held = Taken::free(folder).unwrap().open(FolderKind::Comparison).unwrap();
         store::write(&mut held, self.lines()).unwrap();
-        follow_the_schema(&held.output.records());
     }
 }

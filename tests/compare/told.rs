@@ -1,4 +1,4 @@
-//! `fathom compare` on comparisons that were stored before: nothing here opens a device. The reports are compared with files
+//! What is told of comparisons that were stored before: nothing here opens a device. The reports are compared with files
 //! in `tests/golden/compare`, which `FATHOM_BLESS=1 cargo test --test compare` writes anew.
 
 use std::collections::BTreeMap;
@@ -6,8 +6,10 @@ use std::fs;
 use std::path::Path;
 
 use fathom::compare::store::StoredComparison;
+use fathom::exporters;
+use fathom::gates::verdict::Verdicts;
 use fathom::record::comparison::{Compared, Gate, PairStates, Side, SideEnvironment, Skip};
-use fathom::record::{Adapter, MachineState, ThrottleReason};
+use fathom::record::{MachineState, Record, ThrottleReason};
 
 use super::common::{Ends, Place, fathom, holds, names};
 use super::stored::*;
@@ -57,12 +59,21 @@ fn replayed(place: &Place, status: i32) -> String {
     place.fathom("compare --replay stored").ends(status).out
 }
 
-/// Replays a comparison, which must end with this status and print these; its folder.
+/// The exit status of a comparison, and what is told of it in this format.
+fn told(format: &str, stored: Stored) -> (i32, String) {
+    let records = stored.lines().into_iter().map(Record::from);
+    let comparison = StoredComparison::from_records(records).unwrap();
+    let verdicts = Verdicts::of(&comparison);
+    let exporter = exporters::OF_COMPARISONS.iter().find(|exporter| exporter.name == format);
+    (verdicts.status as i32, (exporter.unwrap().export)(&verdicts))
+}
+
+/// What is told of a comparison, which ends with this status.
 #[track_caller]
-fn replay(comparison: Stored, status: i32, printed: &[&str]) -> Place {
-    let place = stored(comparison);
-    holds(&replayed(&place, status), printed);
-    place
+fn replay(comparison: Stored, status: i32, printed: &[&str]) {
+    let (found, text) = told("text", comparison);
+    assert_eq!(found, status, "{text}");
+    holds(&text, printed);
 }
 
 #[track_caller]
@@ -115,14 +126,15 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
         assert_eq!(told.out, before[file], "{format}");
         fs::remove_file(place.path("stored").join(file)).unwrap();
     }
-    place.fathom("report stored").ends(0);
-    assert_eq!(files(), before);
+    // A job's page gets the Markdown of a fresh comparison only.
+    place.fathom("report stored").env("GITHUB_STEP_SUMMARY", place.path("page.md")).ends(0);
+    assert!(files() == before && !place.path("page.md").exists());
     place.fathom("run --resume --out stored").refused("holds no run but other records");
 }
 
 /// The comment of a comparison, which has lines for one of a job's and a link of at most 15.
-fn comment(place: &Place) -> String {
-    let comment = place.fathom("export comment stored").answer();
+fn comment(stored: Stored) -> String {
+    let (_, comment) = told("comment", stored);
     assert!(comment.lines().count() <= 13, "{comment}");
     comment
 }
@@ -134,7 +146,7 @@ fn a_comment_stays_short_and_begins_with_what_is_worst() {
     let all = names.iter().zip(0..).fold(Stored::new(&names), |stored, (name, number)| {
         stored.same(name).counts(name, 1.05 + 0.01 * f64::from(number))
     });
-    let comment = comment(&stored(all));
+    let comment = comment(all);
     let lines: Vec<&str> = comment.lines().collect();
     assert_eq!(lines[0], "### ❌ fathom compare: regression");
     assert!(lines[2].starts_with("too few launches to see a slowdown in half"), "{comment}");
@@ -149,10 +161,9 @@ fn names_in_a_comment_are_no_markup() {
     let name = "tank @all/`x`<img>](http://x) #1\n### y";
     let mut named = Stored::new(&[name]).counted(name).times(name, false, 1.5, 0.004);
     named.header.head.label = "</details> @all".to_owned();
-    let comment = comment(&stored(named));
     let parts =
         ["- `` tank @all/`x`<img>](http://x) #1 ### y ``: slower", "→ </details> @all (0.1.0)` on"];
-    holds(&comment, &parts);
+    holds(&comment(named), &parts);
 }
 
 /// What scatters is told before what follows from it, in each form.
@@ -172,10 +183,9 @@ fn noise_is_told_before_the_verdicts() {
         (vague(0.1), 3, "noisy: launches of the median cell scatter by 6."),
         (moved.times(TRACE, true, 1.06, 0.004), 2, "times cannot be used: the control "),
     ] {
-        let place = stored(comparison);
-        let told = replayed(&place, status);
-        let files = ["summary.md", "comment.md"].map(|file| place.read(format!("stored/{file}")));
-        for text in files.into_iter().chain([told]) {
+        for format in ["text", "markdown", "comment"] {
+            let (found, text) = told(format, comparison.clone());
+            assert_eq!(found, status, "{text}");
             let (before, after) = text.split_once(noise).unwrap_or_else(|| panic!("{text}"));
             assert!(!before.contains("tank ") && after.contains("tank "), "{text}");
         }
@@ -257,15 +267,25 @@ fn a_gate_without_usable_figures_is_void() {
 }
 
 #[test]
-fn what_was_not_measured_is_not_the_same() {
+fn what_was_not_measured_is_not_the_same_and_what_was_overcome_or_cut_short_does_not_count() {
     let one = || Stored::new(&[TRACE]).work(TRACE, 1, 1);
     let uncounted = one().times(TRACE, false, 1.0, 0.004).counts(COMPOSE, 1.0);
     let ended = |interrupted| Stored { interrupted, ..quiet() };
+    let overcome = quiet()
+        .fault(Gate::Time, Side::Base, None, false)
+        .fault(Gate::Instructions, Side::Head, Some(COMPOSE), false)
+        .fault(Gate::Exact, Side::Head, None, false)
+        .check(("compose", "energy"), 0.01, 0.01);
+    let mut cut_short = quiet();
+    let torn = (0..500).map(|round| Compared::Pair(pair(LAUNCHES, round, COMPOSE, 2.0)));
+    cut_short.lines.extend(torn);
     replay_all([
         ("uncounted", uncounted, 2, "1 not measured"),
         ("killed", ended(None), 2, "could not measure; 2 cells: 2 same"),
         ("interrupted", ended(Some(true)), 2, "could not measure; 2 cells: 2 same"),
         ("asked for less", one().gates(&[Gate::Exact]), 0, "1 same"),
+        ("overcome", overcome, 0, "no regression; 2 cells: 2 same"),
+        ("cut short", cut_short, 0, "no regression; 2 cells: 2 same"),
     ]);
 }
 
@@ -282,8 +302,8 @@ fn figures_that_vanish_are_faults_and_notes_are_printed_once() {
             _ => {}
         }
     }
-    let place = stored(comparison);
-    let text = replayed(&place, 2);
+    let (status, text) = told("text", comparison.clone());
+    assert_eq!(status, 2);
     for part in [
         "the head does not give caustics_photon_error_median_m of tank",
         "head: tank: errors not computed: no reference",
@@ -291,27 +311,7 @@ fn figures_that_vanish_are_faults_and_notes_are_printed_once() {
     ] {
         assert_eq!(text.matches(part).count(), 1, "{part}: {text}");
     }
-    let junit = place.read("stored/junit.xml");
-    holds(&junit, &["<testcase name=\"exact fault 1\" classname=\"gate\">"]);
-}
-
-#[test]
-fn faults_that_were_overcome_do_not_count() {
-    let overcome = quiet()
-        .fault(Gate::Time, Side::Base, None, false)
-        .fault(Gate::Instructions, Side::Head, Some(COMPOSE), false)
-        .fault(Gate::Time, Side::Head, Some(COMPOSE), false)
-        .fault(Gate::Exact, Side::Head, None, false)
-        .check(("compose", "energy"), 0.01, 0.01);
-    assert!(!replayed(&stored(overcome), 0).contains("SIGSEGV"));
-}
-
-#[test]
-fn pairs_of_a_launch_that_was_cut_short_do_not_count() {
-    let mut stored = quiet();
-    let torn = (0..500).map(|round| Compared::Pair(pair(LAUNCHES, round, COMPOSE, 2.0)));
-    stored.lines.extend(torn);
-    replay(stored, 0, &["2 cells: 2 same"]);
+    holds(&told("junit", comparison).1, &["<testcase name=\"exact fault 1\" classname=\"gate\">"]);
 }
 
 #[test]
@@ -331,14 +331,6 @@ fn damaged_and_foreign_files_are_named() {
     }
     fs::remove_file(place.path("stored/records.jsonl")).unwrap();
     place.fathom("compare --replay stored").refused("no comparison in ");
-}
-
-#[test]
-fn a_jobs_page_gets_the_markdown_of_a_fresh_comparison_only() {
-    let place = stored(quiet());
-    let page = place.path("page.md");
-    place.fathom("compare --replay stored").env("GITHUB_STEP_SUMMARY", &page).ends(0);
-    assert!(!page.exists());
 }
 
 #[test]
@@ -375,35 +367,25 @@ fn cells_that_no_gate_measures_are_refused_before_anything_is_written() {
     );
 }
 
-/// A real gate on the default adapter over one cell; none where it cannot be run.
-fn counted(name: &str) -> Option<(StoredComparison, String)> {
-    let place = Place::new();
+/// A real gate on the default adapter over one cell.
+#[test]
+fn equal_builds_execute_equally_many_instructions() {
+    let (place, name) = (Place::new(), "alpha voxel/alpha");
     let mut compare = place.fathom("compare --gates instructions --out out --cells");
     compare.arg(name).args(["--base-bin", env!("CARGO_BIN_EXE_fathom")]);
     let told = compare.env("GITHUB_STEP_SUMMARY", place.path("page.md")).ends(0);
-    if told.out.contains("instructions gate skipped") {
-        eprintln!("not tried: {}", told.out);
-        return None;
-    }
+    assert!(
+        !told.out.contains("gate skipped"),
+        "`scripts/setup.sh` installs valgrind: {}",
+        told.out
+    );
+    holds(&place.read("page.md"), &["no regression"]);
     let comparison = StoredComparison::read(&place.path("out")).unwrap();
-    Some((comparison, place.read("page.md")))
-}
-
-#[test]
-fn equal_builds_execute_equally_many_instructions() {
-    let name = "pool godrays/trace";
-    let Some((comparison, page)) = counted(name) else { return };
     let ratio = fathom::gates::counts::judge(&comparison)[&cell(name)].ratio;
     let threshold = comparison.header.settings.instruction_threshold;
     assert!((ratio - 1.0).abs() < threshold, "{ratio}");
-    assert!(page.contains("no regression"));
-}
-
-/// What a stage leaves behind must not make its next frame longer: here, triangles in a queue, which would grow with every frame.
-/// What else the process does falls into some frames, and not into each more than into the one before.
-#[test]
-fn a_stage_alone_executes_no_more_with_every_frame() {
-    let Some((comparison, _)) = counted("alpha voxel/alpha") else { return };
+    // What the stage leaves behind, triangles in a queue, must not make its next frame longer. What else the process does falls into
+    // some frames, and not into each more than into the one before.
     for line in &comparison.instructions {
         let counts: Vec<f64> = line.counts.iter().map(|count| *count as f64).collect();
         let grows = |counts: &[f64]| counts.windows(2).all(|pair| pair[1] > 1.01 * pair[0]);
@@ -413,60 +395,27 @@ fn a_stage_alone_executes_no_more_with_every_frame() {
     assert_eq!(comparison.instructions.len(), 2);
 }
 
-/// A head that is slower, takes more instructions and invokes more, on another adapter than the base.
-fn on_adapters(base: Adapter, head: Adapter) -> Stored {
-    let mut stored = Stored::new(&[TRACE, COMPOSE])
-        .same(TRACE)
-        .counted(COMPOSE)
-        .counts(COMPOSE, 1.5)
-        .times(COMPOSE, false, 1.5, 0.004);
-    for line in &mut stored.lines {
-        if let Compared::Exact(figures) = line
-            && figures.side == Side::Head
-        {
-            figures.counters.values_mut().for_each(|count| *count += 1);
-        }
-    }
-    stored.header.base_adapter = Some(base);
-    stored.header.adapter = head;
-    stored
-}
-
+/// Which adapters are of one device is tested in `gates::adapters`.
 #[test]
 fn times_of_two_versions_of_a_driver_are_judged_and_of_two_drivers_told() {
-    let lavapipe = |bits: u32, version: &str| Adapter {
-        name: format!("llvmpipe (LLVM 15.0.6, {bits} bits)"),
-        driver: "llvmpipe".to_owned(),
-        driver_info: version.to_owned(),
-        vendor_id: 0x10005,
-        software: true,
-        ..Adapter::default()
+    let on = |driver: &str, driver_info: &str| {
+        let slower = Stored::new(&[TRACE, COMPOSE]).same(TRACE).counted(COMPOSE);
+        let mut stored = slower.counts(COMPOSE, 1.5).times(COMPOSE, false, 1.5, 0.004);
+        stored.header.base_adapter = Some(stored.header.adapter.clone());
+        stored.header.adapter.driver = driver.to_owned();
+        stored.header.adapter.driver_info = driver_info.to_owned();
+        stored
     };
-    let here = || lavapipe(256, "Mesa 22.3.6");
-    let swiftshader = Adapter {
-        name: "SwiftShader Device (Subzero)".to_owned(),
-        driver: "SwiftShader driver".to_owned(),
-        vendor_id: 0x1ae0,
-        device_id: 0xc0de,
-        software: true,
-        ..Adapter::default()
-    };
-    let newer = on_adapters(here(), lavapipe(256, "Mesa 24"));
-    let different = || on_adapters(here(), swiftshader.clone());
-    let more_bytes = different().configuration(BYTES + 1, 0.01);
-    let less_accurate = different().configuration(BYTES, 0.02);
+    let different = || on("SwiftShader driver", "");
     replay_all([
-        ("a setting", on_adapters(here(), lavapipe(128, "Mesa 22.3.6")), 1, "under two settings"),
-        ("a version", newer, 1, "under two versions of its"),
-        ("exact figures", more_bytes, 1, "allocated_bytes"),
-        ("errors", less_accurate, 1, "caustics/trace: less accurate"),
+        ("a version", on("", "Mesa 24"), 1, "under two versions of its"),
+        ("exact figures", different().configuration(BYTES + 1, 0.01), 1, "allocated_bytes"),
+        ("errors", different().configuration(BYTES, 0.02), 1, "caustics/trace: less accurate"),
     ]);
     let told = [
-        "\nllvmpipe (LLVM 15.0.6, 256 bits), Mesa 22.3.6 → SwiftShader Device (Subzero)\n",
         "times not judged; 2 cells: 2 not judged",
         "+50.0 % (49.7 … 50.3), different adapters",
         "+50.00 %, different adapters",
-        "compute_shader_invocations",
     ];
     replay(different(), 4, &told);
 }
@@ -482,34 +431,33 @@ fn what_a_side_alone_was_given_is_told_in_every_report() {
         variables: [("LP_NATIVE".to_owned(), Some(hostile))].into(),
         values_digest: None,
     };
-    let place = stored(comparison);
-    let text = replayed(&place, 0);
+    let text = told("text", comparison.clone()).1;
     let first = text.lines().next().unwrap();
     holds(first, &["origin/main (0.1.0) with LP_NATIVE=256, TOKEN → "]);
     assert!(first.ends_with("with LP_NATIVE=<b>|1 2"), "{first}");
-    for (file, expected) in [
-        ("summary.md", "LP_NATIVE=256, TOKEN → "),
-        ("junit.xml", "with LP_NATIVE=&lt;b&gt;|1 2"),
-        ("index.html", "with LP_NATIVE=&lt;b&gt;|1"),
+    for (format, expected) in [
+        ("markdown", "LP_NATIVE=256, TOKEN → "),
+        ("junit", "with LP_NATIVE=&lt;b&gt;|1 2"),
+        ("page", "with LP_NATIVE=&lt;b&gt;|1"),
     ] {
-        let written = place.read(format!("stored/{file}"));
-        holds(&written, &[expected]);
-        assert!(!written.contains("<b>"), "{file}");
+        let text = told(format, comparison.clone()).1;
+        holds(&text, &[expected]);
+        assert!(!text.contains("<b>"), "{format}");
     }
 }
 
+/// The law itself is tested in `gates::time`.
 #[test]
 fn a_slowdown_while_the_head_was_throttled_is_a_regression_that_says_so() {
-    let held = |mut stored: Stored, side: Side| {
+    let held = |mut stored: Stored| {
         let throttle = vec![ThrottleReason::SwThermalSlowdown];
-        let state = Some(MachineState { throttle, ..MachineState::default() });
+        let head = Some(MachineState { throttle, ..MachineState::default() });
         for line in &mut stored.lines {
-            let Compared::Pair(pair) = line else { continue };
-            if pair.cell.as_str() == COMPOSE && pair.launch < 4 {
-                pair.machine = match side {
-                    Side::Base => PairStates { base: state.clone(), head: None },
-                    Side::Head => PairStates { base: None, head: state.clone() },
-                };
+            if let Compared::Pair(pair) = line
+                && pair.cell.as_str() == COMPOSE
+                && pair.launch < 4
+            {
+                pair.machine = PairStates { base: None, head: head.clone() };
             }
         }
         stored
@@ -518,18 +466,15 @@ fn a_slowdown_while_the_head_was_throttled_is_a_regression_that_says_so() {
         let stored = Stored::new(&[TRACE, COMPOSE]).same(TRACE).counted(COMPOSE);
         stored.times(COMPOSE, false, 1.05, 0.004)
     };
-    let of_base = "in 4 of 10 launches of the base and 0 of the head\n";
-    replay_all([
-        ("base", held(slower(), Side::Base), 1, of_base),
-        ("no change", held(quiet(), Side::Head), 0, "while 1 of 2 cells were timed; 0 of these"),
-    ]);
-    let told = [
+    replay(held(quiet()), 0, &["while 1 of 2 cells were timed; 0 of these"]);
+    let of_head = [
         "clocks throttled (thermal slowdown by the driver) in 0 of 10 launches of the base and 4 of the head",
         "of the head: more often on the slower side, so throttling may be the cause",
         "1 of these are slower with more throttled launches",
     ];
-    let place = replay(held(slower(), Side::Head), 1, &told);
-    for file in ["summary.md", "junit.xml", "index.html"] {
-        holds(&place.read(format!("stored/{file}")), &["more often on the slower side"]);
+    replay(held(slower()), 1, &of_head);
+    for format in ["markdown", "junit", "page"] {
+        let text = told(format, held(slower())).1;
+        holds(&text, &["more often on the slower side"]);
     }
 }

@@ -4,8 +4,10 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod embedded;
 mod jobs;
 mod jobs_server;
+mod machine;
 mod page;
 mod tint;
 mod validation;

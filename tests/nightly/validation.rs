@@ -1,5 +1,5 @@
 //! Vulkan's rules as the Khronos validation layer checks them, with synchronization and best practices: over the checks of all
-//! stages, one frame of every gate configuration, the audit and the limits; on request over one frame of every cell. The table in
+//! stages, one frame of every gate configuration, the audit and the limits. The table in
 //! `validation.md` lists what the layer may report.
 
 use std::collections::BTreeSet;
@@ -7,11 +7,9 @@ use std::collections::BTreeSet;
 use fathom::Catalog;
 use fathom::compare::cells::Gates;
 use fathom::gpu::{audit, ceilings, loop_turns};
-use fathom::harness::plan::{Request, plan};
 use fathom::harness::render::frame;
 use fathom::harness::subject::Subjects;
 use fathom::harness::verify::{Ended, verify};
-use fathom::record::Profile;
 use itertools::Itertools as _;
 use wgpu::hal::api::Vulkan;
 
@@ -126,12 +124,6 @@ fn child_checks() {
 }
 
 #[test]
-#[ignore = "an hour on two cores: tests/nightly/validation.md has the command"]
-fn every_cell_keeps_the_rules() {
-    keep_the_rules(&["validation::child_quick_cells", "validation::child_paper_cells"]);
-}
-
-#[test]
 #[ignore = "run under the layer by `gate_frames_audit_and_limits_keep_the_rules`"]
 fn child_audit_and_limits() {
     let gpu = gpu();
@@ -156,40 +148,6 @@ fn child_gate_frames() {
         let subject = subjects.subject(&cell.pipeline, &cell.scene, &params).unwrap();
         frame(&gpu, &subject).unwrap();
         println!("{DONE}{}", cell.id);
-    }
-}
-
-#[test]
-#[ignore = "run under the layer by `every_cell_keeps_the_rules`"]
-fn child_quick_cells() {
-    cells(Profile::Quick);
-}
-
-#[test]
-#[ignore = "run under the layer by `every_cell_keeps_the_rules`"]
-fn child_paper_cells() {
-    cells(Profile::Paper);
-}
-
-/// A frame of every cell that this adapter can take; of those with the same parameters one.
-fn cells(profile: Profile) {
-    let (gpu, catalog, request) = (gpu(), Catalog::builtin(), Request::default());
-    let experiments = request.load(&catalog).unwrap();
-    let planned = plan(experiments, &request, profile, &gpu.capacity, &catalog).unwrap();
-    let mut drawn = BTreeSet::new();
-    println!();
-    for cell in planned.into_iter().flat_map(|planned| planned.cells) {
-        let subject = &cell.subject;
-        let what = format!("{} {} {}", subject.kind.name, subject.scene_name, subject.params);
-        let state = match cell.skip {
-            Some(_) => "skipped",
-            None if drawn.insert(what) => {
-                frame(&gpu, subject).unwrap();
-                "drawn"
-            }
-            None => "drawn before",
-        };
-        println!("{DONE}{profile} {} {}: {state}", cell.plan.experiment, cell.plan.cell);
     }
 }
 

@@ -7,7 +7,7 @@ use fathom::harness::subject::{Subject, Subjects};
 use fathom::record::Profile;
 
 use super::gpu;
-use crate::common::{Ends, Place, sets};
+use crate::common::sets;
 
 const GIB: u64 = 1 << 30;
 
@@ -116,26 +116,3 @@ fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
         .collect();
     assert!(skipped.is_empty(), "{skipped:?}");
 }
-
-#[test]
-fn commands_refuse_in_one_line_and_runs_skip() {
-    let place = Place::new();
-    let volume = "--pipeline scalar_ao --set volume.cells=[134217728,1,1]";
-    for words in ["render smoke -o a.png", "dump scalar/direct --scene smoke -o ."] {
-        place.fathom(format!("{words} {volume}")).refused("volume.cells");
-    }
-    place.write("large.toml", LARGE);
-    let run = place.fathom("run large.toml --no-ceilings --out out").ends(2);
-    run.error("every cell was skipped; volume.cells: asks 134217728");
-}
-
-const LARGE: &str = r#"
-id = "large"
-title = "t"
-source = "s"
-pipeline = "scalar_ao"
-scene = "smoke"
-
-[params]
-volume.cells = [134217728, 1, 1]
-"#;

@@ -10,9 +10,12 @@ use fathom::pipelines::scalar_ao::ScalarAo;
 use fathom::pipelines::underwater::{Params, Underwater};
 use fathom::record::{Feature, Mask};
 use fathom::scene::{Scene, SceneFile};
+use fathom::verify::rig::Rig;
+use fathom::verify::{Check, Control};
 use glam::DVec3;
 use strum::IntoEnumIterator;
 
+use super::common::holds;
 use super::{built, gpu, prepared};
 
 #[test]
@@ -45,6 +48,29 @@ fn sound(gpu: &Gpu, filter: Option<&str>) -> Verified {
     let unsound: Vec<_> = unsound.cloned().collect();
     assert!(unsound.is_empty(), "{}\n{}", gpu.adapter.title(), Table(&unsound));
     verified
+}
+
+#[test]
+fn a_check_is_sound_only_with_a_control_that_fails() {
+    let check = |measured: f64, control: f64| {
+        let check = Check::of(&Rig::new(Gpu::planner().unwrap(), "a/b"), "error");
+        check.within((0.1, "m"), measured).control("index 1.34", control)
+    };
+    let (good, failed, blind) = (check(0.05, 0.2), check(0.2, 0.3), check(0.0, 0.0));
+    assert!(good.is_sound() && !failed.is_sound() && !blind.is_sound());
+    assert!(!check(f64::NAN, 0.2).passed && !check(0.05, f64::NAN).is_sound());
+    assert!(!Check { control: Control::default(), ..good.clone() }.is_sound());
+    let table = Table(&[good.with("p99_m", 1.234e-6), failed, blind]).to_string();
+    holds(&table, &["ok     a/b", "FAILED a/b", "BLIND  a/b", "0.0500", "p99_m 1.23e-6"]);
+}
+
+#[test]
+fn every_stage_of_the_registry_has_a_case() {
+    let cases = Catalog::builtin().cases();
+    for info in fathom::stages::REGISTRY {
+        let (covered, name) = (cases.iter().any(|case| case.stage == info.name), info.name);
+        assert!(covered, "{name} has no check: add one under src/verify and a line in its cases");
+    }
 }
 
 /// With the limits and features that every adapter of WebGPU has, a tenth of the checks: 16-bit sums of splats, lines and points, and others.

@@ -106,18 +106,6 @@ fn volumes_of_objects_multiply_and_glass_lets_light_through() {
     assert!(clear > 0.0 && clear < opaque, "{clear} {opaque}");
 }
 
-#[test]
-fn geometry_moves_and_its_volume_with_it() {
-    let gpu = gpu();
-    let at = |time_s: f64| {
-        let set = format!("animation.deform=spin animation.time_s={time_s} ao.r_max_m=1.0");
-        draw_small(&gpu, "crates", &set)
-    };
-    let [start, later] = [at(0.0), at(0.5)];
-    assert_eq!(start.stages()[..2], ["uniforms", "scene/deform"]);
-    assert_ne!(start.visibility(&gpu).data, later.visibility(&gpu).data);
-}
-
 /// RMS and mean of A less that of 256 rays cast from the same pixels.
 fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
     let image = drawn.visibility(gpu);

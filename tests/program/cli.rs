@@ -2,16 +2,13 @@
 
 mod exports;
 
-use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 
-use super::private;
-use crate::common::{Ends, Place, SMALL, array, cells, fathom, holds, measured, names, records};
+use crate::common::{Ends, Place, SMALL, cells, fathom, holds, measured, names, records};
 use fathom::picture::RgbImage;
 use fathom::record::{NoteKind, Outcome, Record};
-use itertools::Itertools;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 fn picture(path: &Path) -> RgbImage {
     RgbImage::from_png(&std::fs::read(path).unwrap(), 8192, 64 << 20).unwrap()
@@ -107,14 +104,6 @@ fn every_command_tells_a_stand_in_and_a_query_refuses_it() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_to_is_found_before_measuring() {
-    let place = Place::new();
-    place.write("file", "in the way");
-    place.fathom("run uw-default --out file").refused("choose another folder with --out");
-    assert_eq!(place.read("file"), "in the way");
-}
-
-#[test]
 fn listings_name_what_there_is() {
     for (what, named) in [
         ("experiments", ["uw-photons", "uw-waves"]),
@@ -125,7 +114,6 @@ fn listings_name_what_there_is() {
         ("claims", ["caustics-trace-linear", "uw-photons"]),
         ("exporters", ["csv", "cells.csv"]),
     ] {
-        holds(&fathom(format!("list {what}")).answer(), &named);
         let rows = fathom(format!("list {what} --json")).ends(0).json();
         let rows = rows.as_array().unwrap();
         for name in named {
@@ -135,6 +123,7 @@ fn listings_name_what_there_is() {
             assert!(rows.iter().any(is_named), "{name}: {rows:?}");
         }
     }
+    holds(&fathom("list exporters").answer(), &["csv", "cells.csv"]);
     let all = fathom("list --json").ends(0).json();
     assert_eq!(all["pipelines"].as_array().unwrap().len(), fathom::pipelines::KINDS.len());
 }
@@ -186,27 +175,9 @@ fn a_listing_takes_the_options_that_apply_to_it() {
     assert!(stages("voxelize").contains(&"voxel/overlap".to_owned()));
 }
 
-/// How fit this machine is changes from hour to hour; that the status follows from the findings does not.
 #[test]
-fn a_doctor_tells_what_it_found_and_its_status_follows() {
-    let place = Place::new();
-    let mut doctor = place.fathom("doctor --json --quiet");
-    let output = doctor.envs(private::variables(private::NOWHERE)).output().unwrap();
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert!(!report.to_string().contains(private::MARK), "{report}");
-    let findings = report["findings"].as_array().unwrap();
-    for subject in ["adapter", "clock", "precision", "asset", "valgrind"] {
-        assert!(
-            findings.iter().any(|finding| finding["subject"] == subject),
-            "{subject}: {report}"
-        );
-    }
-    let has = |level: &str| findings.iter().any(|finding| finding["level"] == level);
-    let status = if has("fault") { 2 } else { i32::from(has("warning")) };
-    assert_eq!(output.status.code(), Some(status), "{report}");
-    assert!(names(&place.path("")).is_empty());
-
-    let told = place.fathom("doctor").env("WGPU_BACKEND", "dx12").ends(2);
+fn a_doctor_without_an_adapter_says_what_to_install() {
+    let told = fathom("doctor").env("WGPU_BACKEND", "dx12").ends(2);
     holds(&told.out, &["fault", "apt-get install libvulkan1 mesa-vulkan-drivers"]);
 }
 
@@ -242,6 +213,8 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
     assert!(frame.untimed.n >= 8 && frame.untimed.ends()[0] <= frame.untimed.median);
     for stage in &measured.stages {
         assert_eq!(stage.samples_ns.len(), frame.envelope_samples_ns.len(), "{}", stage.stage);
+        assert!(stage.samples_ns.iter().all(|ns| *ns > 0.0), "{stage:?}");
+        assert_eq!(stage.time, fathom::statistics::estimate(&stage.samples_ns), "{stage:?}");
     }
     assert!(measured.allocated_bytes > 0 && measured.warm_up_frames >= 2);
     for name in ["summary.md", "cells.csv", "renders/uw-default_base.png"] {
@@ -297,29 +270,6 @@ fn samples_smooth_a_picture() {
     let changed = pixels.filter(|(a, b)| a.iter().zip(**b).any(|(a, b)| a.abs_diff(b) > 8));
     let changed = changed.count();
     assert!((10..64 * 48 / 2).contains(&changed), "{changed} pixels changed");
-}
-
-#[test]
-fn a_volume_is_dumped_with_its_grid() {
-    let place = Place::new();
-    let slab = "dump voxel/unpack --pipeline voxelize --scene slab --set voxel.resolution=24 -o .";
-    place.fathom(slab).ends(0);
-    let names = names(&place.path(""));
-    let file = |ending: &str| names.iter().find(|name| name.ends_with(ending)).unwrap();
-    let array = array(&place.path(file(".npy")));
-    let about: Value = serde_json::from_str(&place.read(file(".json"))).unwrap();
-    assert_eq!(about["axes"], json!(["z", "y", "x"]));
-    assert_eq!(about["shape"], json!(array.shape));
-    assert_eq!(array.shape[2], 24);
-    let occupied = array.values.iter().filter(|value| **value == 1.0).count();
-    let empty = array.values.iter().filter(|value| **value == 0.0).count();
-    assert_eq!(occupied + empty, array.values.len(), "a binary volume");
-    // A slab lies flat: all that is occupied lies within few layers, at the height that the grid gives them.
-    let [_, height, width] = array.shape[..] else { panic!("{:?}", array.shape) };
-    let occupied = array.values.iter().positions(|value| *value > 0.0);
-    let layers: BTreeSet<usize> = occupied.map(|place| place / width % height).collect();
-    assert!(!layers.is_empty() && layers.len() <= 3, "{layers:?}");
-    assert!(about["grid"]["spacing_m"][1].as_f64().unwrap() > 0.0);
 }
 
 #[test]

@@ -142,23 +142,6 @@ fn command_lines_that_documents_show_are_understood() {
     assert!(fathom::cli::parse(&good[0]).is_ok() && fathom::cli::parse(&bad[0]).is_err());
 }
 
-/// What a program that is run from `target/release` was built into, whatever `CARGO_TARGET_DIR` and `CARGO_BUILD_TARGET` say.
-#[test]
-fn programs_are_run_from_where_they_were_built() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    for name in ["Makefile", "action.yml", "ci/gitlab.yml"] {
-        let text = fs::read_to_string(root.join(name)).unwrap();
-        let builds = text.lines().filter(|line| line.contains("cargo build")).collect_vec();
-        assert!(!builds.is_empty(), "{name}");
-        for line in builds {
-            assert!(
-                line.contains("env -u CARGO_BUILD_TARGET ") && line.contains("--target-dir "),
-                "{name}: {line}"
-            );
-        }
-    }
-}
-
 /// Every command of a block, in a clone of this repository, each for some seconds (`FATHOM_DOCUMENT_SECONDS`, by default 20). It may lack
 /// an input that the document speaks of, and nothing else. For the slow tier: `cargo test --test program documents -- --ignored`
 #[test]

@@ -1,6 +1,5 @@
 //! The program as a user meets it: its commands, the folders that they write, a history.
 
-mod busy_machine;
 mod ceilings;
 mod claims;
 mod cli;

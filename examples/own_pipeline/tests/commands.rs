@@ -6,7 +6,6 @@ use std::process::{Command, Output};
 
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{CellVerdict, Verdicts};
-use serde_json::Value;
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_own_pipeline");
@@ -88,52 +87,20 @@ fn slowed_shaders(folder: &Path) -> PathBuf {
     slowed
 }
 
-/// The same comparison, whose draws took so many times as long with the head, and all else as long: 1 ms, but for 0.4 %.
-fn with_times(from: &Path, to: &Path, draw: f64) {
-    let text = fs::read_to_string(from.join("records.jsonl")).unwrap();
-    let lines = text.lines().enumerate().map(|(number, line)| {
-        let mut line: Value = serde_json::from_str(line).unwrap();
-        if line["kind"] == "pair" {
-            let slower = line["cell"] == "puddle ripple/draw" && line["control"] != true;
-            let noise = 1.0 + 1e-3 * (number * 7919 % 5) as f64;
-            line["base_ns"] = 1e6.into();
-            line["head_ns"] = (1e6 * noise * if slower { draw } else { 1.0 }).into();
-        }
-        format!("{line}\n")
-    });
-    fs::create_dir(to).unwrap();
-    fs::write(to.join("records.jsonl"), lines.collect::<String>()).unwrap();
-}
-
-/// Both sides are measured. What is made of it is tested on times of a modelled clock: those of this machine depend on its load.
+/// The picture is another with more rings: the changed shader did run. Which times count as slower is tested on modelled clocks.
 #[test]
-fn its_own_compare_catches_a_slowdown_of_its_shader_and_nothing_else() {
+fn its_own_compare_catches_a_change_of_its_shader_and_nothing_else() {
     let place = TempDir::new().unwrap();
     let folder = place.path();
     let shaders = format!("OWN_PIPELINE_SHADERS={}", slowed_shaders(folder).display());
-    let programs = format!("--base-bin {PROGRAM} --head-bin {PROGRAM} --out compared");
-    let sides = format!("{programs} --head-env {shaders}");
-    let gates = "--gates exact,time --launches 10 --pairs 2";
-    let measured = run(folder, &format!("compare {gates} {sides}"));
-    let judged = |name: &str| {
-        let told = run(folder, &format!("compare --replay {name}"));
-        let comparison = StoredComparison::read(&folder.join(name)).unwrap();
-        let verdicts = Verdicts::of(&comparison);
-        let of = |name: &str| {
-            let cell = verdicts.cells.iter().find(|judged| judged.cell.as_str() == name);
-            cell.unwrap_or_else(|| panic!("no cell `{name}`: {told:?}")).verdict
-        };
-        (told.status.code(), of("puddle ripple/draw"), of("puddle ripple/blur"))
-    };
-    let (status, ..) = judged("compared");
-    assert!(matches!(status, Some(0 | 1 | 3)), "{measured:?}");
-    assert_eq!(measured.status.code(), status, "{measured:?}");
-    for (name, draw, expected) in [
-        ("slower", 2.0, (Some(1), CellVerdict::Slower, CellVerdict::Same)),
-        // More rings draw another picture, whatever its time: the changed shader did run.
-        ("equal", 1.0, (Some(1), CellVerdict::LessAccurate, CellVerdict::Same)),
-    ] {
-        with_times(&folder.join("compared"), &folder.join(name), draw);
-        assert_eq!(judged(name), expected, "{name}");
-    }
+    let sides = format!("--base-bin {PROGRAM} --head-bin {PROGRAM} --head-env {shaders}");
+    let compare = format!("compare --gates exact,time --launches 2 --pairs 2 {sides} --out out");
+    let measured = run(folder, &compare);
+    assert_eq!(measured.status.code(), Some(1), "{measured:?}");
+    let comparison = StoredComparison::read(&folder.join("out")).unwrap();
+    assert!(comparison.faults.is_empty() && comparison.launches.len() >= 2);
+    let verdicts = Verdicts::of(&comparison);
+    let of = |name: &str| verdicts.cells.iter().find(|cell| cell.cell.as_str() == name).unwrap();
+    assert_eq!(of("puddle ripple/draw").verdict, CellVerdict::LessAccurate);
+    assert_ne!(of("puddle ripple/blur").verdict, CellVerdict::LessAccurate);
 }

@@ -288,15 +288,6 @@ fn an_interrupted_launch_leaves_nothing() {
 }
 
 #[test]
-fn launches_of_neighbouring_seeds_draw_different_numbers() {
-    use rand::RngExt;
-    let drawn =
-        |seed| -> BTreeSet<u64> { (0..20).map(|launch| random(seed, launch).random()).collect() };
-    assert_eq!(drawn(2).len(), 20);
-    assert!(drawn(2).is_disjoint(&drawn(3)));
-}
-
-#[test]
 fn a_second_measurement_has_more_rounds_and_takes_no_longer() {
     let cells: Vec<CellId> = (0..40).map(|n| CellId::new("tank", &format!("stage/{n}"))).collect();
     let first = Schedule { cells: cells.clone(), pairs: 16, ..schedule() };

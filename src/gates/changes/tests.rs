@@ -147,18 +147,6 @@ fn known_changes_stand_in_the_first_lines_of_their_blocks_and_no_other_stage_doe
 }
 
 #[test]
-fn a_common_drift_is_no_change_of_a_stage() {
-    let [base, head] = [fixtures::run(), again(|_| 1.0)];
-    let views = [&base, &head].map(|records| ReportView::new(records, None));
-    let times = Times::of(&Cells::of([&views[0], &views[1]]).both);
-    let common = times.common.expect("there are many stages").ratio;
-    assert!((common / DRIFT - 1.0).abs() < 0.03, "{common}");
-    assert!(times.apart() > times.all.len() / 2, "nearly all intervals are apart");
-    let listed: usize = times.changed.iter().map(|change| change.found.len()).sum();
-    assert!(listed * 100 < times.all.len(), "{:?}", times.changed);
-}
-
-#[test]
 fn a_change_in_one_cell_is_found_where_the_stage_as_a_whole_did_not_change() {
     let mut head = again(|_| 1.0);
     let measured = default(&mut head);

@@ -91,15 +91,6 @@ fn stable_series_have_few_false_points_whatever_their_noise() {
 }
 
 #[test]
-#[ignore = "measures what docs/history.md tells: cargo test --release --lib -- --ignored --nocapture history::changes"]
-fn false_points_of_the_documentation() {
-    for n in [15, 30, 60, 120, 250, 1_000] {
-        let of = |draw| false_points(11, n, draw);
-        println!("n = {n}: normal {}, outliers {} of 1,000", of(noise), of(with_outliers));
-    }
-}
-
-#[test]
 fn probabilities_hold_for_every_arrangement() {
     let mut random = Pcg64::seed_from_u64(9);
     let mut values = with_outliers(&mut random, 40);

@@ -63,23 +63,3 @@ fn worst(rig: &Rig<'_>, angle_deg: f64) -> Result<Vec<f64>> {
     };
     VOXELS.into_iter().map(at).collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use fathom_gpu::{Gpu, Options};
-
-    /// Prints the table of docs/volume-ao.md.
-    #[test]
-    #[ignore = "a map of a minute: cargo test -p fathom-verify map_of_edges -- --ignored --nocapture"]
-    fn map_of_edges() {
-        let gpu = Gpu::open(&Options::default()).unwrap();
-        let rig = Rig::new(&gpu, INFO.name);
-        println!("| angle | {} |", VOXELS.map(|voxels| voxels.to_string()).join(" | "));
-        for (angle_deg, _) in TOO_SMALL {
-            let row = worst(&rig, angle_deg).unwrap();
-            let row: Vec<String> = row.iter().map(|error| format!("{error:.2}")).collect();
-            println!("| {angle_deg}° | {} |", row.join(" | "));
-        }
-    }
-}
