@@ -29,7 +29,6 @@ pub fn bounds<'a>(view: &ReportView<'a>) -> Vec<Bound<'a>> {
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use crate::testing;
     use fathom_experiments::fixtures;
     use fathom_record::ceilings::{Basis, Bounded, Ceiling, Limit, TexelFormat};
     use fathom_record::{Estimate, Record};

@@ -1,6 +1,5 @@
 //! What an interrupt ends at once.
 
-use std::fs;
 
 use super::bisect::History;
 use super::builds::{Builds, spawned};

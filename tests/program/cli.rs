@@ -5,6 +5,7 @@ mod exports;
 use std::path::Path;
 use std::process::Command;
 
+use super::private;
 use crate::common::{Ends, Place, SMALL, cells, fathom, holds, measured, names, records};
 use fathom::picture::RgbImage;
 use fathom::record::{NoteKind, Outcome, Record};

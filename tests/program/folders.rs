@@ -7,12 +7,10 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use crate::common::{
-    Ends, Place, SMALL, Told, cells, ended, holds, measured, names, records, repetitions, signal,
+    Ends, Place, SMALL, Told, cells, ended, holds, measured, records, repetitions, signal,
     skipped_cell, wait_until, write_records,
 };
-use fathom::record::{
-    self, Addition, Cell, FramePair, Outcome, Record, Run, SCHEMA, SampleLine, StageTime,
-};
+use fathom::record::{self, Addition, Cell, FramePair, Outcome, Record, Run, SCHEMA, SampleLine};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
