@@ -1,26 +1,21 @@
-//! The time gate on real processes: workers of this build on a software driver, and scripts that fail in every way.
+//! The time gate on real processes: workers of this build on a software driver.
 
 use std::convert::Infallible;
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use std::time::Duration;
 
 use fathom::compare::bench::Processes;
-use fathom::compare::launch::{
-    Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
-};
-use fathom::compare::protocol::{GateConfiguration, Reply, RequestKind, WorkerRequest};
+use fathom::compare::launch::{Quiet, Waiting, WorkerProcess, WorkerStart, allowed_cores};
+use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
 use fathom::compare::rounds::{self, Before, WorkerRole};
 use fathom::compare::store::StoredComparison;
 use fathom::compare::time;
 use fathom::gates::schedule::Schedule;
 use fathom::record::Record;
-use fathom::record::comparison::{CellId, CellSubject, Compared, GateSettings, Side};
+use fathom::record::comparison::{CellId, CellSubject, Compared, GateSettings};
 use serde_json::{Map, json};
 
 use super::common::sets;
-use super::script::Script;
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -152,77 +147,10 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     worker.quit();
 }
 
-fn scripted(folder: &Path, name: &str, script: &Script<'_>) -> WorkerStart {
-    let mut start = WorkerStart::new(&script.write(folder, name));
-    // Read, not executed: a file that some other thread's fork still holds open for writing cannot be executed.
-    start.wrapper = vec!["sh".into()];
-    start
-}
-
-fn toy() -> GateConfiguration {
-    GateConfiguration { id: "toy".to_owned(), ..plane() }
-}
-
-/// The patience with a worker that answers no sample at all. It need not be long.
-const HUNG: Option<(RequestKind, Duration)> = Some((RequestKind::Sample, Duration::from_secs(1)));
-
-/// A worker that hangs for ever where its folder stays, and ends soon after it is gone.
-fn hangs(folder: &Path) -> String {
-    format!("while [ -d '{}' ]; do sleep 0.1; done", folder.display())
-}
-
-/// The head is asked for no stage but the one at which it hangs, as its patience would be short for any other; the control is
-/// the base's. With its only cell the gate has nothing left to measure, and the launch that was cut short does not count.
-#[test]
-fn a_worker_that_hangs_costs_one_cell() {
-    let folder = tempfile::tempdir().unwrap();
-    let base = scripted(folder.path(), "base", &Script::default());
-    let hangs = hangs(folder.path());
-    let hanging = Script { instead: &[("\"bad\"", &hangs)], ..Script::default() };
-    let mut head = scripted(folder.path(), "head", &hanging);
-    head.patience = HUNG;
-    let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
-    let control = Some(CellId::new("toy", "good"));
-    let schedule = Schedule { control, ..schedule(&[("toy", "bad")], 3, 2) };
-    let lines = measure(&mut bench, &schedule);
-    let [Compared::Fault(fault)] = &lines[..] else { panic!("{lines:?}") };
-    assert_eq!(fault.cell, Some(CellId::new("toy", "bad")));
-    assert_eq!(fault.side, Some(Side::Head));
-    assert!(fault.reason.contains("no answer to `sample` within 1 s"), "{fault:?}");
-}
-
-#[test]
-fn a_hung_worker_is_killed_for_certain() {
-    let folder = tempfile::tempdir().unwrap();
-    let pid = folder.path().join("pid");
-    let ready = format!("echo $$ > {}; trap '' TERM INT HUP", pid.display());
-    // It is deaf to signals before it is asked for what it hangs at.
-    let greets = Script::default().hello;
-    let mut start = scripted(
-        folder.path(),
-        "hung",
-        &Script {
-            hello: format!("{ready}; {greets}"),
-            instead: &[("\"bad\"", &hangs(folder.path()))],
-            ..Script::default()
-        },
-    );
-    start.patience = HUNG;
-    let mut worker = WorkerProcess::start(&start).unwrap();
-    worker.greeted(&Waiting::PLAINLY).unwrap();
-    let request = sample("toy", "bad", 1);
-    let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
-    assert!(matches!(fault, WorkerFault::Silent { seconds: 1, .. }), "{fault}");
-    let pid = fs::read_to_string(pid).unwrap();
-    assert!(!PathBuf::from(format!("/proc/{}", pid.trim())).exists());
-    let dead = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
-    assert!(!dead.goes_on(), "a dead worker stays dead");
-}
-
 #[test]
 fn a_program_that_is_not_there_is_the_fault_of_its_side() {
     let base = WorkerStart::new(Path::new("/no/such/fathom"));
-    let missing = Processes::new([base, fathom()], &[toy()], 1, Waiting::PLAINLY).err().unwrap();
+    let missing = Processes::new([base, fathom()], &[plane()], 1, Waiting::PLAINLY).err().unwrap();
     assert_eq!(missing.role, WorkerRole::Base);
     assert!(missing.fault.to_string().contains("cannot be started"), "{:?}", missing.fault);
 }

@@ -73,21 +73,6 @@ fn what_the_example_hears_and_says_is_as_the_schema_has_it() {
     }
 }
 
-#[test]
-fn a_command_that_is_no_worker_is_told_in_one_line() {
-    let other = r#"read -r line; echo '{"message":"hello","protocol":7}'; read -r line"#;
-    for (command, reason) in
-        [("true", "it ended with"), ("read -r line; echo fish", "garbage"), (other, "version 7")]
-    {
-        let place = Place::new();
-        let mut compare = place.fathom("compare --launches 2 --out out --cells-file");
-        compare.arg(example().join("cells.toml"));
-        let Told { err, .. } = compare.args(["--base-cmd", command, "--head-cmd", command]).ends(2);
-        assert!(err.contains(reason), "{command}: {err}");
-        assert_eq!(err.lines().count(), 1, "{err}");
-    }
-}
-
 /// A worker of another language that has one exact figure has no errors, counters, checks or instructions.
 #[test]
 fn what_a_program_lacks_is_told_and_fails_nothing() {
