@@ -1,4 +1,4 @@
-//! The time gate on real processes: workers of this build on a software driver. `hostile_workers` has those that fail in every way.
+//! The time gate on real processes: workers of this build on a software driver.
 
 use std::convert::Infallible;
 use std::path::Path;

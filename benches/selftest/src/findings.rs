@@ -30,8 +30,8 @@ impl Findings {
         let is_own = |cell: &&JudgedCell| Some(cell.cell.stage()) == trial.variant.stage();
         let regressions = verdicts.regressions();
         self.trials += 1;
-        self.caught += usize::from(regressions.iter().any(|cell| is_own(cell)));
-        self.named_first += usize::from(regressions.first().is_some_and(|cell| is_own(cell)));
+        self.caught += usize::from(regressions.iter().any(&is_own));
+        self.named_first += usize::from(regressions.first().is_some_and(&is_own));
         let others =
             verdicts.cells.iter().filter(|cell| cell.cell.subject().is_stage() && !is_own(cell));
         self.blamed += others.clone().filter(|cell| cell.verdict.is_regression()).count();
