@@ -117,7 +117,6 @@ fn point<'a>(ceilings: &[Ceiling], stage: &'a StageRecord) -> Option<RoofPoint<'
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use crate::testing;
     use fathom_experiments::fixtures;
     use fathom_record::ceilings::{Basis, Limit, TexelFormat};
     use fathom_record::{Estimate, Record};
