@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::common::hostile::HOSTILE;
-use crate::common::{Ends, Place, fathom, holds, names};
+use crate::common::{Ends, Place, fathom, holds, lines, names};
 use made::{CELLS, FIGURES_OF_A_CELL, Repository, records, with_limit};
 use nix::sys::signal::Signal;
 use serde_json::Value;
@@ -200,15 +200,14 @@ fn takes_hostile_names_as_text(place: &Place, db: &str) {
     let here = &repository.folder;
     let run = here.join("run");
     put(&run, &crate::common::hostile::records());
+    let text = lines(fathom::record::read_good(&run.join("records.jsonl")).unwrap().records);
+    put(&run, &text);
     let sql = "x'); DROP TABLE fathom_run; --\" ../../up \u{1b}[31m";
     // A commit that git does not know is placed by the start of the run.
     let mut add = history(here, db, "add run --commit=--output=../x");
     add.args(["--branch", sql, "--machine", sql]).ends(0);
     let stored = runs(here, db);
-    assert_eq!(
-        got(here, db, &stored[0]),
-        std::fs::read_to_string(run.join("records.jsonl")).unwrap()
-    );
+    assert_eq!(got(here, db, &stored[0]), text);
     let shown = history(here, db, "show").answer();
     let hidden = shown.chars().find(|c| c.is_control() && *c != '\n');
     assert_eq!(hidden, None);
