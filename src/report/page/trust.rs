@@ -49,7 +49,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             p { b { (trust::verdict(run)) } " " "Clock: " (trust::conditions(run)) "." }
             @if on_page.view.runs.len() > 1 { (sittings(on_page.view)) }
             (audit(run))
-            (over_time(&trust::samples_by_time(on_page.view)))
+            div.grid.charts { (over_time(&trust::samples_by_time(on_page.view))) }
             (facts(on_page.view, run))
         }
     })
