@@ -151,16 +151,6 @@ fn axes_that_multiply_to_millions_of_cells_are_refused() {
 }
 
 #[test]
-fn long_values_times_many_cells_are_refused() {
-    let values = (0..300).map(|n| n.to_string()).collect::<Vec<_>>().join(", ");
-    let long = "x".repeat(300_000);
-    let text = format!(
-        "{EXPERIMENT}[params]\nlong = \"{long}\"\n[[sweep]]\n[[sweep.axis]]\nname = \"a\"\nvalues = [{values}]\n"
-    );
-    refused_text(&text, experiment, "MiB are planned");
-}
-
-#[test]
 fn two_million_turns_are_refused() {
     let turns = "1,".repeat(400_000);
     let text = format!("{EXPERIMENT}[views]\nquantity = \"q\"\nturns_deg = [{turns}]\n");

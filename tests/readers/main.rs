@@ -27,9 +27,8 @@ use fathom::history::{Findings, History, Selection, on_page, tables};
 use fathom::record::Profile;
 use fathom::record::comparison::Side;
 use fathom::report::ReportView;
-use fathom::scene::{HeightMap, Mesh, Scene, SceneFile};
+use fathom::scene::{Mesh, Scene, SceneFile};
 use fathom::{exporters, pipelines, record};
-use glam::DVec2;
 use memory::peak_of;
 use mutator::{Input, extreme, mesh_words, mutated, mutated_or_packed};
 use proptest::prelude::*;
@@ -137,9 +136,7 @@ readers! {
     gates_files: fuzz_file("gates.toml", seeds::gates(), gates);
     obj_files: fuzz_packed("a.obj", seeds::objs(), mesh);
     ply_files: fuzz_packed("a.ply", seeds::plys(), mesh);
-    nifti_files: fuzz_packed("a.nii", seeds::niftis(), nifti);
     raw_volumes: fuzz_packed("a.raw", seeds::raws(), raw);
-    height_maps: fuzz_packed("a.npy", seeds::npys(), height_map);
 }
 
 /// More cells of a generated volume take long to fill, which is no fault: they were asked for.
@@ -225,10 +222,6 @@ fn volume(path: &Path, keys: &str) -> Answer {
     told(Scene::build(&file)).map(|scene| scene.volume.unwrap().validate().unwrap())
 }
 
-fn nifti(path: &Path) -> Answer {
-    volume(path, "up = \"z\"")
-}
-
 fn raw(path: &Path) -> Answer {
     volume(path, "cells = [2, 3, 2]\nformat = \"u16\"\nwindow = [0, 44000]")
 }
@@ -240,13 +233,6 @@ fn keys_of_raw_volumes() {
     fuzz("raw keys", mutated(seeds::raw_keys()), |Input(bytes)| {
         volume(&path, &String::from_utf8_lossy(bytes))
     });
-}
-
-fn height_map(path: &Path) -> Answer {
-    let file = path.to_string_lossy().into_owned();
-    let map = HeightMap { file, tile_m: [1.0, 1.0], ..HeightMap::default() };
-    assert!(map.load()?.at(DVec2::new(0.3, -0.7)).is_finite());
-    Ok(())
 }
 
 #[test]

@@ -4,12 +4,10 @@ use std::path::Path;
 
 use fathom::experiments::Experiment;
 use fathom::history::{History, NewRun, Origin};
-use fathom::npy;
 use fathom::record::Record;
 use fathom::record::comparison::{Gate, Side, Skip};
 
 use super::common::{Place, lines, reference};
-use super::files::nifti;
 use super::stored::{BYTES, Stored, TRACE};
 
 type Seeds = Vec<Vec<u8>>;
@@ -166,14 +164,6 @@ pub fn plys() -> Seeds {
     ])
 }
 
-pub fn niftis() -> Seeds {
-    fn counted<const N: usize>() -> [[u8; N]; 12] {
-        std::array::from_fn(|value| std::array::from_fn(|byte| (N * value + byte) as u8))
-    }
-    let (bytes, words, doubles) = (counted::<1>(), counted::<2>(), counted::<8>());
-    vec![nifti(true, 2, &bytes), nifti(true, 4, &words), nifti(true, 64, &doubles)]
-}
-
 pub fn raws() -> Seeds {
     vec![(0..12u16).flat_map(|i| (i * 4000).to_le_bytes()).collect()]
 }
@@ -186,18 +176,6 @@ pub fn raw_keys() -> Seeds {
 
 pub fn values() -> Seeds {
     all(["1", "0.5", "[64, 64]", "true", "paper", "[0.1, 0.2, 0.3]", "-3e2"])
-}
-
-/// Height maps of both widths.
-pub fn npys() -> Seeds {
-    let doubles: Vec<u8> = (0..12).flat_map(|i| (f64::from(i) * 0.1).to_le_bytes()).collect();
-    let wide = [npy::header("<f8", &[3, 4]), doubles].concat();
-    let mut narrow = Vec::new();
-    npy::write(&mut narrow, &[4, 2], &[0.5; 8]).unwrap();
-    let turned = "{'shape': (2, 3), 'fortran_order': True, 'descr': '<f4'}\n";
-    let length = (turned.len() as u32).to_le_bytes();
-    let turned = [&b"\x93NUMPY\x02\0"[..], &length, turned.as_bytes(), &[0; 24]].concat();
-    vec![wide, narrow, turned]
 }
 
 /// Requests to a worker and its replies.
