@@ -142,7 +142,7 @@ mod tests {
     }
 
     fn count(sheet: &RgbImage, color: [u8; 3]) -> usize {
-        sheet.pixels().iter().filter(|pixel| pixel.0 == color).count()
+        sheet.pixels().filter(|pixel| pixel.0 == color).count()
     }
 
     #[test]
@@ -152,7 +152,7 @@ mod tests {
         assert_eq!(count(&sheet, [9, 99, 199]), 3 * 40 * 20);
         let without = Rendered { caption: String::new(), ..panel(20, false) };
         let bare = of_figure(&figure(), &[without]);
-        let inked = |sheet: &RgbImage| sheet.pixels().iter().filter(|p| p[0] < 128).count();
+        let inked = |sheet: &RgbImage| sheet.pixels().filter(|p| p[0] < 128).count();
         let with = of_figure(&figure(), &[panel(20, false)]);
         assert!(inked(&with) > inked(&bare));
     }
