@@ -43,7 +43,6 @@ underwater, rasterized splats of 20 px | underwater | tank | caustics.splatting=
 voxelize, slicemap | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=slicemap voxel.resolution=128 | voxel/
 voxelize, slice | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=slice voxel.resolution=128 | voxel/
 voxelize, overlap | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=overlap voxel.resolution=128 | voxel/
-voxelize, thin overlap | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=overlap_thin voxel.resolution=128 | voxel/
 voxelize, alpha | voxelize | bunny_dry | view.width=64 view.height=64 voxel.method=max_alpha voxel.resolution=128 | voxel/
 volume_ao, 400 samples per pixel | volume_ao | bunny_dry | ao.rays=50 ao.samples=8 | ao/march
 volume_ao | volume_ao | bunny_dry | view.width=96 view.height=96 ao.skipping=true |

@@ -50,7 +50,6 @@ pub use fathom_gpu as gpu;
 pub use fathom_harness as harness;
 pub use fathom_harness::catalog::Catalog;
 pub use fathom_history as history;
-pub use fathom_picture as picture;
 pub use fathom_pipelines as pipelines;
 pub use fathom_record as record;
 pub use fathom_reference as reference;

@@ -6,8 +6,7 @@
 // along w: the triangle's projection along w is tested once for the column, its plane bounds the voxels of the column,
 // and each of these is tested in the two other projections.
 //
-// Defs: THIN 1 takes the voxels of a 6-separating surface in place of all that the triangle touches. ALPHA 1 stores the
-// largest alpha beside the bits. STEP is the dispatch: 0 empties the queue, 1 takes the small triangles and leaves the others in
+// Defs: ALPHA 1 stores the largest alpha beside the bits. STEP is the dispatch: 0 empties the queue, 1 takes the small triangles and leaves the others in
 // the queue, 2 takes those.
 #define_import_path fathom::triangles
 
@@ -75,15 +74,10 @@ fn corner(number: u32) -> vec3<f32> {
     return to_cells(grid, bitcast<vec3<f32>>(position));
 }
 
-// Half of a voxel's extent along an axis that need not have unit length. Schwarz and Seidel §4.1: the thin test takes the
-// cross of a voxel's three middle lines in place of its cube.
+// Half of a voxel's extent along an axis that need not have unit length.
 fn extent3(along: vec3<f32>) -> f32 {
     let size = abs(along);
-#if THIN == 1
-    return 0.5 * max(size.x, max(size.y, size.z));
-#else
     return 0.5 * (size.x + size.y + size.z);
-#endif
 }
 
 // Rounding of a place along an axis, relative to the sum of its terms' sizes: four units of the last place. A voxel that a

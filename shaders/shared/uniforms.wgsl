@@ -39,9 +39,6 @@ struct Frame {
     water_model: u32,
     // 1 where the camera is below the resting water.
     camera_under_water: u32,
-    // Of a height map: size of the tile, and place of its first sample, x and z.
-    height_tile_m: vec2<f32>,
-    height_origin_m: vec2<f32>,
     // How far the surface is from y = 0 at most.
     water_bound_m: f32,
     // Horizontal length of a step of the search for a ray's entry, and most steps.
@@ -53,7 +50,7 @@ struct Frame {
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 // What the surface is made from. Models: (n, ∂n/∂u, ∂n/∂v) of tile-periodic Perlin noise, texel centres at (i + 0.5) / size.
-// A list of waves: a texel for each, (kx, kz, amplitude, phase). A height map: its heights, sample i at i / size.
+// A list of waves: a texel for each, (kx, kz, amplitude, phase).
 @group(0) @binding(1) var water_texels: texture_2d<f32>;
 
 // World point at a place of the picture, 0…1 from its upper left corner, and a device depth.

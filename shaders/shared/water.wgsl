@@ -1,5 +1,5 @@
 // The water surface. WATER = 0: UW §4.1, a cosine (circular or along x) with a share of Perlin noise read off a texture;
-// 1: a list of waves; 2: a height map.
+// 1: a list of waves.
 #define_import_path fathom::water
 
 #import fathom::uniforms::{frame, water_texels}
@@ -38,7 +38,7 @@ fn surface(xz: vec2<f32>) -> vec3<f32> {
     }
     return frame.water_amplitude_m * h;
 }
-#else if WATER == 1
+#else
 const TAU: f32 = 6.28318530717958648;
 
 // The same angle within ±π, where every adapter's sine is at its best.
@@ -56,42 +56,6 @@ fn surface(xz: vec2<f32>) -> vec3<f32> {
         h += wave.z * vec3(cos(angle), -sin(angle) * wave.xy);
     }
     return h;
-}
-#else
-// Weights of the four samples about a place f of the way from the second to the third: Catmull–Rom, and by f.
-fn weights(f: f32) -> vec4<f32> {
-    return vec4(
-        f * (-0.5 + f * (1.0 - 0.5 * f)), 1.0 + f * f * (-2.5 + 1.5 * f),
-        f * (0.5 + f * (2.0 - 1.5 * f)), f * f * (-0.5 + 0.5 * f));
-}
-
-fn slope_weights(f: f32) -> vec4<f32> {
-    return vec4(-0.5 + f * (2.0 - 1.5 * f), f * (-5.0 + 4.5 * f), 0.5 + f * (4.0 - 4.5 * f), f * (-1.0 + 1.5 * f));
-}
-
-// (height, ∂h/∂x, ∂h/∂z) in metres and slopes.
-fn surface(xz: vec2<f32>) -> vec3<f32> {
-    let size = vec2<i32>(textureDimensions(water_texels));
-    let place = fract((xz - frame.height_origin_m) / frame.height_tile_m) * vec2<f32>(size);
-    let base = floor(place);
-    let f = place - base;
-    let first = vec2<i32>(base) + size - 1;
-    let across = weights(f.x);
-    let across_slope = slope_weights(f.x);
-    let down = weights(f.y);
-    let down_slope = slope_weights(f.y);
-    var h = vec3(0.0);
-    for (var j = 0; j < 4; j++) {
-        let row = (first.y + j) % size.y;
-        let samples = vec4(
-            textureLoad(water_texels, vec2(first.x % size.x, row), 0).x,
-            textureLoad(water_texels, vec2((first.x + 1) % size.x, row), 0).x,
-            textureLoad(water_texels, vec2((first.x + 2) % size.x, row), 0).x,
-            textureLoad(water_texels, vec2((first.x + 3) % size.x, row), 0).x);
-        let height = dot(across, samples);
-        h += vec3(down[j] * height, down[j] * dot(across_slope, samples), down_slope[j] * height);
-    }
-    return vec3(h.x, h.yz * vec2<f32>(size) / frame.height_tile_m);
 }
 #endif
 

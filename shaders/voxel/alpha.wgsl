@@ -1,5 +1,5 @@
 // The largest alpha of the triangles that touch each voxel. VAO Fig. 6.
-// defs: THIN=0, STEP=1, ALPHA=1
+// defs: STEP=1, ALPHA=1
 #import fathom::dispatch::{GROUP}
 #import fathom::triangles::{run}
 

@@ -1,5 +1,5 @@
 // Every voxel that a triangle touches, by separating axes. Akenine-Möller 2001; Schwarz and Seidel 2010, §3.
-// defs: THIN=0, STEP=1, ALPHA=0
+// defs: STEP=1, ALPHA=0
 #import fathom::dispatch::{GROUP}
 #import fathom::triangles::{run}
 

@@ -19,7 +19,6 @@ use crate::harness::{
     ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
-use crate::picture::RgbImage;
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
@@ -27,6 +26,7 @@ use crate::scene::assets::{self, AssetStatus};
 use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
+use image::RgbImage;
 use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};

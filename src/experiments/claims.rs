@@ -26,7 +26,7 @@ use strum::Display;
 use self::comparison::{Comparison, Judgement};
 use super::expand::label_text;
 use super::measure::{self, Measure, Reading};
-use super::schema::{Balance, Cause, Claim, Experiment, FIXED_SHARE, RISING_SHARE, Test};
+use super::schema::{Balance, Cause, Claim, Experiment, FIXED_SHARE, Test};
 use fathom_base::statistics;
 use fathom_record::{Cell, NoteKind};
 
@@ -311,13 +311,11 @@ fn test_group(test: &Test, cells: &[&Cell], software: bool) -> Tested {
         Test::NoWorse { y, of, than, margin } => {
             comparisons::no_worse(y, [of, than], *margin, cells)
         }
-        Test::Slope { y, x, expected, tolerance, max_fixed_share, min_decades, .. } => {
+        Test::Slope { y, x, expected, tolerance, max_fixed_share, .. } => {
             let fit = scaling(y, x, cells, max_fixed_share.unwrap_or(FIXED_SHARE))?;
-            fits::slope(&fit, *expected, *tolerance, min_decades.unwrap_or(1.0))
+            fits::slope(&fit, *expected, *tolerance)
         }
-        Test::Affine { y, x, tolerance, min_rising_share, .. } => {
-            fits::affine(y, x, *tolerance, min_rising_share.unwrap_or(RISING_SHARE), cells)
-        }
+        Test::Affine { y, x, tolerance, .. } => fits::affine(y, x, *tolerance, cells),
         Test::Independent { y, over, tolerance } => {
             comparisons::independent(y, over, *tolerance, cells)
         }

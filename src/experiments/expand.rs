@@ -11,10 +11,6 @@ use fathom_record::Profile;
 
 /// Most cells that one experiment plans, the reference and the views of each counted too: planned, one takes about 20 KiB.
 pub const MAX_CELLS: u64 = 20_000;
-/// Most bytes that names and values of an experiment's cells take.
-pub const MAX_PLAN_BYTES: u64 = 64 << 20;
-/// What a name and its value take in memory beside their text, bytes.
-const ENTRY_BYTES: u64 = 100;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellPlan {
@@ -112,21 +108,6 @@ impl AxisValue {
     fn text(&self) -> String {
         label_text(&self.label)
     }
-
-    /// What it adds to a cell: label and text of the axis, and its values in the cell and in the reference.
-    fn bytes(&self) -> u64 {
-        2 * (ENTRY_BYTES + self.text().len() as u64 + entry_bytes(&self.set))
-    }
-}
-
-/// What names and values take in memory, about.
-fn entry_bytes(entries: &[(String, Value)]) -> u64 {
-    let text = |value: &Value| match value {
-        Value::String(text) => text.len(),
-        other => other.to_string().len(),
-    };
-    let entry = |(path, value): &(String, Value)| (path.len() + text(value)) as u64 + ENTRY_BYTES;
-    entries.iter().map(entry).sum()
 }
 
 /// An axis value as it stands in keys and tables: `512x512` for an array.
@@ -290,7 +271,7 @@ impl Experiment {
             let params = [base.clone(), sweep.profile.after(&sweep.params, profile)].concat();
             sweeps.push((sweep, params, self.axis_values(sweep, profile, axis_overrides)?));
         }
-        self.check_size(profile, sets, &sweeps)?;
+        self.check_size(&sweeps)?;
         let mut cells = IndexMap::new();
         for (sweep, params, axes) in &sweeps {
             // Every combination of the axes' values; the last axis moves fastest.
@@ -363,45 +344,22 @@ impl Experiment {
         Ok(axes)
     }
 
-    /// Refuses more cells than are planned, and more than memory holds, before one of them is made.
-    fn check_size(
-        &self,
-        profile: Profile,
-        sets: &[(String, Value)],
-        sweeps: &[ChosenSweep<'_>],
-    ) -> Result<(), ExperimentError> {
+    /// Refuses more cells than are planned before one of them is made.
+    fn check_size(&self, sweeps: &[ChosenSweep<'_>]) -> Result<(), ExperimentError> {
         let views = self.views.as_ref().map_or(0, |views| 1 + 2 * views.turns_deg.len());
         let repeated = self.repetitions.as_ref().map_or(0, |own| 1 + u64::from(own.count));
         let each = 1 + u64::from(self.reference.is_some()) + views as u64 + repeated;
-        let reference = self.reference.as_ref();
-        let of_reference =
-            reference.map_or(0, |own| entry_bytes(&own.profile.after(&own.params, profile)));
-        let (mut cells, mut bytes) = (0u64, 0u64);
-        for (_, params, axes) in sweeps {
-            let points = axes.iter().map(|(_, values)| values.len() as u64);
-            let points = points.fold(1, u64::saturating_mul);
-            let longest = axes.iter().map(|(_, values)| {
-                let bytes = values.iter().map(AxisValue::bytes);
-                bytes.max().unwrap_or(0)
-            });
-            let own = 2 * (entry_bytes(params) + entry_bytes(sets)) + longest.sum::<u64>();
-            cells = cells.saturating_add(points.saturating_mul(each));
-            let own = own.saturating_mul(1 + repeated);
-            bytes = bytes.saturating_add(points.saturating_mul(own + of_reference));
+        let points = |(_, _, axes): &ChosenSweep<'_>| {
+            axes.iter().fold(each, |n, (_, values)| n.saturating_mul(values.len() as u64))
+        };
+        let cells = sweeps.iter().map(points).fold(0, u64::saturating_add);
+        if cells <= MAX_CELLS {
+            return Ok(());
         }
-        let id = &self.id;
-        if cells > MAX_CELLS {
-            return Err(ExperimentError(format!(
-                "experiment `{id}` has {cells} cells, references and views counted too: at most {MAX_CELLS} are planned at once"
-            )));
-        }
-        if bytes > MAX_PLAN_BYTES {
-            let [takes, most] = [bytes, MAX_PLAN_BYTES].map(|bytes| bytes >> 20);
-            return Err(ExperimentError(format!(
-                "experiment `{id}`: its cells, each with its parameters, take {takes} MiB: at most {most} MiB are planned at once"
-            )));
-        }
-        Ok(())
+        Err(ExperimentError(format!(
+            "experiment `{}` has {cells} cells, references and views counted too: at most {MAX_CELLS} are planned at once",
+            self.id
+        )))
     }
 
     fn cell(

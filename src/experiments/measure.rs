@@ -8,7 +8,6 @@
 //! | `frame` | median frame time without per-stage timing | ns |
 //! | `fps` | its reciprocal | frames per second |
 //! | `work:caustics/trace.photons` | declared work of a stage | count |
-//! | `counter:ao/march.fragment_shader_invocations` | what the adapter counted of a stage | count |
 //! | `param:caustics.grid` | a parameter; an array counts as the product of its elements | as the parameter |
 //! | `axis:caustics.grid` | a number among the cell's axis values | as the axis |
 //! | `quantity:caustics_error` | a recorded quantity or error; a repeated quantity has a value for each repetition | as its name says |
@@ -47,8 +46,6 @@ enum Term {
     Fps,
     /// A field of the stage's declared work.
     Work(StageName, &'static str),
-    /// What the adapter counted of the stage.
-    Counter(StageName, String),
     Param(String),
     Axis(String),
     Quantity(String),
@@ -204,14 +201,8 @@ fn parse_term(text: &str) -> Result<Term, String> {
                 format!("`{text}` must be work:STAGE.COUNT with COUNT one of {counts}")
             })
         }
-        ("counter", _) => {
-            let named = rest.rsplit_once('.');
-            let counter =
-                named.map(|(stage, name)| Term::Counter(stage_name(stage), name.to_owned()));
-            counter.ok_or_else(|| format!("`{text}` must be counter:STAGE.NAME"))
-        }
         _ => Err(format!(
-            "unknown measure `{text}`; known: stage:, frame, fps, work:, counter:, param:, axis:, quantity:, allocated_bytes"
+            "unknown measure `{text}`; known: stage:, frame, fps, work:, param:, axis:, quantity:, allocated_bytes"
         )),
     }
 }
@@ -277,7 +268,7 @@ impl Measure {
     pub fn stages(&self) -> impl Iterator<Item = &StageName> {
         self.all().flat_map(|term| match term {
             Term::Stages(names) => names.as_slice(),
-            Term::Work(name, _) | Term::Counter(name, _) => std::slice::from_ref(name),
+            Term::Work(name, _) => std::slice::from_ref(name),
             _ => &[],
         })
     }
@@ -339,9 +330,6 @@ impl Measure {
 
 impl Term {
     fn label(&self) -> Label {
-        let count = |count: &str, stage: &StageName| {
-            Label::new(format!("{} of {stage}", count.replace('_', " ")), Unit::One)
-        };
         match self {
             Term::Stages(names) => match names.as_slice() {
                 [family @ StageName::Family(_)] => {
@@ -353,8 +341,9 @@ impl Term {
             },
             Term::Frame => Label::new("frame time", Unit::Milliseconds),
             Term::Fps => Label::new("frame rate", Unit::FramesPerSecond),
-            Term::Work(stage, name) => count(name, stage),
-            Term::Counter(stage, name) => count(name, stage),
+            Term::Work(stage, name) => {
+                Label::new(format!("{} of {stage}", name.replace('_', " ")), Unit::One)
+            }
             Term::Param(name) | Term::Axis(name) => words::parameter(name),
             Term::Quantity(name) => words::figure(name),
             Term::AllocatedBytes => Label::new("memory allocated", Unit::Mebibytes),
@@ -373,9 +362,6 @@ impl Term {
                 let mut counts = stage(name)?.work.fields().into_iter();
                 let (_, count) = counts.find(|(known, _)| known == count)?;
                 (count > 0).then_some(Reading::Exact(count as f64))
-            }
-            Term::Counter(name, counter) => {
-                stage(name)?.counters.get(counter).map(|count| Reading::Exact(*count as f64))
             }
             Term::Param(path) => number(cell.params.lookup(path)?).map(Reading::Exact),
             Term::Axis(name) => number(cell.axes.get(name)?).map(Reading::Exact),

@@ -25,8 +25,7 @@ pub use claims::{
     concerned, groups, least_samples, scaling,
 };
 pub use expand::{
-    CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, RepetitionPlan, flatten, label_text,
-    parse_axis, parse_set,
+    CellPlan, MAX_CELLS, ReferencePlan, RepetitionPlan, flatten, label_text, parse_axis, parse_set,
 };
 pub use measure::{Measure, Reading, Sample, StageName, fits, fps, same};
 pub use schema::Experiment;

@@ -446,11 +446,6 @@ impl Experiment {
         self.axes().any(|one| one.name == axis && one.is_category())
     }
 
-    /// Whether the values of the axis change what is computed, rather than how.
-    pub fn is_task(&self, axis: &str) -> bool {
-        self.axes().any(|one| one.name == axis && one.task)
-    }
-
     /// All axes of all sweeps; a name may come more than once.
     pub fn axes(&self) -> impl Iterator<Item = &Axis> {
         self.sweep.iter().flat_map(|sweep| &sweep.axis)

@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use ab_glyph::{Font, FontRef, ScaleFont, point};
-use fathom_picture::RgbImage;
+use image::{Rgb, RgbImage};
 
 /// DejaVu Sans with Latin, Greek and common signs.
 static FONT: LazyLock<FontRef<'static>> = LazyLock::new(|| {
@@ -46,7 +46,7 @@ pub struct Canvas(pub RgbImage);
 impl Canvas {
     /// White.
     pub fn new(width: u32, height: u32) -> Self {
-        Self(RgbImage::filled(width, height, [255; 3]))
+        Self(RgbImage::from_pixel(width, height, Rgb([255; 3])))
     }
 
     /// Lines of black text, the first one's top at `y`.
@@ -75,10 +75,9 @@ impl Canvas {
         let is_inside =
             0.0 <= x && x < self.0.width() as f32 && 0.0 <= y && y < self.0.height() as f32;
         if is_inside {
-            let (x, y) = (x as u32, y as u32);
             let kept = 1.0 - share.clamp(0.0, 1.0);
-            let color = self.0.pixel(x, y).map(|value| (f32::from(value) * kept).round() as u8);
-            self.0.set_pixel(x, y, color);
+            let Rgb(color) = self.0.get_pixel_mut(x as u32, y as u32);
+            *color = color.map(|value| (f32::from(value) * kept).round() as u8);
         }
     }
 }

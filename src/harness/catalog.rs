@@ -236,7 +236,7 @@ mod tests {
         let names = |pipeline: &str| -> Vec<&str> {
             catalog.stages_of(pipeline).unwrap().into_iter().map(|stage| stage.name).collect()
         };
-        let hsao = "uniforms scene/deform shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose ao/glass post/luminance";
+        let hsao = "uniforms scene/deform shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose ao/glass";
         assert_eq!(names("hsao").join(" "), hsao);
         let volume_ao = names("volume_ao");
         let place = |name: &str| volume_ao.iter().position(|stage| *stage == name).unwrap();

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::{Instant, SystemTime};
 
 use anyhow::{Context, Result};
-use fathom_picture::RgbImage;
+use image::RgbImage;
 use itertools::Itertools as _;
 
 use super::difference::References;

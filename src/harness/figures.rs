@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
-use fathom_picture::RgbImage;
+use image::{RgbImage, imageops};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
@@ -240,7 +240,7 @@ fn cropped(picture: &RgbImage, [left, top, right, bottom]: [f64; 4]) -> RgbImage
     let (width, height) = (f64::from(picture.width()), f64::from(picture.height()));
     let (x, y) = ((left * width) as u32, (top * height) as u32);
     let size = (((right - left) * width) as u32, ((bottom - top) * height) as u32);
-    picture.cropped(x, y, [size.0.max(1), size.1.max(1)])
+    imageops::crop_imm(picture, x, y, size.0.max(1), size.1.max(1)).to_image()
 }
 
 /// Name of a panel's file: `uw-5-a.png`. Where the panels are there once for each of several words: `vao-8-a1.png`, `vao-8-a2.png`,
@@ -347,9 +347,9 @@ mod tests {
 
     #[test]
     fn a_part_of_a_picture_is_cut_out() {
-        let picture = RgbImage::from_fn(8, 4, |x, y| [x as u8, y as u8, 0]);
+        let picture = RgbImage::from_fn(8, 4, |x, y| image::Rgb([x as u8, y as u8, 0]));
         let part = cropped(&picture, [0.25, 0.5, 0.75, 1.0]);
-        assert_eq!(part.size(), [4, 2]);
-        assert_eq!(part.pixel(0, 0), [2, 2, 0]);
+        assert_eq!(part.dimensions(), (4, 2));
+        assert_eq!(part.get_pixel(0, 0).0, [2, 2, 0]);
     }
 }

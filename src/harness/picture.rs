@@ -8,8 +8,9 @@ use anyhow::{Result, anyhow};
 use super::scale;
 use fathom_base::folder::{self, Folder};
 use fathom_gpu::{Gpu, read_texture};
-use fathom_picture::RgbImage;
 use fathom_pipelines::AnyPipeline;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{Rgb, RgbImage};
 
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
 const GAMMA: f32 = 2.2;
@@ -40,7 +41,7 @@ pub fn reduced(gpu: &Gpu, pipeline: &AnyPipeline, factor: u32) -> Result<RgbImag
     let pixel = |x: u32, y: u32| {
         let square = (0..factor).flat_map(|j| (0..factor).map(move |i| (i, j)));
         let texels = square.map(|(i, j)| pixels.texel(x * factor + i, y * factor + j));
-        mean(texels, gamma)
+        Rgb(mean(texels, gamma))
     };
     Ok(RgbImage::from_fn(pixels.width / factor, pixels.height / factor, pixel))
 }
@@ -67,7 +68,10 @@ pub fn write(image: &RgbImage, folder: &Folder, name: &Path) -> Result<()> {
     if !name.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
         return Err(unwritten(&path, "pictures are PNG files, so their names end in `.png`"));
     }
-    let bytes = image.to_png().map_err(|error| unwritten(&path, error))?;
+    let mut bytes = Vec::new();
+    let (compression, filter) = (CompressionType::Default, FilterType::Adaptive);
+    let encoder = PngEncoder::new_with_quality(&mut bytes, compression, filter);
+    image.write_with_encoder(encoder).map_err(|error| unwritten(&path, error))?;
     folder.write(name, &bytes).map_err(|error| unwritten(&path, error))
 }
 

@@ -1,7 +1,7 @@
 //! `fathom render`: one frame of a scene as a PNG file.
 
 use anyhow::Result;
-use fathom_picture::RgbImage;
+use image::RgbImage;
 
 use super::picture;
 use super::subject::Subject;

@@ -1,6 +1,6 @@
 //! Contact sheets: pictures in a grid with their captions.
 
-use fathom_picture::{Filter, RgbImage};
+use image::{RgbImage, imageops};
 
 use super::canvas::{Canvas, Type};
 use super::figures::{Figure, Rendered};
@@ -37,7 +37,7 @@ impl Cell {
         let picture = if picture.width() == width {
             picture.clone()
         } else {
-            picture.scaled([width, (height as u32).max(1)], Filter::Lanczos3)
+            imageops::resize(picture, width, (height as u32).max(1), imageops::Lanczos3)
         };
         let caption = PLAIN.wrapped(&rendered.caption, width);
         Self { picture: picture::explained(picture, rendered.picture.shows_visibility), caption }
@@ -48,7 +48,7 @@ impl Cell {
     }
 
     fn draw(&self, canvas: &mut Canvas, x: u32, y: u32) {
-        canvas.0.put(&self.picture, x, y);
+        imageops::replace(&mut canvas.0, &self.picture, x.into(), y.into());
         canvas.write(&self.caption, PLAIN, x, y + self.picture.height() + MARGIN / 2);
     }
 }
@@ -119,7 +119,7 @@ pub fn of_all(parts: &[RgbImage], picture: u32) -> RgbImage {
         .collect();
     let mut canvas = Canvas::new(width, (y + row).max(1));
     for (part, (x, y)) in parts.iter().zip(places) {
-        canvas.0.put(part, x, y);
+        imageops::replace(&mut canvas.0, part, x.into(), y.into());
     }
     canvas.0
 }
@@ -128,9 +128,10 @@ pub fn of_all(parts: &[RgbImage], picture: u32) -> RgbImage {
 mod tests {
     use super::*;
     use crate::render::Bare;
+    use image::Rgb;
 
     fn panel(height: u32, shows_visibility: bool) -> Rendered {
-        let image = RgbImage::filled(40, height, [9, 99, 199]);
+        let image = RgbImage::from_pixel(40, height, Rgb([9, 99, 199]));
         Rendered { picture: Bare { image, shows_visibility }, caption: "caption".into() }
     }
 
@@ -141,7 +142,7 @@ mod tests {
     }
 
     fn count(sheet: &RgbImage, color: [u8; 3]) -> usize {
-        sheet.pixels().iter().filter(|pixel| **pixel == color).count()
+        sheet.pixels().filter(|pixel| pixel.0 == color).count()
     }
 
     #[test]
@@ -151,7 +152,7 @@ mod tests {
         assert_eq!(count(&sheet, [9, 99, 199]), 3 * 40 * 20);
         let without = Rendered { caption: String::new(), ..panel(20, false) };
         let bare = of_figure(&figure(), &[without]);
-        let inked = |sheet: &RgbImage| sheet.pixels().iter().filter(|p| p[0] < 128).count();
+        let inked = |sheet: &RgbImage| sheet.pixels().filter(|p| p[0] < 128).count();
         let with = of_figure(&figure(), &[panel(20, false)]);
         assert!(inked(&with) > inked(&bare));
     }
@@ -161,7 +162,7 @@ mod tests {
         // A row that becomes lighter over the columns of the picture.
         let has_bar = |shows: bool| {
             let sheet = of_figure(&figure(), &[panel(20, shows)]);
-            let rises = |x: u32, y: u32| sheet.pixel(x, y)[0] < sheet.pixel(x + 1, y)[0];
+            let rises = |x: u32, y: u32| sheet.get_pixel(x, y)[0] < sheet.get_pixel(x + 1, y)[0];
             let is_ramp = |x: u32, y: u32| (x..x + 38).all(|x| rises(x, y));
             (0..sheet.height()).any(|y| (0..sheet.width() - 39).any(|x| is_ramp(x, y)))
         };
@@ -172,7 +173,7 @@ mod tests {
     fn parts_of_a_sheet_do_not_overlap() {
         let sizes = [(400, 90), (2200, 50), (700, 200), (400, 10)];
         let color = |i: usize| [i as u8 + 1, 0, 0];
-        let part = |(i, &(w, h))| RgbImage::filled(w, h, color(i));
+        let part = |(i, &(w, h))| RgbImage::from_pixel(w, h, Rgb(color(i)));
         let parts: Vec<_> = sizes.iter().enumerate().map(part).collect();
         let sheet = of_all(&parts, 700);
         for (i, (w, h)) in sizes.into_iter().enumerate() {

@@ -2,8 +2,8 @@
 //! numbers. VAO §6.1, Fig. 9.
 
 use anyhow::{Context, Result, ensure};
-use fathom_picture::RgbImage;
 use glam::{DQuat, DVec3};
+use image::{Rgb, RgbImage, imageops};
 
 use super::picture::{self, explained};
 use super::subject::Subject;
@@ -168,10 +168,10 @@ impl Views {
 fn strip(pictures: &[RgbImage]) -> RgbImage {
     let width = pictures.iter().map(|picture| picture.width() + GAP_PX).sum::<u32>() - GAP_PX;
     let height = pictures.iter().map(RgbImage::height).max().unwrap_or(1);
-    let mut strip = RgbImage::filled(width, height, [255; 3]);
+    let mut strip = RgbImage::from_pixel(width, height, Rgb([255; 3]));
     let mut left = 0;
     for picture in pictures {
-        strip.put(picture, left, 0);
+        imageops::replace(&mut strip, picture, left.into(), 0);
         left += picture.width() + GAP_PX;
     }
     strip

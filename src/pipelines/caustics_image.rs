@@ -8,7 +8,6 @@ use super::settings::Animation;
 use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
 use fathom_base::statistics::median;
 use fathom_gpu::Pixels;
-use fathom_picture::RgbImage;
 use fathom_record::{ErrorSpan, PictureScale};
 use fathom_reference::image::Image;
 use fathom_reference::kept::Content;
@@ -16,6 +15,7 @@ use fathom_reference::photon_map::{Lighting, PhotonMap};
 use fathom_reference::rays::PixelRays;
 use fathom_scene::{Object, Optics};
 use fathom_stages::uniforms::View;
+use image::{Rgb, RgbImage};
 
 /// Name of the error that asks for the photon map.
 pub const IMAGE_ERROR: &str = "caustics_image_error";
@@ -136,7 +136,7 @@ impl Compared {
         RgbImage::from_fn(width, height, |x, y| {
             let irradiance = shown.clamped((x / side).into(), (y / side).into());
             let value = 1.0 - (-irradiance / bright).exp();
-            [(255.0 * value).round() as u8; 3]
+            Rgb([(255.0 * value).round() as u8; 3])
         })
     }
 
@@ -150,7 +150,7 @@ impl Compared {
         let [width, height] = errors.size().map(|side| side * self.block_px);
         let color = |x: u32, y: u32| {
             let error = errors.clamped((x / self.block_px).into(), (y / self.block_px).into());
-            signed_color(error / PICTURE_FULL)
+            Rgb(signed_color(error / PICTURE_FULL))
         };
         let picture = RgbImage::from_fn(width, height, color);
         let span = ErrorSpan::new(PICTURE_FULL, errors.data().iter().copied());

@@ -9,7 +9,7 @@ use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
 use fathom_stages::uniforms::{Shared, View};
-use fathom_stages::{ao, post, scene, shadow};
+use fathom_stages::{ao, scene, shadow};
 
 /// The stages before the occlusion buffer.
 pub struct Seen {
@@ -88,9 +88,6 @@ impl Composed {
             if let Some(glass) = glass {
                 resources.push(glass);
             }
-        }
-        if compose.meter {
-            resources.push(post::luminance::new(resources, &image)?);
         }
         Ok(Self { filtered, image, shows_occlusion })
     }

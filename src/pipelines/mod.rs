@@ -31,12 +31,12 @@ use thiserror::Error;
 use caustics_image::{Compared, IMAGE_ERROR};
 use fathom_base::parameter::{self, Field, ParamError, Setting};
 use fathom_gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
-use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, PictureScale, Work};
 use fathom_reference::kept::KeptAnswers;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
 use fathom_stages::geometry::Part;
 use fathom_stages::kit::{Parts, Resources};
+use image::RgbImage;
 use occlusion::OcclusionBuffers;
 use settings::Cells;
 

@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 use super::settings::{Animation, Attenuation, Deform};
 use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
 use fathom_gpu::{Pixels, read_texture};
-use fathom_picture::RgbImage;
 use fathom_record::{ErrorFigure, ErrorSpan, PictureScale};
 use fathom_reference::deform::{Moment, Motion};
 use fathom_reference::kept::Content;
@@ -18,6 +17,7 @@ use fathom_reference::occlusion::{self as reference, occlusion, occlusion_throug
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, Material, Object, Scene};
 use fathom_stages::gbuffer::GbufferTextures;
+use image::{Rgb, RgbImage};
 
 /// Points that figures rest on at most: an RMS over so many independent errors is known to 2 %.
 const MOST_POINTS: usize = 1_500;
@@ -371,7 +371,7 @@ pub(super) fn signed_color(share: f64) -> [u8; 3] {
 
 /// Paints each point's error over the pixels that are nearest to it on the lattice.
 fn paint(question: &Question, points: &[JudgedPoint], errors: &[f64]) -> RgbImage {
-    const NOTHING: [u8; 3] = [190; 3];
+    const NOTHING: Rgb<u8> = Rgb([190; 3]);
     let [width, height] = question.size_px;
     let apart = |axis: usize| {
         let mut places: Vec<u32> = points.iter().map(|point| point.pixel[axis]).collect();
@@ -383,12 +383,12 @@ fn paint(question: &Question, points: &[JudgedPoint], errors: &[f64]) -> RgbImag
         steps.get(steps.len() / 2).map_or(1, |step| step + 1)
     };
     let block = [apart(0), apart(1)];
-    let mut picture = RgbImage::filled(width, height, NOTHING);
+    let mut picture = RgbImage::from_pixel(width, height, NOTHING);
     for (point, error) in points.iter().zip(errors) {
         let start: [u32; 2] = std::array::from_fn(|i| point.pixel[i].saturating_sub(block[i] / 2));
         for y in start[1]..(start[1] + block[1]).min(height) {
             for x in start[0]..(start[0] + block[0]).min(width) {
-                picture.set_pixel(x, y, color(*error));
+                picture.put_pixel(x, y, Rgb(color(*error)));
             }
         }
     }

@@ -58,7 +58,7 @@ impl Pipeline for Planar {
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
 
         let of_map = &resources.sized_by("planar.texels");
-        let pool = params.pool(&scene.water);
+        let pool = params.pool();
         let photon_w = view.weighted_flux_w() / f64::from(params.transfer.photons());
         let map = of_map.push(points::new(of_map, shared, &transfers, &pool, photon_w)?);
         let (exposure, shown) = (params.compose.exposure, params.compose.show);

@@ -25,7 +25,7 @@ pub use parameters::{Gather, Law, Mode, Params, Scalar, Stop};
 fn volume_of(scene: &Scene) -> Result<&Volume, GpuError> {
     scene.volume.as_ref().ok_or_else(|| {
         GpuError::Unusable(format!(
-            "scene `{}` has no volume: pipeline scalar_ao needs one, such as engine, smoke, bonsai or head",
+            "scene `{}` has no volume: pipeline scalar_ao needs one, such as engine, smoke or bonsai",
             scene.name
         ))
     })

@@ -45,8 +45,6 @@ pub enum Method {
     Slice,
     /// Triangle-parallel compute, separating-axis test, every voxel that a triangle touches.
     Overlap,
-    /// The same with the thin test: 6-separating surfaces.
-    OverlapThin,
     /// Triangle-parallel compute that stores the largest alpha of the touching triangles. VAO Fig. 6.
     MaxAlpha,
 }
@@ -73,8 +71,6 @@ settings! {
         resolution: u32 = 128 => 4 ..= 4096, "1";
         /// A volume for each object, on a grid of its own, in place of one for the scene. VAO §3.
         per_object: bool = false;
-        /// Edge of a cube around the viewer that is voxelized in place of the whole scene; 0: the whole scene. VAO §4.2.
-        around_viewer_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
         /// Voxels along x, y and z, set by hand with origin and edge; [0, 0, 0] fits the grid to the scene.
         cells: [u32; 3] = [0; 3] => 0 ..= 4096, "1";
         /// Corner of smallest coordinates of a grid set by hand.
@@ -105,18 +101,11 @@ impl Voxel {
     /// The grid of the whole scene, or one for each object in the scene's order, with room for the geometry's motion.
     ///
     /// # Errors
-    /// Voxels by the object where the grid is set by hand or lies around the viewer; a scene without geometry; a grid that
-    /// holds nothing of the scene.
-    pub fn grids(
-        &self,
-        scene: &Scene,
-        camera: &Camera,
-        animation: &Animation,
-    ) -> Result<Vec<Grid>, ParamError> {
+    /// Voxels by the object where the grid is set by hand; a scene without geometry; a grid that holds nothing of the scene.
+    pub fn grids(&self, scene: &Scene, animation: &Animation) -> Result<Vec<Grid>, ParamError> {
         let by_hand = self.cells != [0; 3];
-        if self.per_object && (by_hand || self.around_viewer_m > 0.0) {
-            let fault = "voxel.per_object fits a grid to each object: \
-                voxel.cells and voxel.around_viewer_m must be 0";
+        if self.per_object && by_hand {
+            let fault = "voxel.per_object fits a grid to each object: voxel.cells must be 0";
             return Err(ParamError::Unfit(fault.into()));
         }
         if self.per_object {
@@ -134,12 +123,7 @@ impl Voxel {
                 origin_m: DVec3::from(self.origin_m),
                 voxel_m: self.voxel_m,
             };
-            holds_some("voxel.cells, voxel.origin_m and voxel.voxel_m", &grid, &bounds)?;
-            grid
-        } else if self.around_viewer_m > 0.0 {
-            let viewer = DVec3::from(camera.position_m);
-            let grid = Grid::around(viewer, self.around_viewer_m, self.resolution)?;
-            holds_some("voxel.around_viewer_m and camera.position_m", &grid, &bounds)?;
+            holds_some(&grid, &bounds)?;
             grid
         } else {
             Grid::fit(&bounds, self.resolution)?
@@ -149,7 +133,7 @@ impl Voxel {
 }
 
 /// An error for a grid beside the scene: everything in it would be empty.
-fn holds_some(parameters: &str, grid: &Grid, scene: &Bounds) -> Result<(), String> {
+fn holds_some(grid: &Grid, scene: &Bounds) -> Result<(), String> {
     if grid.bounds().meets(scene) {
         return Ok(());
     }
@@ -158,7 +142,7 @@ fn holds_some(parameters: &str, grid: &Grid, scene: &Bounds) -> Result<(), Strin
         format!("{min:.3?} to {max:.3?} m")
     };
     Err(format!(
-        "{parameters} place the grid at {}, and the scene lies at {}: they must overlap",
+        "voxel.cells, voxel.origin_m and voxel.voxel_m place the grid at {}, and the scene lies at {}: they must overlap",
         corners(&grid.bounds()),
         corners(scene)
     ))
@@ -402,8 +386,6 @@ settings! {
         ambient: f64 = 0.4 => 0.0 ..= 1e3, "1";
         /// What the picture shows.
         show: Show = Show::Image;
-        /// Whether the picture's log-average luminance is taken, as exposure is metered by.
-        meter: bool = false;
     }
 }
 

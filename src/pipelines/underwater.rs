@@ -218,7 +218,7 @@ pub fn view(params: &Params, scene: &Scene) -> View {
     View {
         camera: params.camera.clone(),
         light: params.light.clone(),
-        water: params.water.with_tile_of(&scene.water),
+        water: params.water.clone(),
         bounds: scene.bounds,
         size_px: UVec2::new(params.view.width, params.view.height),
         edge_m: params.shadow.edge_m,

@@ -83,7 +83,7 @@ fn voxelize(
     params: &Params,
     update: Update,
 ) -> Result<Vec<Voxels>, GpuError> {
-    let grids = params.voxel.grids(scene, &params.camera, &params.animation)?;
+    let grids = params.voxel.grids(scene, &params.animation)?;
     params.fits(scene, &grids)?;
     let volumes = voxelization::Volumes { grids, update, pyramid: params.ao.skipping };
     voxelization::voxelize(resources, geometry, scene, &params.voxel, &params.animation, volumes)

@@ -47,8 +47,7 @@ pub fn voxelize(
     match settings.method {
         Method::Slicemap => filling.slicemap(rasterizer(settings, animation))?,
         Method::Slice => filling.slice()?,
-        Method::Overlap => filling.overlap(false)?,
-        Method::OverlapThin => filling.overlap(true)?,
+        Method::Overlap => filling.overlap()?,
         Method::MaxAlpha => filling.max_alpha()?,
     }
     // A single voxel has no levels.
@@ -128,8 +127,8 @@ impl Filling<'_> {
         self.unpack(&Packed::Bits)
     }
 
-    fn overlap(&self, thin: bool) -> Result<(), GpuError> {
-        let overlap = overlap::new(self.resources, self.geometry, self.parts, thin)?;
+    fn overlap(&self) -> Result<(), GpuError> {
+        let overlap = overlap::new(self.resources, self.geometry, self.parts)?;
         self.push(clear::new(overlap.cleared.clone()));
         self.push(overlap);
         self.unpack(&Packed::Bits)

@@ -64,7 +64,7 @@ impl Pipeline for Voxelize {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
         let geometry = Geometry::new(resources, scene);
         let volumes = voxelization::Volumes {
-            grids: params.voxel.grids(scene, &params.camera, &params.animation)?,
+            grids: params.voxel.grids(scene, &params.animation)?,
             update: params.voxel.update,
             pyramid: params.pyramid,
         };

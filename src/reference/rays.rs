@@ -1,9 +1,10 @@
 //! Ray casting in f64 over all triangles of a scene.
 
+use bvh::aabb::{Aabb, Bounded};
+use bvh::bounding_hierarchy::BHShape;
+use bvh::bvh::{Bvh, BvhNode, rayon_executor};
 use glam::{DMat4, DVec3, DVec4};
-use itertools::Itertools;
 
-use super::hierarchy::{self, Node};
 use fathom_scene::{Bounds, Camera, Object};
 
 /// Boxes grow by this share of the scene's size, so that rounding in the slab test loses no flat triangle.
@@ -37,7 +38,7 @@ type Found = (f64, usize, [f64; 3]);
 /// All triangles of a scene in a bounding volume hierarchy.
 pub struct Tracer {
     triangles: Vec<Triangle>,
-    nodes: Vec<Node>,
+    hierarchy: Bvh<f64, 3>,
     /// Largest coordinate, metres: tolerances are shares of it.
     pub size_m: f64,
 }
@@ -50,12 +51,17 @@ impl Tracer {
         let corners = triangles.iter().flat_map(|t| t.corners);
         let size_m = corners.fold(0.0f64, |size, p| size.max(p.abs().max_element()));
         let padding = BOX_PADDING * size_m;
-        let bounds = triangles.iter().map(|triangle| {
+        let boxes = triangles.iter().map(|triangle| {
             let Bounds { min, max } = Bounds::around(triangle.corners);
-            Bounds { min: min - padding, max: max + padding }
+            let [min, max] = [min - padding, max + padding].map(|p| p.to_array().into());
+            Leaf { bounds: Aabb::with_bounds(min, max), node: 0 }
         });
-        let nodes = hierarchy::nodes(&bounds.collect_vec());
-        Tracer { triangles, nodes, size_m }
+        let mut boxes: Vec<Leaf> = boxes.collect();
+        Tracer {
+            triangles,
+            hierarchy: Bvh::build_with_executor(&mut boxes, rayon_executor),
+            size_m,
+        }
     }
 
     /// Nearest hit at a distance in (`min_m`, `max_m`) from the origin. `direction` has unit length.
@@ -64,7 +70,7 @@ impl Tracer {
         let axes = Axes::of(direction);
         let mut best: Option<Found> = None;
         let mut open = Vec::with_capacity(64);
-        if !self.nodes.is_empty() {
+        if !self.hierarchy.nodes.is_empty() {
             open.push((0.0, 0));
         }
         while let Some((entry, node)) = open.pop() {
@@ -72,20 +78,22 @@ impl Tracer {
             if entry > limit {
                 continue;
             }
-            match &self.nodes[node] {
-                Node::Leaf(shape) => {
-                    let corners = &self.triangles[*shape].corners;
+            match &self.hierarchy.nodes[node] {
+                BvhNode::Leaf { shape_index, .. } => {
+                    let corners = &self.triangles[*shape_index].corners;
                     if let Some((distance, weights)) = axes.intersect(origin, corners)
                         && distance > min_m
                         && distance < limit
                     {
-                        best = Some((distance, *shape, weights));
+                        best = Some((distance, *shape_index, weights));
                     }
                 }
-                Node::Inner(children) => {
-                    let met = children.map(|(bounds, child)| {
-                        hierarchy::entry(&bounds, origin, inverse).map(|entry| (entry, child))
-                    });
+                BvhNode::Node {
+                    child_l_index, child_l_aabb, child_r_index, child_r_aabb, ..
+                } => {
+                    let met = [(child_l_aabb, child_l_index), (child_r_aabb, child_r_index)];
+                    let met = met
+                        .map(|(bounds, child)| Some((entry_m(bounds, origin, inverse)?, *child)));
                     push_nearest_last(met, &mut open);
                 }
             }
@@ -108,6 +116,39 @@ impl Tracer {
             triangle: t.index,
         }
     }
+}
+
+/// A triangle's box, and the number of its node in the hierarchy.
+struct Leaf {
+    bounds: Aabb<f64, 3>,
+    node: usize,
+}
+
+impl Bounded<f64, 3> for Leaf {
+    fn aabb(&self) -> Aabb<f64, 3> {
+        self.bounds
+    }
+}
+
+impl BHShape<f64, 3> for Leaf {
+    fn set_bh_node_index(&mut self, index: usize) {
+        self.node = index;
+    }
+
+    fn bh_node_index(&self) -> usize {
+        self.node
+    }
+}
+
+/// Distance at which a ray enters the box, 0 from inside, by one over its direction.
+fn entry_m(bounds: &Aabb<f64, 3>, origin: DVec3, inverse: DVec3) -> Option<f64> {
+    let [min, max] = [bounds.min, bounds.max].map(|p| DVec3::new(p.x, p.y, p.z));
+    let (a, b) = ((min - origin) * inverse, (max - origin) * inverse);
+    // Zero times infinity: the ray lies in the plane of a side, and so between the two of this axis.
+    let between = a.is_nan_mask() | b.is_nan_mask();
+    let near = DVec3::select(between, DVec3::NEG_INFINITY, a.min(b)).max_element().max(0.0);
+    let far = DVec3::select(between, DVec3::INFINITY, a.max(b)).min_element();
+    (near <= far).then_some(near)
 }
 
 /// Pushes the children that the ray meets, with their distances, the nearer one last, so that it is opened first.
@@ -323,6 +364,19 @@ mod tests {
                 prop_assert!((hit.position - (origin + direction * expected)).length() < 1e-9);
             }
         }
+    }
+
+    #[test]
+    fn a_ray_enters_a_box_where_it_meets_it() {
+        let bounds = Aabb::with_bounds([-1.0; 3].into(), [1.0; 3].into());
+        let entry = |origin: DVec3, along: DVec3| entry_m(&bounds, origin, along.recip());
+        assert_eq!(entry(DVec3::new(-3.0, 0.5, 0.0), DVec3::X), Some(2.0));
+        assert_eq!(entry(DVec3::ZERO, DVec3::Y), Some(0.0));
+        assert_eq!(entry(DVec3::new(-3.0, 0.5, 0.0), DVec3::NEG_X), None);
+        assert_eq!(entry(DVec3::new(-3.0, 1.5, 0.0), DVec3::X), None);
+        // Along sides and an edge.
+        assert_eq!(entry(DVec3::new(-3.0, 1.0, 0.0), DVec3::X), Some(2.0));
+        assert_eq!(entry(DVec3::new(-3.0, -1.0, 1.0), DVec3::X), Some(2.0));
     }
 
     #[test]

@@ -9,8 +9,6 @@ use fathom_scene::{Water, WaterModel, shortest_wave_m};
 const STEPS_PER_FEATURE: f64 = 64.0;
 /// Lattice cells of the finest noise octave in one noise tile (two octaves over 8 cells).
 const FINEST_NOISE_CELLS: f64 = 16.0;
-/// Samples of a height map that the smallest wave takes which its spline can hold.
-const SAMPLES_PER_FEATURE: f64 = 2.0;
 /// Steps along one ray at most; a ray that grazes the surface over kilometres ends as a miss.
 const MAX_STEPS: f64 = 1.0e6;
 
@@ -80,10 +78,6 @@ fn step_m(water: &Water, direction: DVec3) -> f64 {
             water.wavelength_m.min(water.noise_tile_m / FINEST_NOISE_CELLS)
         }
         WaterModel::Waves => shortest_wave_m(&water.waves),
-        WaterModel::HeightMap => {
-            let spacing_m = water.tile.as_ref().map(|tile| tile.spacing_m());
-            SAMPLES_PER_FEATURE * spacing_m.unwrap_or(1.0)
-        }
     };
     let horizontal = direction.x.hypot(direction.z);
     feature / STEPS_PER_FEATURE / horizontal.max(1e-3)

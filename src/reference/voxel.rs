@@ -17,27 +17,6 @@ pub const FEWEST_SUBPIXELS: u32 = 16;
 /// A triangle's corners, metres or voxels.
 pub type Corners = [DVec3; 3];
 
-/// When a triangle occupies a voxel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Contact {
-    /// It touches the closed cube. Akenine-Möller 2001.
-    Cube,
-    /// No axis of the cube's test separates it from the cube's three middle lines: a 6-separating surface. Schwarz and Seidel
-    /// 2010, §4.1.
-    Lines,
-}
-
-impl Contact {
-    /// Half of a unit cube's, or its middle lines', extent along an axis.
-    fn extent(self, axis: DVec3) -> f64 {
-        let size = axis.abs();
-        match self {
-            Contact::Cube => 0.5 * size.element_sum(),
-            Contact::Lines => 0.5 * size.max_element(),
-        }
-    }
-}
-
 /// All triangles of some objects, metres.
 pub fn triangles(objects: &[Object]) -> Vec<Corners> {
     let meshes = objects.iter().map(|o| &o.mesh);
@@ -54,7 +33,7 @@ fn axes([a, b, c]: &Corners) -> Vec<DVec3> {
 
 /// The smallest gap between any of the triangles (metres) and each voxel, voxels, in the order of [`Grid::index`]. Infinite
 /// where no triangle's box is near.
-pub fn gaps(triangles: &[Corners], grid: &Grid, contact: Contact) -> Vec<f64> {
+pub fn gaps(triangles: &[Corners], grid: &Grid) -> Vec<f64> {
     let mut gaps = vec![f64::INFINITY; grid.count() as usize];
     for corners in triangles {
         let corners = corners.map(|corner| grid.to_cells(corner));
@@ -64,7 +43,8 @@ pub fn gaps(triangles: &[Corners], grid: &Grid, contact: Contact) -> Vec<f64> {
                 let places = corners.map(|corner| corner.dot(axis));
                 let low = places.into_iter().fold(f64::INFINITY, f64::min);
                 let high = places.into_iter().fold(f64::NEG_INFINITY, f64::max);
-                let extent = contact.extent(axis);
+                // Half of a unit cube's.
+                let extent = 0.5 * axis.abs().element_sum();
                 (axis, low - extent, high + extent)
             })
             .collect();
@@ -240,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slanted_plane_fills_the_cubes_it_cuts_and_fewer_on_its_middle_lines() {
+    fn a_slanted_plane_fills_the_cubes_it_cuts() {
         let grid = grid([8, 8, 8]);
         // The plane x + y = 8.1, all through the grid.
         let far = 100.0;
@@ -250,29 +230,27 @@ mod tests {
             corners(&grid, [at(far, -far), at(far, far), at(-far, far)]),
         ];
         // Cubes with i + j < 8.1 < i + j + 2: of i + j = 7 there are 8, of i + j = 8 there are 7, eight layers of each.
-        assert_eq!(occupied(&gaps(&plane, &grid, Contact::Cube)), 8 * (8 + 7));
-        // Middle lines reach half a voxel to both sides of the centre i + j + 1: 7.6 < i + j + 1 < 8.6.
-        assert_eq!(occupied(&gaps(&plane, &grid, Contact::Lines)), 8 * 8);
+        assert_eq!(occupied(&gaps(&plane, &grid)), 8 * (8 + 7));
     }
 
     #[test]
     fn triangles_smaller_than_a_voxel_and_without_area_fill_what_holds_them() {
         let grid = grid([4, 4, 4]);
         let small = corners(&grid, [[1.2, 2.3, 3.4], [1.3, 2.3, 3.4], [1.2, 2.4, 3.5]]);
-        let found = gaps(&[small], &grid, Contact::Cube);
+        let found = gaps(&[small], &grid);
         assert_eq!(occupied(&found), 1);
         assert!(found[grid.index([1, 2, 3]) as usize] < 0.0);
         let needle = corners(&grid, [[0.5, 0.5, 0.5], [3.5, 0.5, 0.5], [2.0, 0.5, 0.5]]);
-        assert_eq!(occupied(&gaps(&[needle], &grid, Contact::Cube)), 4);
+        assert_eq!(occupied(&gaps(&[needle], &grid)), 4);
         let outside = corners(&grid, [[9.0, 9.0, 9.0], [9.5, 9.0, 9.0], [9.0, 9.5, 9.0]]);
-        assert_eq!(occupied(&gaps(&[outside], &grid, Contact::Cube)), 0);
+        assert_eq!(occupied(&gaps(&[outside], &grid)), 0);
     }
 
     #[test]
     fn a_cube_beside_a_corner_is_apart_though_their_boxes_meet() {
         let grid = grid([4, 4, 4]);
         let cut = corners(&grid, [[0.0, 2.4, 0.5], [2.4, 0.0, 0.5], [0.0, 0.0, 0.5]]);
-        let found = gaps(&[cut], &grid, Contact::Cube);
+        let found = gaps(&[cut], &grid);
         assert!(found[grid.index([2, 2, 0]) as usize] > 0.0);
         assert!(found[grid.index([1, 1, 0]) as usize] < 0.0);
         let gap = found[grid.index([1, 2, 0]) as usize];
@@ -283,7 +261,7 @@ mod tests {
     fn samples_lie_in_voxels_that_the_surface_touches() {
         let grid = grid([16, 16, 16]);
         let slanted = corners(&grid, [[1.1, 2.2, 3.3], [14.7, 5.1, 9.9], [4.2, 13.3, 7.1]]);
-        let touched = gaps(&[slanted], &grid, Contact::Cube);
+        let touched = gaps(&[slanted], &grid);
         let sampled = sampled(&[slanted], &grid, &[0, 1, 2], 256);
         let found: Vec<bool> = sampled.iter().map(|s| *s == Sampled::Surely).collect();
         let errors = errors(&found, &touched);

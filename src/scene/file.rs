@@ -149,7 +149,6 @@ impl SceneFile {
     fn read(folders: &Folders, origin: String, text: &str) -> Result<SceneFile, SceneError> {
         let mut file = toml_text::read(folders, &origin, text)?;
         file.folder = Path::new(&origin).parent().unwrap_or(Path::new("")).into();
-        file.water.height_map = file.water.height_map.found_from(&file.folder);
         file.validate().map_err(|message| SceneError::Parse { origin, message })?;
         Ok(file)
     }

@@ -14,10 +14,8 @@ mod file;
 mod frustum;
 pub mod generators;
 mod grid;
-mod height_map;
 mod light;
 mod mesh;
-mod nifti;
 mod noise;
 mod obj;
 mod photon_start;
@@ -41,7 +39,6 @@ pub use bounds::Bounds;
 pub use camera::Camera;
 pub use file::{ObjectFile, SceneFile, Stand, Transform};
 pub use grid::Grid;
-pub use height_map::{HeightMap, Tile};
 pub use light::{Light, LightFrame, LightKind};
 pub use mesh::Mesh;
 pub use noise::{NOISE_CELLS, tile_noise};
@@ -179,7 +176,6 @@ impl Scene {
     pub fn build(file: &SceneFile) -> Result<Scene, SceneError> {
         let invalid = |message: String| SceneError::Invalid { scene: file.name.clone(), message };
         file.validate().map_err(invalid)?;
-        let water = file.water.loaded().map_err(invalid)?;
         let mut stand_ins = Vec::new();
         let mut left = MAX_TRIANGLES;
         let mut objects = Vec::new();
@@ -195,11 +191,11 @@ impl Scene {
         Ok(Scene {
             name: file.name.clone(),
             description: file.description.clone(),
-            bounds: with_water(solid_bounds(&objects, volume.as_ref()), &water),
+            bounds: with_water(solid_bounds(&objects, volume.as_ref()), &file.water),
             objects,
             camera: file.camera.clone(),
             light: file.light.clone(),
-            water,
+            water: file.water.clone(),
             floor_depth_m: file.floor_depth_m,
             volume,
             stand_ins,

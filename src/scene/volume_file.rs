@@ -1,6 +1,6 @@
 //! The table `[volume]` of a scene file: where a volume comes from and where it goes.
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::path::PathBuf;
 
 use glam::DVec3;
 
@@ -20,23 +20,21 @@ settings! {
         generator: Option<String> = None;
         /// Name of a volume to fetch; see [`assets`].
         asset: Option<String> = None;
-        /// Path relative to the scene file of a NIfTI-1 volume (`.nii`) or of raw values (any other name), either plain or
-        /// compressed by gzip.
+        /// Path relative to the scene file of raw values, plain or compressed by gzip.
         file: Option<PathBuf> = None;
-        /// Cells along x, y and z: how finely a generator samples its field (all 0: its own number), or how many values a raw
+        /// Cells along x, y and z: how finely a generator samples its field (all 0: its own number), or how many values a
         /// file holds along each axis.
         cells: [u32; 3] = [0; 3];
-        /// What a raw file's values are.
+        /// What a file's values are.
         format: Option<VolumeFormat> = None;
-        /// Edges of a file's cells, metres; all 0: as a NIfTI file says, or cubes and a longest edge of the box of 1 m.
+        /// Edges of a file's cells, metres; all 0: cubes and a longest edge of the box of 1 m.
         spacing_m: [f64; 3] = [0.0; 3];
         /// The stored axis that points up.
         up: Up = Up::Y;
         /// Each axis has so many times fewer cells: means over boxes of a file's cells, fewer samples of a generator's field.
         reduce: u32 = 1 => 1 ..= 64, "1";
         /// The values (low, high) that are brought to 0 and 1, linear between and clamped beyond them. Left out: the range of the
-        /// type for whole numbers, 0 and 1 for raw `f32` and generators, what the header says or else the least and the largest
-        /// value for NIfTI.
+        /// type for whole numbers, 0 and 1 for `f32` and generators.
         window: Option<[f64; 2]> = None;
         /// If not 0: the longest edge of the box.
         fit_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
@@ -44,8 +42,6 @@ settings! {
         translate_m: [f64; 3] = [0.0; 3];
         /// What y is measured from.
         on: Stand = Stand::Floor;
-        /// The generator's parameters; those left out have their defaults.
-        params: BTreeMap<String, f64> = BTreeMap::new();
     }
 }
 
@@ -80,9 +76,8 @@ impl VolumeFile {
             return Err("volume: it needs one of `generator`, `asset` and `file`".into());
         }
         let misplaced = [
-            (!self.params.is_empty() && !generator, "params", "`generator`"),
-            (self.cells != [0; 3] && !generator && !file, "cells", "`generator` or a raw `file`"),
-            (self.format.is_some() && !file, "format", "raw `file`"),
+            (self.cells != [0; 3] && !generator && !file, "cells", "`generator` or a `file`"),
+            (self.format.is_some() && !file, "format", "`file`"),
             (self.spacing_m != [0.0; 3] && !file, "spacing_m", "`file`"),
             (self.up != Up::Y && !file, "up", "`file`"),
         ];
@@ -113,11 +108,10 @@ impl VolumeFile {
     /// What the source gives, with its name.
     fn samples(&self, file: &SceneFile, stand_ins: &mut Vec<String>) -> Result<Samples, String> {
         let (name, (volume, window)) = if let Some(name) = &self.generator {
-            (name.clone(), self.sampled(fields::find(name)?, &self.params)?)
+            (name.clone(), self.sampled(fields::find(name)?))
         } else if let Some(path) = &self.file {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let (mut volume, window) =
-                samples::read(&file.folder.join(path), self.raw()?.as_ref())?;
+            let (mut volume, window) = samples::read(&file.folder.join(path), &self.raw()?)?;
             if self.spacing_m != [0.0; 3] {
                 volume.spacing_m = DVec3::from(self.spacing_m);
             }
@@ -135,35 +129,29 @@ impl VolumeFile {
             return Err(format!("asset `{name}` is a mesh: it belongs to an [[object]]"));
         };
         if let Some(path) = assets::find(name) {
-            let (volume, window) = samples::read(&path, raw.as_ref())?;
+            let (volume, window) = samples::read(&path, raw)?;
             return Ok((volume.reduced(self.reduce).upright(*up), window));
         }
-        let samples = self.sampled(fields::find(asset.stand_in.0)?, &asset.stand_in_params())?;
+        let samples = self.sampled(fields::find(asset.stand_in.0)?);
         let [x, y, z] = samples.0.cells;
         stand_ins.push(asset.stand_in_note(&format!("{x} × {y} × {z} cells")));
         Ok(samples)
     }
 
     /// A generator's field; its box has a longest edge of 1 m.
-    fn sampled(
-        &self,
-        generator: &FieldGenerator,
-        params: &BTreeMap<String, f64>,
-    ) -> Result<Samples, String> {
+    fn sampled(&self, generator: &FieldGenerator) -> Samples {
         let cells = if self.cells == [0; 3] { generator.cells } else { self.cells };
         let cells = cells.map(|n| n.div_ceil(self.reduce));
         let spacing_m = generator.extent() / DVec3::from(cells.map(f64::from));
-        let data = generator.sample(params, cells)?;
-        Ok((Volume { cells, spacing_m, data, ..Volume::default() }, [0.0, 1.0]))
+        let data = generator.sample(cells);
+        (Volume { cells, spacing_m, data, ..Volume::default() }, [0.0, 1.0])
     }
 
-    /// What the scene file says of a raw file.
-    fn raw(&self) -> Result<Option<Raw>, String> {
-        match (self.format, self.cells) {
-            (None, [0, 0, 0]) => Ok(None),
-            (Some(format), cells) if cells != [0; 3] => Ok(Some(Raw { cells, format })),
-            _ => Err("a raw file needs both `cells` and `format`".into()),
-        }
+    /// What the scene file says of a file.
+    fn raw(&self) -> Result<Raw, String> {
+        let format = self.format.filter(|_| self.cells != [0; 3]);
+        let format = format.ok_or("a volume's `file` needs both `cells` and `format`")?;
+        Ok(Raw { cells: self.cells, format })
     }
 }
 
@@ -207,7 +195,6 @@ mod tests {
             (|v| v.cells = [u32::MAX; 3], "volume.cells"),
             (|v| v.cells = [0, 4, 4], "volume.cells"),
             (|v| v.generator = Some("smok".into()), "`smoke`"),
-            (|v| v.params = [("x".into(), 1.0)].into(), "`x`"),
         ];
         let judged = |v: &VolumeFile| v.validate().and_then(|()| build(v).map(drop));
         check::assert_refused(&smoke(), judged, cases);

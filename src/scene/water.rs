@@ -1,15 +1,12 @@
 //! The water: an animated height field about y = 0 and the medium below it.
 //!
 //! Two models are those of UW 4.1: a circular cosine with a little Perlin noise, and a cosine along
-//! one world axis with much of it. The other two are given: a list of waves, and a height map.
-
-use std::sync::Arc;
+//! one world axis with much of it. The third is given: a list of waves.
 
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::check::within_ranges;
-use super::height_map::{HeightMap, Tile};
 use super::noise::{TILE_NOISE_SLOPE, tile_noise};
 use super::waves::{self, Wave};
 use fathom_base::parameter::{Listed, ParamError};
@@ -29,8 +26,6 @@ pub enum WaterModel {
     Directional,
     /// The sum of [`Water::waves`], at rest.
     Waves,
-    /// The tile of [`Water::height_map`], at rest.
-    HeightMap,
 }
 
 choices!(WaterModel);
@@ -68,11 +63,6 @@ settings! {
         fresnel: bool = false;
         /// The waves of the model `waves`.
         waves: Vec<Wave> = Vec::new();
-        /// The tile of the model `height_map`.
-        height_map: HeightMap = HeightMap::default();
-        /// The heights, once [`Water::loaded`] has read them.
-        #[serde(skip)]
-        tile: Option<Arc<Tile>> = None;
     }
 }
 
@@ -85,8 +75,8 @@ impl Listed for Wave {
 impl Water {
     /// Elevation at (x, z), metres:
     /// `h = A [(1 − w) cos(k r − ω t) + w n(u, v)]`, r the distance from the centre (circular) or
-    /// along x from it (directional), n the noise at u = x / tile + drift, v = z / tile. Waves and height map are summed
-    /// and interpolated as their types say.
+    /// along x from it (directional), n the noise at u = x / tile + drift, v = z / tile. Waves that are
+    /// given are summed as their type says.
     pub fn height(&self, x: f64, z: f64) -> f64 {
         if let Some(given) = self.given(x, z) {
             return given.x;
@@ -107,32 +97,9 @@ impl Water {
         self.amplitude_m * ((1.0 - self.noise) * wave + self.noise * dn / self.noise_tile_m)
     }
 
-    /// Elevation and its derivatives where the surface is given. Not a number before a height map is read.
+    /// Elevation and its derivatives where the surface is given.
     fn given(&self, x: f64, z: f64) -> Option<DVec3> {
-        let place = DVec2::new(x, z);
-        match self.model {
-            WaterModel::Circular | WaterModel::Directional => None,
-            WaterModel::Waves => Some(waves::sum(&self.waves, place)),
-            WaterModel::HeightMap => {
-                Some(self.tile.as_ref().map_or(DVec3::NAN, |tile| tile.at(place)))
-            }
-        }
-    }
-
-    /// The water with its height map read, where it has one.
-    pub fn loaded(&self) -> Result<Water, String> {
-        let mut water = self.clone();
-        if self.model == WaterModel::HeightMap {
-            water.tile = Some(Arc::new(self.height_map.load()?));
-        }
-        Ok(water)
-    }
-
-    /// The water with the heights that `other` has read from the same map.
-    #[must_use]
-    pub fn with_tile_of(&self, other: &Water) -> Water {
-        let same = self.height_map == other.height_map;
-        Water { tile: other.tile.clone().filter(|_| same), ..self.clone() }
+        (self.model == WaterModel::Waves).then(|| waves::sum(&self.waves, DVec2::new(x, z)))
     }
 
     /// Bound of the elevation's magnitude, metres.
@@ -140,7 +107,6 @@ impl Water {
         match self.model {
             WaterModel::Circular | WaterModel::Directional => self.amplitude_m,
             WaterModel::Waves => waves::bound_m(&self.waves),
-            WaterModel::HeightMap => self.tile.as_ref().map_or(0.0, |tile| tile.bound_m()),
         }
     }
 
@@ -152,7 +118,6 @@ impl Water {
                 self.amplitude_m * (wave + self.noise * TILE_NOISE_SLOPE / self.noise_tile_m)
             }
             WaterModel::Waves => waves::steepest(&self.waves),
-            WaterModel::HeightMap => self.tile.as_ref().map_or(0.0, |tile| tile.steepest()),
         }
     }
 
@@ -182,26 +147,18 @@ impl Water {
     /// Whether the water can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
         within_ranges("water", self)?;
-        self.height_map.validate()?;
         self.validate_model()
     }
 
-    /// Whether what is given is what the model uses: neither is left aside without a word.
+    /// Waves that are given are not left aside without a word.
     fn validate_model(&self) -> Result<(), String> {
-        let model = self.model;
-        let (waves, map) = (!self.waves.is_empty(), self.height_map.is_given());
+        let (model, is_given) = (self.model, !self.waves.is_empty());
         match model {
-            WaterModel::Waves if !waves => {
+            WaterModel::Waves if !is_given => {
                 Err("water.model is waves, but water.waves lists none".into())
             }
-            WaterModel::HeightMap if !map => {
-                Err("water.model is height_map, but water.height_map.file is not given".into())
-            }
-            _ if waves && model != WaterModel::Waves => Err(format!(
+            WaterModel::Circular | WaterModel::Directional if is_given => Err(format!(
                 "water.waves are given, but water.model is {model}: set water.model to waves, or water.waves to []"
-            )),
-            _ if map && model != WaterModel::HeightMap => Err(format!(
-                "water.height_map.file is given, but water.model is {model}: set water.model to height_map, or the file to \"\""
             )),
             _ => Ok(()),
         }
@@ -308,9 +265,8 @@ mod tests {
     fn a_wave_given_is_the_cosine_of_the_model() {
         let cosine = Water { time_s: 0.3, ..cosine() };
         let wave = Wave {
-            direction: Some([1.0, 0.0]),
-            wavelength_m: Some(cosine.wavelength_m),
-            vector_rad_m: None,
+            direction: [1.0, 0.0],
+            wavelength_m: cosine.wavelength_m,
             amplitude_m: cosine.amplitude_m,
             phase_rad: -cosine.turned_rad(),
         };
@@ -325,15 +281,12 @@ mod tests {
 
     #[test]
     fn what_the_model_does_not_use_is_refused() {
-        let wave = json!({"vector_rad_m": [1.0, 0.0], "amplitude_m": 0.1});
-        let map = json!({"file": "a.npy", "tile_m": [1, 1]});
+        let wave = json!({"direction": [1.0, 0.0], "wavelength_m": 2.0, "amplitude_m": 0.1});
         let judged = |water| serde_json::from_value::<Water>(water).unwrap().validate();
         assert_eq!(judged(json!({"model": "waves", "waves": [wave]})), Ok(()));
         for (water, expected) in [
             (json!({"waves": [wave]}), "water.model is circular"),
             (json!({"model": "waves"}), "lists none"),
-            (json!({"model": "height_map"}), "water.height_map.file"),
-            (json!({"height_map": map}), "set water.model to height_map"),
         ] {
             let fault = judged(water).unwrap_err();
             assert!(fault.contains(expected), "{fault}");

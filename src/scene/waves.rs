@@ -3,43 +3,32 @@
 use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3};
-use serde::{Deserialize, Serialize};
 
 use super::check;
+use fathom_base::settings;
 
 /// Most waves of a list: each is summed for every photon and every vertex of the surface.
 pub const MAX_WAVES: usize = 1024;
 
-/// One plane wave, `a cos(k · (x, z) + φ)`. Its wave vector k is given as such, or as a direction and a wavelength.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Wave {
-    /// Direction of k: x, z, of any length.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub direction: Option<[f64; 2]>,
-    /// 2π / |k|, metres.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub wavelength_m: Option<f64>,
-    /// k: x, z, radians per metre.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub vector_rad_m: Option<[f64; 2]>,
-    /// a, metres.
-    pub amplitude_m: f64,
-    /// φ, radians: where the crest lies.
-    #[serde(default)]
-    pub phase_rad: f64,
+settings! {
+    /// One plane wave, `a cos(k · (x, z) + φ)`.
+    pub struct Wave required {
+        /// Direction of the wave vector k: x, z, of any length.
+        direction: [f64; 2] => -1e5 ..= 1e5, "1";
+        /// 2π / |k|.
+        wavelength_m: f64 => 1e-3 ..= 1e5, "m";
+        /// a.
+        amplitude_m: f64 => -100.0 ..= 100.0, "m";
+        /// φ: where the crest lies.
+        #[serde(default)]
+        phase_rad: f64 => -1e6 ..= 1e6, "rad";
+    }
 }
 
 impl Wave {
-    /// k, radians per metre. Valid waves have one of its two forms.
+    /// k, radians per metre.
     pub fn vector(&self) -> DVec2 {
-        match (self.vector_rad_m, self.direction, self.wavelength_m) {
-            (Some(vector), ..) => DVec2::from(vector),
-            (None, Some(direction), Some(wavelength_m)) => {
-                DVec2::from(direction).normalize_or_zero() * (TAU / wavelength_m)
-            }
-            _ => DVec2::ZERO,
-        }
+        DVec2::from(self.direction).normalize_or_zero() * (TAU / self.wavelength_m)
     }
 
     /// Elevation, metres, and its derivatives by x and z.
@@ -51,32 +40,13 @@ impl Wave {
 
     /// `name` is the wave's, such as `water.waves[2]`.
     fn validate(&self, name: &str) -> Result<(), String> {
-        check::within(&format!("{name}.amplitude_m"), self.amplitude_m, -100.0, 100.0)?;
-        check::within(&format!("{name}.phase_rad"), self.phase_rad, -1e6, 1e6)?;
-        match (self.vector_rad_m, self.direction, self.wavelength_m) {
-            (Some(vector), None, None) => {
-                let (name, length) =
-                    (format!("|{name}.vector_rad_m|"), DVec2::from(vector).length());
-                check::within(&name, length, TAU / check::FAR_M, TAU / SHORTEST_M)
-            }
-            (None, Some(direction), Some(wavelength_m)) => {
-                let length = format!("{name}.wavelength_m");
-                check::within(&length, wavelength_m, SHORTEST_M, check::FAR_M)?;
-                check::point(&format!("{name}.direction"), &direction)?;
-                if DVec2::from(direction).length() < 1e-6 {
-                    return Err(format!("{name}.direction = {direction:?} has no direction"));
-                }
-                Ok(())
-            }
-            _ => Err(format!(
-                "{name} needs either `direction` and `wavelength_m`, or `vector_rad_m`"
-            )),
+        check::within_ranges(name, self)?;
+        if DVec2::from(self.direction).length() < 1e-6 {
+            return Err(format!("{name}.direction = {:?} has no direction", self.direction));
         }
+        Ok(())
     }
 }
-
-/// Shortest wave, metres.
-const SHORTEST_M: f64 = 1e-3;
 
 /// Sum of the waves: elevation, metres, and its derivatives by x and z.
 pub fn sum(waves: &[Wave], place: DVec2) -> DVec3 {
@@ -126,29 +96,20 @@ mod tests {
     use super::*;
 
     fn plain() -> Wave {
-        Wave {
-            direction: Some([3.0, 4.0]),
-            wavelength_m: Some(2.0),
-            vector_rad_m: None,
-            amplitude_m: 0.1,
-            phase_rad: 0.4,
-        }
+        Wave { direction: [3.0, 4.0], wavelength_m: 2.0, amplitude_m: 0.1, phase_rad: 0.4 }
     }
 
     #[test]
-    fn both_forms_of_the_wave_vector_are_the_same_wave() {
+    fn a_wave_is_a_cosine_along_its_direction() {
         let k = std::f64::consts::PI * DVec2::new(0.6, 0.8);
-        let vector =
-            Wave { direction: None, wavelength_m: None, vector_rad_m: Some(k.into()), ..plain() };
         let place = DVec2::new(0.3, -1.7);
-        assert!((plain().at(place) - vector.at(place)).length() < 1e-12);
         let expected = 0.1 * (k.dot(place) + 0.4).cos();
-        assert!((vector.at(place).x - expected).abs() < 1e-15);
+        assert!((plain().at(place).x - expected).abs() < 1e-12);
     }
 
     #[test]
     fn derivatives_match_differences() {
-        let waves = [plain(), Wave { phase_rad: 2.0, direction: Some([-1.0, 0.2]), ..plain() }];
+        let waves = [plain(), Wave { phase_rad: 2.0, direction: [-1.0, 0.2], ..plain() }];
         let (place, h) = (DVec2::new(1.1, 0.7), 1e-6);
         let slope =
             |step: DVec2| (sum(&waves, place + step).x - sum(&waves, place - step).x) / (2.0 * h);
@@ -163,10 +124,8 @@ mod tests {
     fn bad_waves_are_named() {
         let cases: &[check::Refusal<Wave>] = &[
             (|w| w.amplitude_m = f64::NAN, "water.waves[1].amplitude_m"),
-            (|w| w.wavelength_m = Some(0.0), "water.waves[1].wavelength_m"),
-            (|w| w.direction = Some([0.0, 0.0]), "has no direction"),
-            (|w| w.wavelength_m = None, "`vector_rad_m`"),
-            (|w| w.vector_rad_m = Some([1.0, 0.0]), "needs either"),
+            (|w| w.wavelength_m = 0.0, "water.waves[1].wavelength_m"),
+            (|w| w.direction = [0.0, 0.0], "has no direction"),
         ];
         check::assert_refused(&plain(), |w| validate(&[plain(), w.clone()]), cases);
         assert!(validate(&vec![plain(); 2000]).unwrap_err().contains("at most 1024"));

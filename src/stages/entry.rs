@@ -11,8 +11,6 @@ const STEPS_PER_WAVE: f64 = 16.0;
 /// Lattice cells of the finest noise octave in one noise tile (two octaves over 8 cells). Two cells make a wave.
 const FINEST_NOISE_CELLS: f64 = 16.0;
 const CELLS_PER_WAVE: f64 = 2.0;
-/// Samples of a height map that a wave takes which its spline follows.
-const SAMPLES_PER_WAVE: f64 = 4.0;
 /// Room above crests and below troughs, so that a search begins in the air also with rounding.
 const BOUND_ROOM: f64 = 1.001;
 /// Most steps of a search: 64 of them cross four waves.
@@ -61,9 +59,8 @@ fn step_turns(water: &Water) -> u64 {
 
 /// Length of the shortest wave, metres.
 fn shortest_m(water: &Water) -> f64 {
-    match (water.model, &water.tile) {
-        (WaterModel::Waves, _) => shortest_wave_m(&water.waves),
-        (WaterModel::HeightMap, Some(tile)) => SAMPLES_PER_WAVE * tile.spacing_m(),
+    match water.model {
+        WaterModel::Waves => shortest_wave_m(&water.waves),
         _ if water.noise == 0.0 => water.wavelength_m,
         _ => water.wavelength_m.min(CELLS_PER_WAVE * water.noise_tile_m / FINEST_NOISE_CELLS),
     }

@@ -21,7 +21,6 @@ pub mod marching;
 pub mod photon;
 pub mod planar;
 pub mod pool;
-pub mod post;
 pub mod prelude;
 pub mod ray_cast;
 pub mod rays;
@@ -96,7 +95,6 @@ pub const REGISTRY: &[StageInfo] = &[
     refraction::compose::INFO,
     planar::points::INFO,
     planar::compose::INFO,
-    post::luminance::INFO,
     scalar::isosurface::INFO,
     scalar::direct::INFO,
     scalar::positional::INFO,
@@ -169,7 +167,7 @@ mod tests {
                 }
             }
         }
-        let text = "use crate::{kit::{self, Pass}, sprites::compose};\n// crate::ao\nuse crate::post::luminance;\n";
-        assert_eq!(imported(text), ["kit", "sprites", "post"]);
+        let text = "use crate::{kit::{self, Pass}, sprites::compose};\n// crate::ao\nuse crate::hsao::filter;\n";
+        assert_eq!(imported(text), ["kit", "sprites", "hsao"]);
     }
 }

@@ -55,7 +55,6 @@ mod tests {
         ("godrays/trace", "told in `photon::tracing`"),
         ("hsao/filter", "1,024 taps"),
         ("hsao/march", "told in `march`"),
-        ("post/luminance", "of 2³² texels the sums of each 1,024, 256 at a time"),
         ("rays/march", "told in `march`"),
         ("rays/rasterize", "64 layers"),
         ("refraction/compose", "two ways of at most 16,384 pixels"),

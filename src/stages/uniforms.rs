@@ -47,8 +47,6 @@ shader_struct! {
         pub noise_scroll: f32,
         pub water_model: u32,
         pub camera_under_water: u32,
-        pub height_tile_m: Vec2,
-        pub height_origin_m: Vec2,
         pub water_bound_m: f32,
         pub water_step_m: f32,
         pub water_steps: f32,
@@ -123,7 +121,6 @@ impl View {
         let light = self.light_frame();
         let camera = self.camera.view_projection(self.aspect());
         let water = &self.water;
-        let map = &water.height_map;
         let search = EntrySearch::new(water);
         let mirror = DMat4::from_scale(DVec3::new(1.0, -1.0, 1.0));
         FrameUniforms {
@@ -156,8 +153,6 @@ impl View {
                 _ => 0,
             },
             camera_under_water: u32::from(self.camera.position_m[1] < 0.0),
-            height_tile_m: DVec2::from(map.tile_m).as_vec2(),
-            height_origin_m: DVec2::from(map.origin_m).as_vec2(),
             water_bound_m: search.bound_m as f32,
             water_step_m: search.step_m as f32,
             water_steps: search.steps as f32,
@@ -195,11 +190,7 @@ impl Shared {
         Self {
             group: Group::new(&[&uniforms, &texels]),
             uniforms,
-            water: match view.water.model {
-                WaterModel::Circular | WaterModel::Directional => 0,
-                WaterModel::Waves => 1,
-                WaterModel::HeightMap => 2,
-            },
+            water: i32::from(view.water.model == WaterModel::Waves),
             water_turns: water_turns(&view.water),
             entry_turns: EntrySearch::new(&view.water).turns(&view.water, &view.light_frame()),
             fresnel: view.water.fresnel,
@@ -218,29 +209,21 @@ impl Shared {
     }
 }
 
-/// Rows of four samples that a height map is interpolated from, and the loop's end.
-const HEIGHT_MAP_TURNS: u64 = 5;
-
 /// Turns of loops that a height of the water takes.
 pub(super) fn water_turns(water: &Water) -> u64 {
     match water.model {
         WaterModel::Circular | WaterModel::Directional => 0,
         WaterModel::Waves => water.waves.len() as u64 + 1,
-        WaterModel::HeightMap => HEIGHT_MAP_TURNS,
     }
 }
 
 /// The texture that `shaders/shared/water.wgsl` reads.
 fn water_texels(resources: &Resources<'_>, water: &Water) -> wgpu::Texture {
     let floats = |texels: &[[f32; 4]]| texels.iter().flatten().copied().collect();
-    match (water.model, &water.tile) {
-        (WaterModel::Waves, _) => {
+    match water.model {
+        WaterModel::Waves => {
             let waves = wave_texels(&water.waves);
             resources.float_texture("waves", [waves.len().max(1) as u32, 1], || floats(&waves))
-        }
-        (WaterModel::HeightMap, Some(tile)) => {
-            let resources = resources.sized_by("water.height_map");
-            resources.grey_texture("height map", tile.size(), || tile.texels())
         }
         _ => resources
             .float_texture("noise", [NOISE_SIZE; 2], || floats(&water.noise_texels(NOISE_SIZE))),

@@ -18,7 +18,6 @@ mod glass;
 mod hsao;
 mod light;
 mod lines;
-mod luminance;
 mod occlusion;
 mod photon_tracing;
 pub mod photons;
@@ -212,7 +211,6 @@ pub fn cases() -> Vec<Case> {
         shadow_rays::cases(),
         refraction::cases(),
         planar::cases(),
-        luminance::cases(),
         scalar::cases(),
     ];
     families.into_iter().flatten().collect()

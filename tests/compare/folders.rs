@@ -1,6 +1,5 @@
 //! What an interrupt ends at once.
 
-
 use super::bisect::History;
 use super::builds::{Builds, spawned};
 use super::common::{Place, names, signal};

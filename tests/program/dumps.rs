@@ -3,10 +3,10 @@
 
 use std::path::Path;
 
+use crate::common::Array;
 use fathom::gpu::{Gpu, Options};
 use fathom::harness::dump::dump;
 use fathom::harness::subject::Subjects;
-use fathom::npy::Array;
 use glam::{DMat4, DVec3};
 use serde::de::DeserializeOwned;
 use serde_json::Value;

@@ -7,6 +7,7 @@ use std::collections::HashSet;
 use super::comparison::{Comparison, Figure};
 use super::{Tested, in_ms, too_few};
 use crate::measure::{Measure, Reading, Sample};
+use crate::schema::RISING_SHARE;
 use fathom_base::statistics::{self, Interval, Slope, log_log_slope};
 use fathom_record::Cell;
 
@@ -217,24 +218,18 @@ impl Line {
 }
 
 /// Each cell's distance from the line through all of them, relative to the line.
-pub(super) fn affine(
-    y: &Measure,
-    x: &Measure,
-    tolerance: f64,
-    min_rising_share: f64,
-    cells: &[&Cell],
-) -> Tested {
+pub(super) fn affine(y: &Measure, x: &Measure, tolerance: f64, cells: &[&Cell]) -> Tested {
     let points = thinned(readings(y, x, cells));
     let (Some(line), true) = (Line::fit(&medians(&points)), points.len() > 3) else {
         return Err(too_few(points.len(), "a straight line needs 4"));
     };
     let most = points.iter().map(|(x, _)| *x).fold(0.0, f64::max);
     let share = line.rising_share(most);
-    if (0.0..min_rising_share).contains(&share) {
+    if (0.0..RISING_SHARE).contains(&share) {
         return Err(format!(
             "only {:.0} % of the largest cell rises with x: {:.0} % are needed",
             100.0 * share,
-            100.0 * min_rising_share
+            100.0 * RISING_SHARE
         ));
     }
     let rising = by_round(&points, |points| Some(Line::fit(points)?.rising_share(most)));
@@ -257,7 +252,7 @@ pub(super) fn affine(
     Ok([rising].into_iter().chain(off).collect())
 }
 
-pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64, min_decades: f64) -> Tested {
+pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64) -> Tested {
     let mut name = String::new();
     if fit.left_out > 0 {
         name += &format!(
@@ -268,12 +263,8 @@ pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64, min_decades: f
     }
     name += &format!("slope over {:.2} decades, {} cells,", fit.decades, fit.slope.n);
     // Sweeps end at round numbers: a hair below a decade is a decade.
-    if fit.decades < min_decades - 1e-6 {
-        return Err(format!(
-            "{name} {:.3}: x must span a factor of {:.0} at least",
-            fit.slope.slope,
-            10_f64.powf(min_decades)
-        ));
+    if fit.decades < 1.0 - 1e-6 {
+        return Err(format!("{name} {:.3}: x must span a factor of 10 at least", fit.slope.slope));
     }
     let figure = match &fit.of_rounds {
         Reading::Exact(value) => Figure::Fitted { value: *value, interval: fit.without_one },

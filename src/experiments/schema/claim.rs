@@ -107,18 +107,9 @@ pub enum Test {
         tolerance: f64,
         /// Cells in which the fixed cost (an affine fit's) is a greater share of the time are left out; [`FIXED_SHARE`] where absent.
         max_fixed_share: Option<f64>,
-        /// Decades of x that must be left; 1 where absent.
-        min_decades: Option<f64>,
     },
-    /// `y = F + k x` with k > 0: no cell is off the fitted line by more than `tolerance` of its own y.
-    Affine {
-        y: Measure,
-        x: Measure,
-        over: String,
-        tolerance: f64,
-        /// Least share of k x in the largest cell's y: a line that hardly rises tells nothing of linearity. [`RISING_SHARE`] where absent.
-        min_rising_share: Option<f64>,
-    },
+    /// `y = F + k x` with k > 0, k x at least [`RISING_SHARE`] of the largest cell's y: no cell is off the fitted line by more than `tolerance` of its own y.
+    Affine { y: Measure, x: Measure, over: String, tolerance: f64 },
     /// The same along the axis, up to a factor of `1 + tolerance` between the largest and the smallest.
     Independent { y: Measure, over: String, tolerance: f64 },
     /// `y` at one value of the axis over `y` at another lies within `low … high`.
@@ -159,7 +150,7 @@ pub enum Direction {
 /// A tenth: over the decade above it, a fixed cost bends a slope of 1 to 0.96 at worst.
 pub const FIXED_SHARE: f64 = 0.1;
 
-/// Half: what is fixed is then at most as much as what grows.
+/// Least share of k x in the largest cell's y, for a line that hardly rises tells nothing of linearity. Half: what is fixed is then at most as much as what grows.
 pub const RISING_SHARE: f64 = 0.5;
 
 impl Test {

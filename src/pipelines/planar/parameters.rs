@@ -44,11 +44,11 @@ settings! {
 }
 
 impl Params {
-    /// The pool below `water`, whose height map is read; its walls reach up to the highest wave.
-    pub fn pool(&self, water: &Water) -> Pool {
+    /// The pool below the water; its walls reach up to the highest wave.
+    pub fn pool(&self) -> Pool {
         Pool {
             floor_depth_m: self.floor_depth_m,
-            top_m: water.bound_m(),
+            top_m: self.water.bound_m(),
             texels: self.planar.texels,
         }
     }

@@ -7,11 +7,11 @@ fn scene() -> Scene {
 fn grids(voxel: &Voxel, deform: Deform) -> Result<Vec<Grid>, String> {
     let scene = scene();
     let animation = Animation { deform, ..Animation::default() };
-    voxel.grids(&scene, &scene.camera, &animation).map_err(|error| error.to_string())
+    voxel.grids(&scene, &animation).map_err(|error| error.to_string())
 }
 
 #[test]
-fn grids_are_of_the_scene_of_its_objects_around_the_viewer_or_set_by_hand() {
+fn grids_are_of_the_scene_of_its_objects_or_set_by_hand() {
     let mut voxel = Voxel::default();
     let [whole] = grids(&voxel, Deform::None).unwrap()[..] else {
         panic!("a scene has one grid");
@@ -21,14 +21,11 @@ fn grids_are_of_the_scene_of_its_objects_around_the_viewer_or_set_by_hand() {
     let objects = grids(&voxel, Deform::None).unwrap();
     assert_eq!(objects.len(), scene().objects.len());
     assert!(objects[1].voxel_m < whole.voxel_m);
-    voxel.around_viewer_m = 3.0;
-    assert!(grids(&voxel, Deform::None).unwrap_err().contains("voxel.per_object"));
-    voxel.per_object = false;
-    let around = grids(&voxel, Deform::None).unwrap()[0];
-    assert_eq!((around.cells, around.size_m().x), ([128; 3], 3.0));
     voxel.cells = [3, 2, 1];
     voxel.voxel_m = 0.5;
     voxel.origin_m = whole.bounds().center().to_array();
+    assert!(grids(&voxel, Deform::None).unwrap_err().contains("voxel.per_object"));
+    voxel.per_object = false;
     assert_eq!(grids(&voxel, Deform::None).unwrap()[0].cells, [3, 2, 1]);
 }
 
@@ -44,13 +41,6 @@ fn grids_beside_the_scene_are_errors_that_name_the_parameters() {
     assert!(grids(&voxel, Deform::None).is_ok());
     voxel.origin_m = (scene.max + 1e-6).to_array();
     assert!(grids(&voxel, Deform::None).is_err());
-    let mut camera = Camera { position_m: [0.0, 1e3, 0.0], ..self::scene().camera };
-    let around = Voxel { around_viewer_m: 3.0, ..Voxel::default() };
-    let still = Animation::default();
-    let error = around.grids(&self::scene(), &camera, &still).unwrap_err().to_string();
-    assert!(error.contains("voxel.around_viewer_m"), "{error}");
-    camera.position_m = scene.center().to_array();
-    assert!(around.grids(&self::scene(), &camera, &still).is_ok());
 }
 
 #[test]

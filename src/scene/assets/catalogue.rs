@@ -27,8 +27,8 @@ pub enum Content {
     Mesh,
     /// A scalar field.
     Volume {
-        /// What the file does not tell; none for a format with a header.
-        raw: Option<Raw>,
+        /// What the file does not tell.
+        raw: Raw,
         /// The axis that points up.
         up: Up,
     },
@@ -123,23 +123,10 @@ pub const ASSETS: &[Asset] = &[
         source: Source::ByHand,
         licence: ASK_ITS_SOURCE,
         content: Content::Volume {
-            raw: Some(Raw { cells: [256, 256, 128], format: VolumeFormat::U8 }),
+            raw: Raw { cells: [256, 256, 128], format: VolumeFormat::U8 },
             up: Up::Z,
         },
         stand_in: ("engine_like", &[]),
-    },
-    Asset {
-        name: "head",
-        about: "MRI scan of a head, 181 × 217 × 181 intensities",
-        file: "ch2.nii.gz",
-        sha256: "a009051127f64dc3dd554d5f5b589870ea72106d9642c21b4e7093e478cfc309",
-        source: Source::Debian {
-            package: "mricron-data",
-            path: "/usr/share/mricron/templates/ch2.nii.gz",
-        },
-        licence: "BSD-3-Clause by the copyright file of the package, which does not name this volume",
-        content: Content::Volume { raw: None, up: Up::Z },
-        stand_in: ("head_like", &[]),
     },
 ];
 

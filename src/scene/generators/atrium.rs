@@ -4,23 +4,19 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{Args, Generator, generator, param};
+use super::{Args, Generator, generator};
 use crate::Mesh;
 use crate::shapes::{cuboid, lathe, merged, moved, sheet, smooth_profile};
 
 pub const GENERATORS: &[Generator] =
-    &[generator("arcade", "an open courtyard between two storeys of arcades", arcade).with(&[
-        param("length_m", 34.0, 4.0, 500.0, "outer extent in x"),
-        param("width_m", 15.0, 4.0, 500.0, "outer extent in z"),
-        param("court_m", 5.5, 1.0, 500.0, "width of the open court, at most half of width_m"),
-        param("storey_m", 5.0, 1.0, 50.0, "height of a storey"),
-        param("bays", 9.0, 1.0, 40.0, "arches along each side"),
-    ])];
+    &[generator("arcade", "an open courtyard between two storeys of arcades", arcade)];
 
-fn arcade(a: &Args) -> Mesh {
-    let (x, z) = (0.5 * a.get("length_m"), 0.5 * a.get("width_m"));
-    let (court, storey) = (0.5 * a.get("court_m").min(z), a.get("storey_m"));
-    let wall = 0.4;
+/// Arches along each side.
+const BAYS: u32 = 9;
+
+/// 34 m × 15 m around a court of 5.5 m, each storey 5 m high.
+fn arcade(_: &Args) -> Mesh {
+    let (x, z, court, storey, wall) = (17.0, 7.5, 2.75, 5.0, 0.4);
     let top = 2.0 * storey + 1.0;
     let mut mesh = merged([
         cuboid([-x, -wall, -z], [x, 0.0, z]),
@@ -32,8 +28,8 @@ fn arcade(a: &Args) -> Mesh {
     for side in [-1.0, 1.0] {
         for floor in 0..2 {
             let y = f64::from(floor) * storey;
-            mesh.append(&moved(row(a, x - wall, storey), 0.0, y, side * court));
-            let (near, far) = (side * (court - 0.5), side * (z - wall));
+            mesh.append(&moved(row(x - wall, storey), 0.0, y, side * court));
+            let (near, far): (f64, f64) = (side * (court - 0.5), side * (z - wall));
             mesh.append(&cuboid(
                 [-x + wall, y + storey - 0.25, near.min(far)],
                 [x - wall, y + storey, near.max(far)],
@@ -44,15 +40,14 @@ fn arcade(a: &Args) -> Mesh {
 }
 
 /// A row of columns and the arches between them, `storey` high.
-fn row(a: &Args, half: f64, storey: f64) -> Mesh {
-    let bays = a.count("bays");
-    let step = 2.0 * half / bays as f64;
+fn row(half: f64, storey: f64) -> Mesh {
+    let step = 2.0 * half / f64::from(BAYS);
     let radius = (0.12 * step).min(0.32);
     let spring = (storey - 0.3 - 0.5 * step).max(0.45 * storey);
     let post = column(radius, spring);
-    let columns = (0..=bays).map(|i| moved(post.clone(), i as f64 * step - half, 0.0, 0.0));
-    let arches = (0..bays).map(|i| {
-        let middle = (i as f64 + 0.5) * step - half;
+    let columns = (0..=BAYS).map(|i| moved(post.clone(), f64::from(i) * step - half, 0.0, 0.0));
+    let arches = (0..BAYS).map(|i| {
+        let middle = (f64::from(i) + 0.5) * step - half;
         moved(arch(step, storey - 0.25 - spring, radius), middle, spring, 0.0)
     });
     merged(columns.chain(arches))

@@ -22,8 +22,6 @@ pub const GENERATORS: &[Generator] = &[generator(
         120.0,
         "angle between snout and tail: leaping where positive, diving where negative",
     ),
-    param("rows", 8.0, 1.0, 24.0, "rings of the body from each of its sections to the next"),
-    param("sides", 32.0, 6.0, 128.0, "quads around the body"),
 ])];
 
 /// Sections of the body of a bottlenose dolphin, tuned by eye: distance from the snout, upper and lower edge against the straight
@@ -77,7 +75,9 @@ const FLUKE: Fin = [
     ([-0.527, 0.0, 0.14], [-0.535, 0.0, 0.138], 0.0015),
 ];
 
-/// Quads from section to section of a fin, and around it.
+/// Quads from section to section of the body, and around it; the same of a fin.
+const BODY_STEPS: usize = 8;
+const BODY_SIDES: usize = 32;
 const FIN_STEPS: usize = 4;
 const FIN_SIDES: usize = 16;
 
@@ -92,16 +92,16 @@ fn dolphin(a: &Args) -> Mesh {
     });
     let (eye, radius) = EYE;
     let eyes = sides.map(|side| moved(sphere(radius, 8), eye.x, eye.y, side * eye.z));
-    let straight = [body(a.count("rows"), a.count("sides")), fin(&DORSAL)];
+    let straight = [body(), fin(&DORSAL)];
     let whole = merged(straight.into_iter().chain(pairs).chain(eyes));
     scaled(bent(whole, a.get("bend_deg").to_radians()), a.get("length_m"))
 }
 
 /// Ellipses through the sections, drawn together at both ends.
-fn body(steps: usize, sides: usize) -> Mesh {
-    let rings = smooth_path(&SECTIONS.map(DVec4::from), steps);
+fn body() -> Mesh {
+    let rings = smooth_path(&SECTIONS.map(DVec4::from), BODY_STEPS);
     let rows = rings.len() + 1;
-    surface((sides, rows), (true, false), |u, v| {
+    surface((BODY_SIDES, rows), (true, false), |u, v| {
         let row = (v * rows as f64).round() as usize;
         let is_end = row == 0 || row == rows;
         let [t, upper, lower, width] = rings[row.saturating_sub(1).min(rings.len() - 1)].to_array();
@@ -189,9 +189,9 @@ mod tests {
 
     #[test]
     fn parts_are_closed_and_face_outward() {
-        for part in [body(8, 32), fin(&DORSAL), fin(&FLIPPER), fin(&FLUKE)] {
+        for part in [body(), fin(&DORSAL), fin(&FLIPPER), fin(&FLUKE)] {
             assert!(part.volume() > 0.0);
         }
-        assert!(body(8, 32).inverted().volume() < 0.0);
+        assert!(body().inverted().volume() < 0.0);
     }
 }

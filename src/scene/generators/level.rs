@@ -2,16 +2,17 @@
 
 use itertools::Itertools;
 
-use super::{Args, Generator, generator, param};
+use super::{Args, Generator, generator};
 use crate::Mesh;
 use crate::shapes::{cuboid, cylinder, merged, moved};
 
 pub const GENERATORS: &[Generator] =
-    &[generator("level", "rooms of a low-resolution game level, open to the sky", level).with(&[
-        param("cell_m", 1.5, 0.1, 100.0, "edge of a square of the plan"),
-        param("height_m", 3.2, 0.1, 100.0, "height of the walls"),
-        param("sides", 8.0, 3.0, 64.0, "sides of a pillar"),
-    ])];
+    &[generator("level", "rooms of a low-resolution game level, open to the sky", level)];
+
+/// Edge of a square of the plan and height of the walls, metres, and sides of a pillar.
+const CELL: f64 = 1.5;
+const HEIGHT: f64 = 3.2;
+const PILLAR_SIDES: usize = 8;
 
 /// Seen from above, x to the right and z downward: `#` wall, `d` doorway, `w` window, `p` pillar, `c` crate, `=` platform,
 /// `b` platform with parapet, `1` to `4` stairs up to it, `.` floor.
@@ -43,8 +44,8 @@ const WINDOW_LINTEL: f64 = 0.75;
 const DOOR_LINTEL: f64 = 0.7;
 const CRATE: f64 = 0.35;
 
-fn level(a: &Args) -> Mesh {
-    let (cell, height) = (a.get("cell_m"), a.get("height_m"));
+fn level(_: &Args) -> Mesh {
+    let (cell, height) = (CELL, HEIGHT);
     let (columns, rows) = (PLAN[0].len() as f64, PLAN.len() as f64);
     let place = |x: f64, z: f64| ((x - 0.5 * columns) * cell, (z - 0.5 * rows) * cell);
     let (x, z) = place(columns, rows);
@@ -59,7 +60,7 @@ fn level(a: &Args) -> Mesh {
             }
             if kind == 'p' {
                 let base = if line.contains('=') { PLATFORM * height } else { 0.0 };
-                mesh.append(&pillars(a, (start, end), base, |i| place(i, row as f64 + 0.5)));
+                mesh.append(&pillars((start, end), base, |i| place(i, row as f64 + 0.5)));
             }
         }
     }
@@ -94,13 +95,8 @@ fn blocks(kind: char) -> Vec<[f64; 2]> {
 }
 
 /// Pillars of a run, each with a foot and a head; what they stand on fills their square.
-fn pillars(
-    a: &Args,
-    (start, end): (usize, usize),
-    base: f64,
-    place: impl Fn(f64) -> (f64, f64),
-) -> Mesh {
-    let (cell, height, sides) = (a.get("cell_m"), a.get("height_m"), a.count("sides"));
+fn pillars((start, end): (usize, usize), base: f64, place: impl Fn(f64) -> (f64, f64)) -> Mesh {
+    let (cell, height, sides) = (CELL, HEIGHT, PILLAR_SIDES);
     let half = 0.35 * cell;
     let thick = 0.06 * height;
     merged((start..end).flat_map(|i| {

@@ -127,13 +127,17 @@ impl<'a> Args<'a> {
     }
 
     fn rng(&self) -> Dice {
-        Dice(Pcg32::seed_from_u64(self.get("seed") as u64))
+        Dice::new(self.get("seed") as u64)
     }
 }
 
 struct Dice(Pcg32);
 
 impl Dice {
+    fn new(seed: u64) -> Self {
+        Self(Pcg32::seed_from_u64(seed))
+    }
+
     fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.0.random::<f64>()
     }

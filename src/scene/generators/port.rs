@@ -29,14 +29,12 @@ pub const GENERATORS: &[Generator] = &[
         param("length_m", 30.0, 0.5, 1000.0, "extent in x"),
         param("depth_m", 4.0, 0.2, 1000.0, "extent in z, behind z = 0"),
         param("height_m", 1.1, 0.05, 100.0, "height of its top above the water"),
-        param("course_m", 0.55, 0.05, 10.0, "height of a course of blocks"),
         SEED,
     ]),
     generator("pier", "a plank deck on two rows of piles, along z", pier).with(&[
         param("length_m", 10.0, 0.5, 1000.0, "extent in z"),
         param("width_m", 2.2, 0.2, 100.0, "extent in x"),
         param("height_m", 0.75, -10.0, 100.0, "height of the deck above the water"),
-        param("spacing_m", 2.0, 0.3, 100.0, "distance between piles"),
         SEED,
     ]),
     generator("stones", "stones strewn over a rectangle", stones).with(&[
@@ -44,24 +42,19 @@ pub const GENERATORS: &[Generator] = &[
         param("width_m", 10.0, 0.1, 1000.0, "extent in x"),
         param("depth_m", 3.0, 0.1, 1000.0, "extent in z"),
         param("size_m", 0.45, 0.01, 100.0, "largest radius"),
-        param("rows", 9.0, 3.0, 30.0, "rings from pole to pole of each"),
         SEED,
     ]),
     generator("hull", "an open rowing boat along z, bow towards -z, its waterline at y = 0", hull)
         .with(&[
             param("length_m", 4.6, 0.2, 200.0, "length"),
             param("beam_m", 1.7, 0.1, 100.0, "width"),
-            param("draught_m", 0.35, 0.01, 20.0, "depth of the keel below the waterline"),
-            param("freeboard_m", 0.5, 0.01, 20.0, "height of the sides above the waterline"),
         ]),
-    generator("bollard", "a mooring bollard", bollard)
-        .with(&[param("height_m", 0.55, 0.01, 20.0, "height")]),
+    generator("bollard", "a mooring bollard", bollard),
     generator("rope", "a rope that hangs from the origin to a point", rope).with(&[
         param("to_x_m", 2.0, -1000.0, 1000.0, "the point's x"),
         param("to_y_m", 0.0, -1000.0, 1000.0, "the point's y"),
         param("to_z_m", 0.0, -1000.0, 1000.0, "the point's z"),
         param("sag_m", 0.4, 0.0, 100.0, "how far its middle hangs below the straight line"),
-        param("radius_m", 0.025, 0.001, 10.0, "radius"),
     ]),
 ];
 
@@ -85,7 +78,7 @@ fn quay(a: &Args) -> Mesh {
     let coping = 0.18f64.min(0.3 * top);
     let half = 0.5 * length;
     let mut mesh = cuboid([-half, -1.0, -depth], [half, top - coping, -0.12]);
-    let courses = ((top / a.get("course_m")).ceil() as usize).clamp(1, 40);
+    let courses = ((top / 0.55).ceil() as usize).clamp(1, 40);
     let course = (top - coping) / courses as f64;
     let blocks = ((length / (2.2 * course)).ceil() as usize).clamp(1, 60);
     let step = length / blocks as f64;
@@ -133,7 +126,7 @@ fn pier(a: &Args) -> Mesh {
         let beam = block(0.16, 0.2, length);
         mesh.append(&moved(beam, x, deck - 0.25, 0.0));
     }
-    let rows = ((length / a.get("spacing_m")).round() as usize).clamp(1, 100);
+    let rows = ((length / 2.0).round() as usize).clamp(1, 100);
     for row in 0..=rows {
         let z = (row as f64 / rows as f64 - 0.5) * (length - 0.4);
         for x in [-side, side] {
@@ -170,20 +163,20 @@ fn pile(radius: f64, height: f64) -> Mesh {
 
 fn stones(a: &Args) -> Mesh {
     let (width, depth, size) = (a.get("width_m"), a.get("depth_m"), a.get("size_m"));
-    let (rows, seed) = (a.count("rows"), a.get("seed") as u32);
+    let seed = a.get("seed") as u32;
     let mut dice = a.rng();
     merged((0..a.count("count")).map(|i| {
         let place = (dice.between(-0.5, 0.5) * width, dice.between(-0.5, 0.5) * depth);
         let radius = size * dice.between(0.25, 1.0).powf(1.5);
-        stone(&mut dice, radius, rows, seed ^ i as u32, place)
+        stone(&mut dice, radius, seed ^ i as u32, place)
     }))
 }
 
 /// A flattened ball with facets and bumps, half sunk into the ground.
-fn stone(dice: &mut Dice, radius: f64, rows: usize, seed: u32, (x, z): (f64, f64)) -> Mesh {
+fn stone(dice: &mut Dice, radius: f64, seed: u32, (x, z): (f64, f64)) -> Mesh {
     let shape =
         DVec3::new(dice.between(0.8, 1.3), dice.between(0.55, 0.85), dice.between(0.8, 1.2));
-    let mesh = displaced_sphere(rows, |d| {
+    let mesh = displaced_sphere(9, |d| {
         let p = d * 0.09 + 0.4;
         let bumps = tile_noise(p.x, p.y + p.z, seed).0 + tile_noise(p.z, p.x - p.y, !seed).0;
         d * shape * radius * (1.0 + 0.45 * bumps)
@@ -197,7 +190,7 @@ fn stone(dice: &mut Dice, radius: f64, rows: usize, seed: u32, (x, z): (f64, f64
 /// Outside, inside and gunwale of the planking, and thwarts.
 fn hull(a: &Args) -> Mesh {
     let (length, beam) = (a.get("length_m"), a.get("beam_m"));
-    let (draught, freeboard) = (a.get("draught_m"), a.get("freeboard_m"));
+    let (draught, freeboard) = (0.35, 0.5);
     let thickness = 0.03 * beam;
     // u runs along the boat from the bow, v from the left gunwale over the keel to the right one.
     let skin = |inset: f64| {
@@ -242,8 +235,8 @@ fn hull(a: &Args) -> Mesh {
     merged(sides.into_iter().chain(gunwales).chain(thwarts))
 }
 
-fn bollard(a: &Args) -> Mesh {
-    let h = a.get("height_m");
+fn bollard(_: &Args) -> Mesh {
+    let h = 0.55;
     let profile = smooth_profile(
         &[
             (0.3, 0.0),
@@ -264,7 +257,7 @@ fn bollard(a: &Args) -> Mesh {
 
 fn rope(a: &Args) -> Mesh {
     let end = DVec3::new(a.get("to_x_m"), a.get("to_y_m"), a.get("to_z_m"));
-    let (sag, radius) = (a.get("sag_m"), a.get("radius_m"));
+    let (sag, radius) = (a.get("sag_m"), 0.025);
     let path: Vec<DVec3> = (0..=32)
         .map(|i| {
             let t = f64::from(i) / 32.0;

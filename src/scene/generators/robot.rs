@@ -4,26 +4,25 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::{DMat4, DVec3};
 
-use super::{Args, Generator, generator, param};
+use super::{Args, Generator, generator};
 use crate::Mesh;
 use crate::shapes::{
     block, cylinder, grounded, lathe, merged, moved, scaled, smooth_profile, sphere, torus,
 };
 
-pub const GENERATORS: &[Generator] = &[generator(
-    "robot",
-    "a walking robot, facing +z, its lowest foot on the floor",
-    robot,
-)
-.with(&[
-    param("height_m", 1.8, 0.05, 100.0, "height when it stands upright"),
-    param("stride_deg", 22.0, -60.0, 60.0, "swing of the left leg forward, the right one back"),
-    param("arm_deg", 35.0, -90.0, 180.0, "swing of the right arm forward, the left one back"),
-    param("elbow_deg", 55.0, 0.0, 140.0, "bend of the elbows"),
-    param("spread_deg", 12.0, 0.0, 90.0, "angle of the arms away from the body"),
-    param("head_deg", 20.0, -90.0, 90.0, "turn of the head to its left"),
-    param("rows", 16.0, 4.0, 64.0, "rings of a ball joint"),
-])];
+pub const GENERATORS: &[Generator] =
+    &[generator("robot", "a walking robot, facing +z, its lowest foot on the floor", robot)];
+
+/// Swing of the left leg forward and the right one back, of the right arm forward and the left one back, bend of the elbows, angle
+/// of the arms away from the body, and turn of the head to its left, degrees.
+const STRIDE: f64 = 22.0;
+const SWING: f64 = 35.0;
+const ELBOW: f64 = 55.0;
+const SPREAD: f64 = 12.0;
+const HEAD_TURN: f64 = 20.0;
+/// Height when it stands upright, metres, and rings of a ball joint.
+const HEIGHT: f64 = 1.8;
+const ROWS: usize = 16;
 
 /// Lengths below are shares of the height.
 const HIP: DVec3 = DVec3::new(0.075, 0.5, 0.0);
@@ -36,12 +35,11 @@ const FOREARM: f64 = 0.15;
 /// The knee that swings back bends by this much of the stride.
 const KNEE: f64 = 1.2;
 
-fn robot(a: &Args) -> Mesh {
-    let angle = |name: &str| a.get(name).to_radians();
-    let rows = a.count("rows");
-    let (stride, swing) = (angle("stride_deg"), angle("arm_deg"));
-    let (elbow, spread) = (angle("elbow_deg"), angle("spread_deg"));
-    let mut mesh = merged([torso(rows), head(rows, angle("head_deg"))]);
+fn robot(_: &Args) -> Mesh {
+    let [stride, swing, elbow, spread, turn] =
+        [STRIDE, SWING, ELBOW, SPREAD, HEAD_TURN].map(f64::to_radians);
+    let rows = ROWS;
+    let mut mesh = merged([torso(rows), head(rows, turn)]);
     for side in [-1.0, 1.0] {
         let forward = side * stride;
         let hip = DMat4::from_translation(HIP * DVec3::new(side, 1.0, 1.0))
@@ -53,7 +51,7 @@ fn robot(a: &Args) -> Mesh {
             * DMat4::from_rotation_x(side * swing);
         mesh.append(&arm(rows, elbow).transformed(&shoulder));
     }
-    scaled(grounded(mesh), a.get("height_m"))
+    scaled(grounded(mesh), HEIGHT)
 }
 
 /// A round limb that hangs down from the origin.

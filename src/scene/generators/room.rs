@@ -2,7 +2,7 @@
 
 use glam::{DMat4, DVec3};
 
-use super::{Args, Generator, SEED, generator, param};
+use super::{Args, Dice, Generator, generator, param};
 use crate::Mesh;
 use crate::shapes::{bar, block, cuboid, displaced_sphere, lathe, merged, moved};
 
@@ -11,45 +11,26 @@ pub const GENERATORS: &[Generator] = &[
         param("width_m", 4.0, 0.1, 1000.0, "outer extent in x"),
         param("height_m", 3.23, 0.1, 1000.0, "outer extent in y"),
         param("depth_m", 3.326, 0.1, 1000.0, "outer extent in z"),
-        param("wall_m", 0.1, 0.001, 10.0, "thickness of all sides"),
         param("window", 0.6, 0.0, 0.95, "share of the wall that the window is wide"),
         param("sill", 0.3, 0.0, 1.0, "share of the height below the window"),
-        param("lintel", 0.15, 0.0, 1.0, "share of the height above the window"),
     ]),
-    generator("table", "a table with four legs", |a| {
-        table(DVec3::new(a.get("width_m"), a.get("height_m"), a.get("depth_m")))
-    })
-    .with(&[
-        param("width_m", 1.3, 0.05, 100.0, "extent in x"),
-        param("height_m", 0.75, 0.05, 100.0, "height"),
-        param("depth_m", 0.8, 0.05, 100.0, "extent in z"),
-    ]),
-    generator("chair", "a chair with a slatted back at −z", chair).with(&[param(
-        "height_m",
-        0.95,
-        0.05,
+    generator("table", "a table with four legs", |_| table(DVec3::new(1.3, 0.75, 0.8))),
+    generator("chair", "a chair with a slatted back at −z", chair),
+    generator("bookcase", "a case of shelves with books, open towards +z", bookcase),
+    generator("sofa", "a sofa with cushions, its back at −z", sofa).with(&[param(
+        "width_m",
+        1.8,
+        0.2,
         100.0,
-        "height of the back",
+        "extent in x",
     )]),
-    generator("bookcase", "a case of shelves with books, open towards +z", bookcase).with(&[
-        param("width_m", 1.0, 0.1, 100.0, "extent in x"),
-        param("height_m", 2.0, 0.1, 100.0, "height"),
-        param("depth_m", 0.3, 0.05, 100.0, "extent in z"),
-        param("levels", 5.0, 1.0, 20.0, "number of shelves"),
-        SEED,
-    ]),
-    generator("sofa", "a sofa with cushions, its back at −z", sofa).with(&[
-        param("width_m", 1.8, 0.2, 100.0, "extent in x"),
-        param("seats", 3.0, 1.0, 12.0, "number of cushions"),
-    ]),
-    generator("lamp", "a standing lamp with a conical shade", lamp)
-        .with(&[param("height_m", 1.6, 0.1, 100.0, "height")]),
+    generator("lamp", "a standing lamp with a conical shade", lamp),
 ];
 
 /// Six sides, the one at −x in four parts around the window.
 fn interior(a: &Args) -> Mesh {
     let (width, height, depth) = (a.get("width_m"), a.get("height_m"), a.get("depth_m"));
-    let t = a.get("wall_m").min(0.2 * width.min(height).min(depth));
+    let t = 0.1f64.min(0.2 * width.min(height).min(depth));
     let (x, z) = (0.5 * width, 0.5 * depth);
     let mut mesh = merged([
         cuboid([-x, 0.0, -z], [x, t, z]),
@@ -61,7 +42,7 @@ fn interior(a: &Args) -> Mesh {
     let half = a.get("window") * (z - t);
     let inner = height - 2.0 * t;
     let low = t + a.get("sill") * inner;
-    let high = (height - t - a.get("lintel") * inner).max(low);
+    let high = (height - t - 0.15 * inner).max(low);
     let (near, far) = (t - z, z - t);
     let parts = [
         [[t, near], [low, far]],
@@ -90,8 +71,8 @@ fn table(size: DVec3) -> Mesh {
     merged([board, frame].into_iter().chain(legs))
 }
 
-fn chair(a: &Args) -> Mesh {
-    let h = a.get("height_m");
+fn chair(_: &Args) -> Mesh {
+    let h = 0.95;
     let (side, seat, thick) = (0.45 * h, 0.47 * h, 0.045 * h);
     let mut mesh = table(DVec3::new(side, seat, side));
     let (x, z) = (0.5 * side - 0.6 * thick, 0.6 * thick - 0.5 * side);
@@ -107,19 +88,18 @@ fn chair(a: &Args) -> Mesh {
     mesh
 }
 
-fn bookcase(a: &Args) -> Mesh {
-    let (width, height, depth) = (a.get("width_m"), a.get("height_m"), a.get("depth_m"));
-    let levels = a.count("levels");
-    let t = 0.02 * height.min(2.0 * width);
-    let mut dice = a.rng();
+fn bookcase(_: &Args) -> Mesh {
+    let (width, height, depth, levels) = (1.0, 2.0, 0.3, 5);
+    let t = 0.04;
+    let mut dice = Dice::new(1);
     let back = moved(block(width, height, 0.5 * t), 0.0, 0.0, 0.25 * t - 0.5 * depth);
     let sides =
         [-1.0, 1.0].map(|s| moved(block(t, height, depth), s * 0.5 * (width - t), 0.0, 0.0));
     let mut mesh = merged([back].into_iter().chain(sides));
-    let step = (height - t) / levels as f64;
+    let step = (height - t) / f64::from(levels);
     for i in 0..=levels {
         let board = block(width - 2.0 * t, t, depth);
-        mesh.append(&moved(board, 0.0, i as f64 * step, 0.0));
+        mesh.append(&moved(board, 0.0, f64::from(i) * step, 0.0));
     }
     let inner = width - 2.2 * t;
     for i in 0..levels {
@@ -132,7 +112,7 @@ fn bookcase(a: &Args) -> Mesh {
             }
             let tall = (step - t) * dice.between(0.6, 0.9);
             let book = block(0.94 * thick, tall, depth * dice.between(0.55, 0.75));
-            mesh.append(&moved(book, x + 0.5 * thick, i as f64 * step + t, -0.06 * depth));
+            mesh.append(&moved(book, x + 0.5 * thick, f64::from(i) * step + t, -0.06 * depth));
             x += thick;
         }
     }
@@ -149,10 +129,10 @@ fn cushion(size: DVec3) -> Mesh {
 }
 
 fn sofa(a: &Args) -> Mesh {
-    let (width, seats) = (a.get("width_m"), a.count("seats"));
+    let width = a.get("width_m");
     let (depth, arm) = (0.85, 0.09 * width);
     let inner = width - 2.0 * arm;
-    let each = inner / seats as f64;
+    let each = inner / 3.0;
     let mut mesh = merged([
         moved(block(width - 0.04, 0.22, depth - 0.04), 0.0, 0.06, 0.0),
         moved(cushion(DVec3::new(width, 0.5, 0.22)), 0.0, 0.28, 0.11 - 0.5 * depth),
@@ -161,8 +141,8 @@ fn sofa(a: &Args) -> Mesh {
         let rest = cushion(DVec3::new(arm, 0.5, depth));
         mesh.append(&moved(rest, s * 0.5 * (width - arm), 0.06, 0.0));
     }
-    for i in 0..seats {
-        let x = (i as f64 + 0.5) * each - 0.5 * inner;
+    for i in 0..3 {
+        let x = (f64::from(i) + 0.5) * each - 0.5 * inner;
         let seat = cushion(DVec3::new(0.98 * each, 0.18, depth - 0.2));
         mesh.append(&moved(seat, x, 0.26, 0.1));
         let lean = DMat4::from_rotation_x(-0.2);
@@ -177,8 +157,8 @@ fn sofa(a: &Args) -> Mesh {
 }
 
 /// Foot and pole in one piece, the shade a thin open cone beside them.
-fn lamp(a: &Args) -> Mesh {
-    let h = a.get("height_m");
+fn lamp(_: &Args) -> Mesh {
+    let h = 1.6;
     let (foot, pole) = (0.1 * h, 0.009 * h);
     let stand = [
         (0.0, 0.0),

@@ -16,7 +16,6 @@ pub const GENERATORS: &[Generator] = &[
             param("height_m", 2.4, 0.1, 100.0, "height of the roof above the water"),
             param("slabs", 5.0, 0.0, 100.0, "number of roof slabs, along z"),
             param("cover", 0.45, 0.0, 0.9, "share of the roof that the slabs cover"),
-            param("wall_m", 0.3, 0.01, 10.0, "thickness of walls and roof"),
         ]),
     generator("trusses", "roof trusses across x", trusses).with(&[
         param("width_m", 12.0, 0.5, 1000.0, "extent in x"),
@@ -24,7 +23,6 @@ pub const GENERATORS: &[Generator] = &[
         param("height_m", 1.7, -100.0, 100.0, "height of their lower edge above the water"),
         param("rise_m", 0.6, 0.05, 20.0, "height of a truss"),
         param("count", 5.0, 1.0, 100.0, "number of trusses"),
-        param("bays", 8.0, 1.0, 60.0, "bays of each truss"),
     ]),
     generator("crates", "stacks of wooden crates in rows over a rectangle", crates).with(&[
         param("width_m", 4.0, 0.1, 1000.0, "extent in x"),
@@ -38,7 +36,6 @@ pub const GENERATORS: &[Generator] = &[
         param("count", 8.0, 1.0, 60.0, "number of barrels"),
         param("width_m", 4.0, 0.1, 1000.0, "extent in x"),
         param("depth_m", 4.0, 0.1, 1000.0, "extent in z"),
-        param("height_m", 0.95, 0.05, 20.0, "height of a barrel"),
         param("fallen", 0.35, 0.0, 1.0, "share of barrels that lie on their side"),
         SEED,
     ]),
@@ -46,8 +43,6 @@ pub const GENERATORS: &[Generator] = &[
         .with(&[
             param("width_m", 5.0, 0.2, 200.0, "extent in x"),
             param("height_m", 2.6, 0.2, 50.0, "height"),
-            param("depth_m", 0.7, 0.05, 20.0, "extent in z"),
-            param("levels", 4.0, 1.0, 20.0, "number of shelves"),
             param("bays", 3.0, 1.0, 40.0, "number of bays"),
             SEED,
         ]),
@@ -61,7 +56,7 @@ pub const GENERATORS: &[Generator] = &[
 
 fn hall(a: &Args) -> Mesh {
     let (x, z) = (0.5 * a.get("width_m"), 0.5 * a.get("depth_m"));
-    let (wall, top) = (a.get("wall_m"), a.floor_depth_m + a.get("height_m"));
+    let (wall, top) = (0.3, a.floor_depth_m + a.get("height_m"));
     let (ox, oz) = (x + wall, z + wall);
     let mut mesh = merged([
         cuboid([-ox, -wall, -oz], [ox, 0.0, oz]),
@@ -85,7 +80,7 @@ fn hall(a: &Args) -> Mesh {
 fn trusses(a: &Args) -> Mesh {
     let (width, depth, rise) = (a.get("width_m"), a.get("depth_m"), a.get("rise_m"));
     let low = a.floor_depth_m + a.get("height_m");
-    let (count, bays) = (a.count("count"), a.count("bays"));
+    let (count, bays) = (a.count("count"), 8usize);
     let thick = 0.14 * rise.min(1.0);
     merged((0..count).flat_map(|i| {
         let z = ((i as f64 + 0.5) / count as f64 - 0.5) * depth;
@@ -189,7 +184,7 @@ fn barrel(height: f64) -> Mesh {
 }
 
 fn barrels(a: &Args) -> Mesh {
-    let (width, depth, h) = (a.get("width_m"), a.get("depth_m"), a.get("height_m"));
+    let (width, depth, h) = (a.get("width_m"), a.get("depth_m"), 0.95);
     let mut dice = a.rng();
     let mut places: Vec<(f64, f64)> = Vec::new();
     let mut mesh = Mesh::default();
@@ -219,11 +214,11 @@ fn barrels(a: &Args) -> Mesh {
 }
 
 fn shelves(a: &Args) -> Mesh {
-    let (width, height, depth) = (a.get("width_m"), a.get("height_m"), a.get("depth_m"));
-    let (levels, bays) = (a.count("levels"), a.count("bays"));
+    let (width, height, depth) = (a.get("width_m"), a.get("height_m"), 0.7);
+    let (levels, bays) = (4, a.count("bays"));
     let mut dice = a.rng();
     let bay = width / bays as f64;
-    let gap = height / levels as f64;
+    let gap = height / f64::from(levels);
     let mut mesh = Mesh::default();
     for i in 0..=bays {
         for z in [-0.5 * depth, 0.5 * depth] {
@@ -231,7 +226,7 @@ fn shelves(a: &Args) -> Mesh {
         }
     }
     for level in 0..levels {
-        let y = (level as f64 + 0.35) * gap;
+        let y = (f64::from(level) + 0.35) * gap;
         mesh.append(&moved(block(width, 0.05, depth), 0.0, y, 0.0));
         for i in 0..bays {
             let place = (i as f64 * bay - 0.5 * width, y + 0.05);

@@ -11,34 +11,32 @@ use crate::shapes::{
     smooth_profile, tube, turned,
 };
 
-pub const GENERATORS: &[Generator] = &[
-    generator(
-        "basin",
-        "a rectangular basin open above: floor and walls face inward, with a rim",
-        basin,
-    )
-    .with(&[
-        param("width_m", 10.0, 0.1, 1000.0, "inner extent in x"),
-        param("depth_m", 12.0, 0.1, 1000.0, "inner extent in z"),
-        param("rim_m", 0.4, 0.0, 100.0, "height of the rim above the water"),
-        param("wall_m", 0.4, 0.01, 100.0, "thickness of the walls"),
-    ]),
-    generator("column", "a fluted column with base and capital", column).with(&[
-        param("radius_m", 0.35, 0.01, 100.0, "radius of the shaft"),
-        param("height_m", 2.6, 0.1, 100.0, "overall height"),
-        param("flutes", 16.0, 3.0, 40.0, "grooves around the shaft"),
-    ]),
-    generator("steps", "a flight of steps that rises towards -z", steps).with(&[
-        param("width_m", 3.0, 0.1, 100.0, "extent in x"),
-        param("rise_m", 0.25, 0.01, 10.0, "height of one step"),
-        param("run_m", 0.35, 0.01, 10.0, "depth of one step"),
-        param("count", 6.0, 1.0, 100.0, "number of steps"),
-    ]),
-    generator("statue", "a draped figure with raised arm on a pedestal", statue).with(&[
-        param("height_m", 2.2, 0.1, 100.0, "overall height"),
-        param("detail", 1.0, 0.25, 3.0, "tessellation, 1 = about 14,000 triangles"),
-    ]),
-];
+pub const GENERATORS: &[Generator] =
+    &[
+        generator(
+            "basin",
+            "a rectangular basin open above: floor and walls face inward, with a rim",
+            basin,
+        )
+        .with(&[
+            param("width_m", 10.0, 0.1, 1000.0, "inner extent in x"),
+            param("depth_m", 12.0, 0.1, 1000.0, "inner extent in z"),
+            param("rim_m", 0.4, 0.0, 100.0, "height of the rim above the water"),
+            param("wall_m", 0.4, 0.01, 100.0, "thickness of the walls"),
+        ]),
+        generator("column", "a fluted column with base and capital", column).with(&[
+            param("radius_m", 0.35, 0.01, 100.0, "radius of the shaft"),
+            param("height_m", 2.6, 0.1, 100.0, "overall height"),
+        ]),
+        generator("steps", "a flight of steps that rises towards -z", steps).with(&[
+            param("width_m", 3.0, 0.1, 100.0, "extent in x"),
+            param("rise_m", 0.25, 0.01, 10.0, "height of one step"),
+            param("run_m", 0.35, 0.01, 10.0, "depth of one step"),
+            param("count", 6.0, 1.0, 100.0, "number of steps"),
+        ]),
+        generator("statue", "a draped figure with raised arm on a pedestal", statue)
+            .with(&[param("height_m", 2.2, 0.1, 100.0, "overall height")]),
+    ];
 
 /// Inner walls and floor, top of the rim, and outer walls.
 fn basin(a: &Args) -> Mesh {
@@ -67,7 +65,6 @@ fn without_lid(mut mesh: Mesh, top: f64) -> Mesh {
 
 fn column(a: &Args) -> Mesh {
     let (r, h) = (a.get("radius_m"), a.get("height_m"));
-    let flutes = a.count("flutes");
     let foot = (0.16 * h).min(0.9 * r);
     let (low, high) = (foot, h - foot);
     let shaft: Vec<(f64, f64)> = (0..=20)
@@ -77,7 +74,7 @@ fn column(a: &Args) -> Mesh {
             (r * (1.0 - 0.12 * t + 0.05 * (TAU * 0.5 * t).sin()), low + (high - low) * t)
         })
         .collect();
-    let grooves = |angle: f64, _: f64| 1.0 - 0.05 * (0.5 + 0.5 * (flutes as f64 * angle).cos());
+    let grooves = |angle: f64, _: f64| 1.0 - 0.05 * (0.5 + 0.5 * (16.0 * angle).cos());
     let ring = [(1.35, 0.35), (1.4, 0.5), (1.15, 0.7), (1.25, 0.85), (1.0, 1.0)];
     let mut base = smooth_profile(&ring.map(|(k, y)| (k * r, y * foot)), 4);
     // Closed inwards, under the grooves.
@@ -86,7 +83,7 @@ fn column(a: &Args) -> Mesh {
     merged([
         block(2.9 * r, 0.35 * foot, 2.9 * r),
         lathe(&base, 48),
-        turned(&shaft, flutes * 6, grooves),
+        turned(&shaft, 96, grooves),
         lathe(&capital, 48),
         moved(block(2.8 * r, 0.35 * foot, 2.8 * r), 0.0, h - 0.35 * foot, 0.0),
     ])
@@ -104,7 +101,6 @@ fn steps(a: &Args) -> Mesh {
 
 /// A figure of unit height on its pedestal, scaled.
 fn statue(a: &Args) -> Mesh {
-    let fine = |n: f64| (n * a.get("detail")).round().max(3.0) as usize;
     let pedestal = [
         block(0.34, 0.05, 0.34),
         cuboid([-0.14, 0.05, -0.14], [0.14, 0.2, 0.14]),
@@ -124,24 +120,24 @@ fn statue(a: &Args) -> Mesh {
             (0.028, 0.86),
             (0.026, 0.89),
         ],
-        fine(7.0),
+        7,
     );
-    let body = turned(&robe, fine(72.0), |angle, y| {
+    let body = turned(&robe, 72, |angle, y| {
         // Folds of the robe deepen towards the hem; the chest is flatter than wide.
         let depth = 0.11 * ((0.66 - y) / 0.43).clamp(0.0, 1.0);
         let folds = 1.0 + depth * (9.0 * angle + 14.0 * y).sin();
         let chest = 1.0 - 0.3 * ((y - 0.6) / 0.2).clamp(0.0, 1.0) * angle.sin().powi(2);
         folds * chest
     });
-    let head = displaced_sphere(fine(24.0), |d| {
+    let head = displaced_sphere(24, |d| {
         let nose = 0.012 * (-((d - DVec3::new(0.0, -0.1, 0.99)).length_squared()) / 0.03).exp();
         d * DVec3::new(0.042, 0.056, 0.05) + DVec3::new(0.0, 0.935, nose + 0.006)
     });
     let arm = |knots: &[DVec3]| {
-        let path = smooth_path(knots, fine(7.0));
+        let path = smooth_path(knots, 7);
         let n = path.len() as f64;
         let radii: Vec<f64> = (0..path.len()).map(|i| 0.03 - 0.013 * i as f64 / n).collect();
-        tube(&path, &radii, fine(20.0), false)
+        tube(&path, &radii, 20, false)
     };
     let raised =
         [(-0.085, 0.795, 0.0), (-0.15, 0.77, 0.03), (-0.185, 0.85, 0.07), (-0.17, 0.97, 0.1)];

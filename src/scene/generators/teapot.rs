@@ -16,11 +16,8 @@ pub const GENERATORS: &[Generator] = &[generator(
     "the Utah teapot of Bézier patches, spout towards +x; SPT Table 1 has 2,257 triangles, 6 divisions give 2,256",
     teapot,
 )
-.with(&[
-    param("height_m", 1.0, 0.01, 100.0, "height with the knob of the lid"),
-    // With 1 the lip of the spout has no area.
-    param("divisions", 6.0, 2.0, 40.0, "quads along each side of a patch"),
-])];
+// With 1 the lip of the spout has no area.
+.with(&[param("divisions", 6.0, 2.0, 40.0, "quads along each side of a patch")])];
 
 /// Height of the data.
 const HEIGHT: f64 = 3.15;
@@ -81,7 +78,7 @@ struct Patch([[DVec3; 4]; 4]);
 fn teapot(a: &Args) -> Mesh {
     let n = a.count("divisions");
     let upright = DMat4::from_rotation_x(-std::f64::consts::FRAC_PI_2);
-    let size = DMat4::from_scale(DVec3::splat(a.get("height_m") / HEIGHT));
+    let size = DMat4::from_scale(DVec3::splat(1.0 / HEIGHT));
     merged(patches().map(|patch| patch.mesh(n))).transformed(&(size * upright))
 }
 

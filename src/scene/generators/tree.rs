@@ -2,24 +2,24 @@
 
 use glam::{DQuat, DVec3};
 
-use super::{Args, Dice, Generator, SEED, generator, param};
+use super::{Dice, Generator, generator};
 use crate::Mesh;
-use crate::shapes::{merged, quad, scaled, tube};
+use crate::shapes::{merged, scaled, tube};
 
 pub const GENERATORS: &[Generator] = &[generator(
     "tree",
-    "a tree of tapered branches, grown by an L-system from its seed; SPT Fig. 11, 12",
-    tree,
-)
-.with(&[
-    param("height_m", 4.0, 0.05, 200.0, "height"),
-    param("radius_m", 0.09, 0.001, 10.0, "radius of the trunk"),
-    param("generations", 11.0, 1.0, 12.0, "rewritings of each bud: 2^generations twigs"),
-    param("angle_deg", 44.0, 5.0, 90.0, "angle of a branch to the one that bears it"),
-    param("leaves", 0.0, 0.0, 1.0, "share of twigs with a leaf, four triangles each"),
-    param("leaf_m", 0.07, 0.001, 10.0, "length of a leaf"),
-    SEED,
-])];
+    "a tree of tapered branches, grown by an L-system; SPT Fig. 11, 12",
+    |_| tree(SEED, GENERATIONS),
+)];
+
+const SEED: u64 = 1;
+/// Rewritings of each bud: 2¹¹ twigs.
+const GENERATIONS: usize = 11;
+/// Height, and radius of the trunk, metres.
+const HEIGHT: f64 = 4.0;
+const RADIUS: f64 = 0.09;
+/// Angle of a branch to the one that bears it.
+const ANGLE_DEG: f64 = 44.0;
 
 /// A module of the L-system. All lengths are relative; the tree is scaled in the end.
 #[derive(Clone, Copy)]
@@ -59,20 +59,19 @@ const AREA_EXPONENT: f64 = 2.2;
 const FOOT: f64 = 1.5;
 const TIP: f64 = 0.4;
 
-fn tree(a: &Args) -> Mesh {
-    let mut dice = a.rng();
-    let angle = a.get("angle_deg").to_radians();
-    let mut modules = AXIOM.to_vec();
-    for _ in 0..a.count("generations") {
-        modules = rewritten(&modules, angle, &mut dice);
-    }
-    let branches = branches(&modules);
+fn tree(seed: u64, generations: usize) -> Mesh {
+    let branches = grown(seed, generations);
     let height = branches.iter().flat_map(|b| &b.points).map(|p| p.y).fold(0.0, f64::max);
-    let factor = a.get("height_m") / height;
-    let (trunk, leaf) = (a.get("radius_m") / factor, a.get("leaf_m") / factor);
-    let limbs = branches.iter().map(|branch| branch.limb(trunk, branches.len() as f64));
-    let leafy = branches.iter().filter(|_| dice.between(0.0, 1.0) < a.get("leaves"));
-    scaled(merged(limbs.chain(leafy.map(|branch| branch.leaf(leaf)))), factor)
+    let factor = HEIGHT / height;
+    let all = branches.len() as f64;
+    scaled(merged(branches.iter().map(|branch| branch.limb(RADIUS / factor, all))), factor)
+}
+
+fn grown(seed: u64, generations: usize) -> Vec<Branch> {
+    let mut dice = Dice::new(seed);
+    let angle = ANGLE_DEG.to_radians();
+    let grow = |modules: Vec<Module>, _| rewritten(&modules, angle, &mut dice);
+    branches(&(0..generations).fold(AXIOM.to_vec(), grow))
 }
 
 /// The only rule: an apex becomes a segment, a branch with an apex of its own, and an apex that goes on.
@@ -123,17 +122,6 @@ impl Branch {
         // Three for a twig, and one for each doubling of the twigs.
         let sides = 3 + self.twigs[0].log2() as usize;
         tube(&self.points, &radii, sides, false)
-    }
-
-    /// A rhombus at the tip, seen from both sides.
-    fn leaf(&self, length: f64) -> Mesh {
-        let last = self.points.len() - 1;
-        let tip = self.points[last];
-        let along = (tip - self.points[last - 1]).normalize_or(DVec3::Y);
-        let aside = 0.25 * length * along.any_orthonormal_vector();
-        let middle = tip + 0.5 * length * along;
-        let [a, b, c, d] = [tip, middle + aside, tip + length * along, middle - aside];
-        merged([quad([a, b, c, d]), quad([a, d, c, b])])
     }
 }
 
@@ -190,23 +178,12 @@ fn count_twigs(branches: &mut [Branch]) {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
-    use super::super::made;
     use super::*;
-
-    fn grown(generations: usize) -> Vec<Branch> {
-        let params = BTreeMap::new();
-        let args = Args::new("tree", GENERATORS[0].params, &params, 3.0).expect("defaults");
-        let mut dice = args.rng();
-        let modules = (0..generations).fold(AXIOM.to_vec(), |m, _| rewritten(&m, 0.8, &mut dice));
-        branches(&modules)
-    }
 
     #[test]
     fn each_generation_doubles_the_branches() {
         for generations in [0, 1, 5, 8] {
-            let branches = grown(generations);
+            let branches = grown(1, generations);
             assert_eq!(branches.len(), 1 << generations);
             assert_eq!(branches[0].points.len(), generations + 3);
         }
@@ -214,7 +191,7 @@ mod tests {
 
     #[test]
     fn branches_start_on_their_bearers_and_grow_thinner() {
-        let branches = grown(8);
+        let branches = grown(1, 8);
         assert_eq!(branches[0].twigs[0], branches.len() as f64);
         for branch in &branches {
             assert!(branch.twigs.is_sorted_by(|a, b| a >= b) && branch.twigs.last() == Some(&1.0));
@@ -227,31 +204,22 @@ mod tests {
 
     #[test]
     fn it_stands_on_the_floor_at_its_height_with_tens_of_thousands_of_triangles() {
-        let mesh = made("tree", &[("height_m", 5.0)]);
+        let mesh = tree(SEED, GENERATIONS);
         assert!((20_000..60_000).contains(&mesh.triangle_count()), "{}", mesh.triangle_count());
         let bounds = mesh.bounds();
-        assert!(bounds.min.y.abs() < 1e-6 && (bounds.max.y - 5.0).abs() < 0.05, "{bounds:?}");
+        assert!(bounds.min.y.abs() < 1e-6 && (bounds.max.y - HEIGHT).abs() < 0.05, "{bounds:?}");
         let [x, _, z] = bounds.size().to_array();
-        assert!((0.5..1.5).contains(&(x / 5.0)) && (0.5..1.5).contains(&(z / 5.0)), "{bounds:?}");
+        assert!(
+            (0.5..1.5).contains(&(x / HEIGHT)) && (0.5..1.5).contains(&(z / HEIGHT)),
+            "{bounds:?}"
+        );
     }
 
     #[test]
     fn no_branch_reaches_the_floor() {
         for seed in 1..=8 {
-            let low =
-                made("tree", &[("seed", f64::from(seed)), ("generations", 9.0)]).bounds().min.y;
+            let low = tree(seed, 9).bounds().min.y;
             assert!(low.abs() < 1e-6, "seed {seed}: {low}");
         }
-    }
-
-    #[test]
-    fn seeds_make_different_trees_and_leaves_add_four_triangles_each() {
-        let [bare, other] =
-            [1.0, 2.0].map(|seed| made("tree", &[("seed", seed), ("generations", 7.0)]));
-        assert_ne!(bare, other);
-        let leafy = made("tree", &[("leaves", 1.0), ("generations", 7.0)]);
-        assert_eq!(leafy.triangle_count(), bare.triangle_count() + 4 * (1 << 7));
-        let some = made("tree", &[("leaves", 0.5), ("generations", 7.0)]).triangle_count();
-        assert!((bare.triangle_count() + 1..leafy.triangle_count()).contains(&some));
     }
 }

@@ -1,7 +1,7 @@
 //! `voxel/alpha`: the largest alpha of the triangles that touch each voxel, and bits where it is not 0. VAO Fig. 6.
 
 use super::Part;
-use super::triangles::{self, Contact, Filled};
+use super::triangles::{self, Filled};
 use crate::geometry::Geometry;
 use crate::prelude::*;
 
@@ -16,5 +16,5 @@ pub fn new(
     geometry: &Geometry,
     parts: &[Part],
 ) -> Result<Stage<Filled>, GpuError> {
-    triangles::new(resources, &INFO, geometry, parts, Contact::Alpha)
+    triangles::new(resources, &INFO, geometry, parts, true)
 }

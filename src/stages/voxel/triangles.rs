@@ -37,34 +37,23 @@ shader_struct! {
     }
 }
 
-/// Which voxels a triangle sets, and what is stored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Contact {
-    /// All that it touches.
-    Conservative,
-    /// Those of a 6-separating surface.
-    Thin,
-    /// All that it touches, with the largest alpha of them.
-    Alpha,
-}
-
 /// What is filled.
 pub struct Filled {
     /// What must be cleared before each frame.
     pub cleared: Vec<Cleared>,
-    /// With [`Contact::Alpha`] each volume's alphas, 0 … 255 in a word a voxel.
+    /// If asked for, each volume's largest alphas, 0 … 255 in a word a voxel.
     pub alphas: Vec<Buffer>,
 }
 
-/// The stage `info`.
+/// The stage `info`. `with_alpha` also stores the largest alpha of the triangles that touch a voxel.
 pub(super) fn new(
     resources: &Resources<'_>,
     info: &'static StageInfo,
     geometry: &Geometry,
     parts: &[Part],
-    contact: Contact,
+    with_alpha: bool,
 ) -> Result<Stage<Filled>, GpuError> {
-    let run = |part: &Part| Run::new(resources, info.name, geometry, part, contact);
+    let run = |part: &Part| Run::new(resources, info.name, geometry, part, with_alpha);
     let runs = parts.iter().map(run).collect::<Result<Vec<_>, _>>()?;
     let alphas: Vec<Buffer> = runs.iter().filter_map(|run| run.alphas.clone()).collect();
     let bits = parts.iter().map(|part| &part.voxels.bits);
@@ -106,7 +95,7 @@ impl Run {
         name: &'static str,
         geometry: &Geometry,
         part: &Part,
-        contact: Contact,
+        with_alpha: bool,
     ) -> Result<Self, GpuError> {
         let (voxels, triangles) = (&part.voxels, part.triangles());
         let load = Load::of(geometry, part);
@@ -121,8 +110,7 @@ impl Run {
         let batch = resources.uniform(name, &batch);
         // Two counters, and a word for each triangle.
         let queue = resources.storage("voxel queue", (2 + triangles) * 4);
-        let alphas = (contact == Contact::Alpha)
-            .then(|| resources.storage("voxel alphas", voxels.grid.count() * 4));
+        let alphas = with_alpha.then(|| resources.storage("voxel alphas", voxels.grid.count() * 4));
         let Voxels { uniforms, bits, .. } = voxels;
         let Geometry { vertices, indices, materials, .. } = geometry;
         let group = Group::new(&[uniforms, &batch, vertices, indices, bits, &queue]);
@@ -130,8 +118,7 @@ impl Run {
         let small = kit::linear_workgroups(triangles);
         let workgroups: [_; STEPS] = [[1, 1, 1], small, [LARGE_GROUPS, 1, layers as u32]];
         let dispatch = |(step, workgroups): (i32, [u32; 3])| {
-            let defs = [("THIN", i32::from(contact == Contact::Thin)), ("STEP", step)];
-            Dispatch::new(resources, (name, &defs), &[&group], workgroups)
+            Dispatch::new(resources, (name, &[("STEP", step)]), &[&group], workgroups)
         };
         let dispatches = (0..).zip(workgroups).map(dispatch).collect::<Result<_, _>>()?;
         Ok(Self { dispatches, alphas })

@@ -2,9 +2,7 @@
 
 use super::subjects::{VoxelScene, voxels_of};
 use crate::prelude::*;
-use fathom_reference::voxel::{
-    BORDERLINE_VOXELS, Contact, Corners, VoxelErrors, errors, gaps, triangles,
-};
+use fathom_reference::voxel::{BORDERLINE_VOXELS, Corners, VoxelErrors, errors, gaps, triangles};
 use fathom_stages::voxel::{alpha, overlap};
 
 const OVERLAP: &str = "voxel/overlap";
@@ -18,16 +16,13 @@ const ALPHAS: [f32; 3] = [0.0, 0.8, 0.3];
 
 pub fn cases() -> Vec<Case> {
     vec![
-        Case::new(OVERLAP, "conservative", |rig| overlap(rig, false)),
-        Case::new(OVERLAP, "thin", |rig| overlap(rig, true)),
+        Case::new(OVERLAP, "conservative", overlap),
         Case::new(OVERLAP, "more huge triangles than a loop has turns", many_huge),
         Case::new(ALPHA, "largest alpha of three objects", alpha),
     ]
 }
 
-fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
-    let (contact, variant) =
-        if thin { (Contact::Lines, "thin") } else { (Contact::Cube, "conservative") };
+fn overlap(rig: &Rig<'_>) -> Checks {
     let groups = [
         ("soup", vec![VoxelScene::soup()?]),
         ("bunny 32", vec![VoxelScene::bunny(32)?]),
@@ -37,7 +32,7 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
     let mut checks = Vec::new();
     for (name, subjects) in groups {
         let subjects: Vec<_> = subjects.into_iter().map(|s| (s.triangles(), s)).collect();
-        checks.extend(no_errors(rig, &format!("{variant}, {name}"), &subjects, thin, contact)?);
+        checks.extend(no_errors(rig, &format!("conservative, {name}"), &subjects)?);
     }
     Ok(checks)
 }
@@ -48,22 +43,15 @@ fn many_huge(rig: &Rig<'_>) -> Checks {
     let triangles = subject.triangles();
     let kinds = vec![triangles[0], triangles[triangles.len() - 1]];
     let name = format!("{HUGE} huge triangles");
-    no_errors(rig, &name, &[(kinds, subject)], false, Contact::Cube)
+    no_errors(rig, &name, &[(kinds, subject)])
 }
 
 /// No false negatives and no false positives outside the borderline band, over subjects with the triangles that count.
-fn no_errors(
-    rig: &Rig<'_>,
-    name: &str,
-    subjects: &[(Vec<Corners>, VoxelScene)],
-    thin: bool,
-    contact: Contact,
-) -> Checks {
+fn no_errors(rig: &Rig<'_>, name: &str, subjects: &[(Vec<Corners>, VoxelScene)]) -> Checks {
     let [mut exact, mut perturbed] = [VoxelErrors::default(); 2];
     for (triangles, subject) in subjects {
-        let found =
-            subject.voxelized(rig, |geometry, parts| overlap::new(rig, geometry, parts, thin))?;
-        let against = |grid: &Grid| errors(&found, &gaps(triangles, grid, contact));
+        let found = subject.voxelized(rig, |geometry, parts| overlap::new(rig, geometry, parts))?;
+        let against = |grid: &Grid| errors(&found, &gaps(triangles, grid));
         exact += against(&subject.grid);
         perturbed += against(&subject.moved(MOVED_VOXELS));
     }
@@ -116,9 +104,7 @@ fn split(scene: &mut Scene) {
 
 /// The largest alpha of the objects that touch each voxel, 0 … 255; none where one of them is borderline.
 fn largest_alphas(subject: &VoxelScene, alphas: [f32; 3]) -> Vec<Option<u32>> {
-    let of_object = |object: &Object| {
-        gaps(&triangles(std::slice::from_ref(object)), &subject.grid, Contact::Cube)
-    };
+    let of_object = |object: &Object| gaps(&triangles(std::slice::from_ref(object)), &subject.grid);
     let gaps: Vec<Vec<f64>> = subject.scene.objects.iter().map(of_object).collect();
     let voxel = |index: usize| {
         let mut near = gaps.iter().map(|gaps| gaps[index]).zip(alphas);

@@ -4,7 +4,7 @@
 use super::subjects::{VoxelScene, cells, voxels_of};
 use crate::prelude::*;
 use fathom_record::Adapter;
-use fathom_reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
+use fathom_reference::voxel::{FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
 use fathom_stages::voxel::combine;
 use fathom_stages::voxel::slice;
 use fathom_stages::voxel::slicemap::{self, Axis, Rasterizer};
@@ -171,10 +171,9 @@ fn against_surface(
         let name = format!("{} {resolution}", subject.name);
         let samples =
             against_samples(rig, std::slice::from_ref(subject), &ALL_AXES, |_| Ok(found.clone()))?;
-        let touched = |grid: &Grid, by| errors(&found, &gaps(&triangles, grid, by));
-        let exact = touched(&subject.grid, Contact::Cube);
-        let perturbed = touched(&subject.moved(MOVED_VOXELS), Contact::Cube);
-        let thin = touched(&subject.grid, Contact::Lines);
+        let touched = |grid: &Grid| errors(&found, &gaps(&triangles, grid));
+        let exact = touched(&subject.grid);
+        let perturbed = touched(&subject.moved(MOVED_VOXELS));
         checks.push(
             samples.check(rig, format!("{name}: voxels that differ from samples on three axes")),
         );
@@ -184,8 +183,7 @@ fn against_surface(
                 .control(MOVED, perturbed.false_positives as f64)
                 .with("touched_voxels", exact.occupied as f64)
                 .with("borderline_voxels", exact.borderline as f64)
-                .with("missed_share_of_touched", exact.false_negative_rate())
-                .with("missed_share_of_thin", thin.false_negative_rate()),
+                .with("missed_share_of_touched", exact.false_negative_rate()),
         );
     }
     checks.push(slanted_quads(rig, &ALL_AXES, voxelized)?);

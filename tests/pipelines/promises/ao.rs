@@ -85,7 +85,7 @@ fn skipping_changes_no_bit() {
         let mut set = format!("ao.step_voxels={step} ao.threshold={threshold}");
         set += &format!(" ao.offset_voxels={offset} ao.r_max_m={r_max}");
         for (path, choices) in [
-            ("voxel.method", &["overlap", "overlap_thin", "slicemap"][..]),
+            ("voxel.method", &["overlap", "slicemap"][..]),
             ("ao.attenuation", &["linear", "hard"]),
             ("ao.estimator", &["unbiased", "paper"]),
             ("ao.guard", &["variable", "voxel", "none", "seven_voxels"]),

@@ -41,9 +41,8 @@ fn water(random: &mut Random, steepest: f64) -> Water {
     };
     if model == WaterModel::Waves {
         let wave = |_| Wave {
-            direction: Some([random.within(-1.0, 1.0), random.within(-1.0, 1.0)]),
-            wavelength_m: Some(10f64.powf(random.within(-1.0, 1.0))),
-            vector_rad_m: None,
+            direction: [random.within(-1.0, 1.0), random.within(-1.0, 1.0)],
+            wavelength_m: 10f64.powf(random.within(-1.0, 1.0)),
             amplitude_m: 0.0,
             phase_rad: random.within(-3.0, 3.0),
         };
@@ -51,8 +50,7 @@ fn water(random: &mut Random, steepest: f64) -> Water {
         // As steep as one another, or as high.
         let as_steep = random.number() < 0.5;
         for wave in &mut water.waves {
-            wave.amplitude_m =
-                random.number() * if as_steep { wave.wavelength_m.unwrap() } else { 1.0 };
+            wave.amplitude_m = random.number() * if as_steep { wave.wavelength_m } else { 1.0 };
         }
     }
     let factor = steepest / water.steepest();

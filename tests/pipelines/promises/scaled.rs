@@ -37,7 +37,7 @@ hsao.attenuation=hard|hsao.scale=0.5|animation.deform=twist animation.time_s=0.4
 scalar_ao;smoke engine bonsai;volume.reduce=8 scalar.rays=6;\
 scalar.mode=isosurface|scalar.mode=direct|scalar.mode=positional scalar.law=beer|scalar.gather=opacity
 voxelize;crates room bricks;voxel.resolution=32;\
-voxel.method=slice|voxel.method=overlap_thin|animation.deform=spin animation.time_s=0.3";
+voxel.method=slice|voxel.method=overlap|animation.deform=spin animation.time_s=0.3";
 
 /// The scene with lengths `by` times as long and coefficients per metre as many times smaller; its meshes are written into `folder`.
 fn scaled(scene: &str, set: &str, by: f64, folder: &Path) -> SceneFile {

@@ -49,12 +49,8 @@ const ABOVE: [(&str, usize, usize); 3] =
     [("bunny_shadow", 60_000, 75_000), ("teapot", 2_249, 2_269), ("tree_shadow", 20_000, 60_000)];
 
 /// Scenes of a volume, with the cells of the paper or of the scan.
-const VOLUMES: [(&str, [u32; 3]); 4] = [
-    ("bonsai", [160, 160, 160]),
-    ("engine", [256, 128, 256]),
-    ("head", [181, 181, 217]),
-    ("smoke", [200, 128, 200]),
-];
+const VOLUMES: [(&str, [u32; 3]); 3] =
+    [("bonsai", [160, 160, 160]), ("engine", [256, 128, 256]), ("smoke", [200, 128, 200])];
 
 const RAYS: [(f64, f64); 3] = [(0.0, 0.0), (-0.9, 0.9), (0.9, -0.9)];
 const WET: &str = "atrium bunny cornell diving_pool dolphin dragon_large dragon_medium dragon_small plane planar_pool pool port specular storage tank";

@@ -1,19 +1,21 @@
 //! A run's picture files as `data:` URIs, with limits: records and files may come from anyone.
 
+use std::io::Cursor;
 use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 
 use fathom_base::folder::Folder;
-use fathom_picture::{Filter, RgbImage};
 use fathom_record::{Picture, PictureKind};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ImageFormat, ImageReader, Limits, RgbImage, imageops};
 
 /// Largest file that is read, bytes.
 const MAX_FILE: u64 = 16 << 20;
 /// Largest side of a picture that is decoded, pixels, and the memory that this may take.
 const MAX_SIDE_PX: u32 = 8192;
-const MAX_MEMORY: usize = 64 << 20;
+const MAX_MEMORY: u64 = 64 << 20;
 /// Pixels of all pictures that are decoded: 2,000 cells of 300 × 300 pixels.
 const MAX_PIXELS: u64 = 180_000_000;
 /// Longest side of a picture on the page, pixels: larger ones are scaled down.
@@ -63,8 +65,13 @@ impl Embedder {
         }
         let bytes = Folder::open(folder).and_then(|folder| folder.bytes(name, MAX_FILE));
         let bytes = bytes.map_err(|error| error.to_string())?;
-        let picture = RgbImage::from_png(&bytes, MAX_SIDE_PX, MAX_MEMORY);
-        let picture = picture.map_err(|error| error.to_string())?;
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
+        let mut limits = Limits::default();
+        limits.max_image_width = Some(MAX_SIDE_PX);
+        limits.max_image_height = Some(MAX_SIDE_PX);
+        limits.max_alloc = Some(MAX_MEMORY);
+        reader.limits(limits);
+        let picture = reader.decode().map_err(|error| error.to_string())?.into_rgb8();
         self.pixels += u64::from(picture.width()) * u64::from(picture.height());
         Ok(picture)
     }
@@ -77,16 +84,19 @@ fn reduced(picture: RgbImage) -> RgbImage {
         return picture;
     }
     let scaled = |side: u32| (side * MOST_SIDE_PX / longest).max(1);
-    picture.scaled([width, height].map(scaled), Filter::Triangle)
+    imageops::resize(&picture, scaled(width), scaled(height), imageops::Triangle)
 }
 
 /// As WebP, or as PNG where that is smaller.
 fn smallest(picture: &RgbImage, quality: f32) -> Result<(&'static str, Vec<u8>), String> {
     let [width, height] = [picture.width(), picture.height()];
     let webp =
-        webp::Encoder::from_rgb(picture.bytes(), width, height).encode_simple(false, quality);
+        webp::Encoder::from_rgb(picture.as_raw(), width, height).encode_simple(false, quality);
     let webp = webp.map_err(|error| format!("it cannot be compressed: {error:?}"))?;
-    let png = picture.to_png().map_err(|error| error.to_string())?;
+    let mut png = Vec::new();
+    let (compression, filter) = (CompressionType::Best, FilterType::Adaptive);
+    let encoder = PngEncoder::new_with_quality(&mut png, compression, filter);
+    picture.write_with_encoder(encoder).map_err(|error| error.to_string())?;
     let is_png = png.len() < webp.len();
     Ok(if is_png { ("image/png", png) } else { ("image/webp", webp.to_vec()) })
 }

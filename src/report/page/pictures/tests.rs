@@ -4,7 +4,6 @@ use super::*;
 use crate::ReportView;
 use crate::testing::page;
 use fathom_experiments::fixtures;
-use fathom_picture::RgbImage;
 use fathom_record::Record;
 
 fn picture(path: &str, scale: Option<PictureScale>) -> Picture {
@@ -26,9 +25,8 @@ fn written(records: &[Record], folder: Option<&Path>) -> String {
 }
 
 fn save(folder: &Path, name: &str, [width, height]: [u32; 2]) {
-    let noise = |x: u32, y: u32| [x as u8, y as u8, (x * 31 + y * 17) as u8];
-    let bytes = RgbImage::from_fn(width, height, noise).to_png().unwrap();
-    std::fs::write(folder.join(name), bytes).unwrap();
+    let noise = |x: u32, y: u32| image::Rgb([x as u8, y as u8, (x * 31 + y * 17) as u8]);
+    image::RgbImage::from_fn(width, height, noise).save(folder.join(name)).unwrap();
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::super::{Args, SEED, param};
+use super::super::Dice;
 use super::distance::{cylinder, ellipsoid, limb, share, without};
 use super::{Field, FieldGenerator};
 use crate::noise::fractal_noise;
@@ -12,18 +12,19 @@ use crate::noise::fractal_noise;
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "bonsai",
     about: "a bonsai tree: dense pot and wood, thin leaves, VAO Fig. 7d",
-    params: &[
-        param("branches", 9.0, 1.0, 40.0, "number of branches"),
-        param("pot", 0.6, 0.0, 1.0, "opacity of the pot"),
-        param("wood", 0.85, 0.0, 1.0, "opacity of trunk and branches"),
-        param("leaves", 0.4, 0.0, 1.0, "opacity of the thickest leaves"),
-        param("blur", 0.008, 1e-4, 0.1, "width of the borders, longest edge 1"),
-        SEED,
-    ],
     // Those of the data set that the paper shows.
     cells: [256, 256, 256],
     build: bonsai,
 }];
+
+/// Number of branches; opacity of the pot, of trunk and branches, and of the thickest leaves.
+const BRANCHES: u32 = 9;
+const POT: f64 = 0.6;
+const WOOD: f64 = 0.85;
+const LEAVES: f64 = 0.4;
+/// Width of the borders, longest edge 1.
+const BLUR: f64 = 0.008;
+const SEED: u32 = 1;
 
 /// A limb of the tree and its radii at both ends.
 struct Limb {
@@ -37,16 +38,14 @@ struct Cluster {
     radii: DVec3,
 }
 
-fn bonsai(a: &Args) -> Field {
-    let (limbs, clusters) = grow(a);
-    let [pot, wood, leaves, width] = ["pot", "wood", "leaves", "blur"].map(|name| a.get(name));
-    let seed = a.get("seed") as u32;
+fn bonsai() -> Field {
+    let (limbs, clusters) = grow();
     Box::new(move |p| {
-        let vessel = pot * share(vessel(p), width);
-        let soil = 0.5 * pot * share(cylinder(p - DVec3::Y * -0.36, 0.24, 0.025), width);
+        let vessel = POT * share(vessel(p), BLUR);
+        let soil = 0.5 * POT * share(cylinder(p - DVec3::Y * -0.36, 0.24, 0.025), BLUR);
         let bark = limbs.iter().map(|l| limb(p, l.ends, l.radii));
-        let bark = wood * share(bark.fold(f64::INFINITY, f64::min), width);
-        vessel.max(soil).max(bark).max(leaves * foliage(&clusters, p, seed))
+        let bark = WOOD * share(bark.fold(f64::INFINITY, f64::min), BLUR);
+        vessel.max(soil).max(bark).max(LEAVES * foliage(&clusters, p))
     })
 }
 
@@ -59,8 +58,8 @@ fn vessel(p: DVec3) -> f64 {
 }
 
 /// A trunk that winds upward, and branches around it, each with leaves at its end.
-fn grow(a: &Args) -> (Vec<Limb>, Vec<Cluster>) {
-    let mut dice = a.rng();
+fn grow() -> (Vec<Limb>, Vec<Cluster>) {
+    let mut dice = Dice::new(SEED.into());
     let turn = dice.between(0.0, TAU);
     let sway = |t: f64| {
         let (sin, cos) = (turn + 4.0 * t).sin_cos();
@@ -73,12 +72,11 @@ fn grow(a: &Args) -> (Vec<Limb>, Vec<Cluster>) {
         .map(|i| [at(i), at(i + 1)])
         .map(|ends| Limb { ends: ends.map(sway), radii: ends.map(radius) })
         .collect();
-    let count = a.count("branches");
     let mut clusters =
         vec![Cluster { middle: sway(1.0) + DVec3::Y * 0.04, radii: DVec3::new(0.17, 0.1, 0.17) }];
-    for i in 0..count {
-        let t = 0.4 + 0.5 * (i as f64 + 0.5) / count as f64;
-        let angle = turn + 2.4 * i as f64 + dice.between(-0.3, 0.3);
+    for i in (0..BRANCHES).map(f64::from) {
+        let t = 0.4 + 0.5 * (i + 0.5) / f64::from(BRANCHES);
+        let angle = turn + 2.4 * i + dice.between(-0.3, 0.3);
         let reach = (0.36 - 0.2 * t) * dice.between(0.8, 1.1);
         let tip = sway(t) + DVec3::new(reach * angle.cos(), 0.3 * reach, reach * angle.sin());
         let bend = sway(t).lerp(tip, 0.5) - DVec3::Y * (0.12 * reach);
@@ -93,12 +91,12 @@ fn grow(a: &Args) -> (Vec<Limb>, Vec<Cluster>) {
 }
 
 /// Leaves: noise in each cluster, thinner towards its border.
-fn foliage(clusters: &[Cluster], p: DVec3, seed: u32) -> f64 {
+fn foliage(clusters: &[Cluster], p: DVec3) -> f64 {
     let inside = clusters.iter().map(|c| ellipsoid(p - c.middle, c.radii));
     let depth = -inside.fold(f64::INFINITY, f64::min);
     if depth <= 0.0 {
         return 0.0;
     }
-    let speckle = 0.5 + 1.5 * fractal_noise(p * 28.0, 2, seed);
+    let speckle = 0.5 + 1.5 * fractal_noise(p * 28.0, 2, SEED);
     (depth / 0.03).min(1.0) * speckle.clamp(0.0, 1.0)
 }

@@ -7,21 +7,18 @@ mod distance;
 mod scans;
 mod smoke;
 
-use std::collections::BTreeMap;
-
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Args, Param, check};
+use super::check;
 
 pub struct FieldGenerator {
     /// As scene files call it.
     pub name: &'static str,
     pub about: &'static str,
-    pub params: &'static [Param],
     /// Cells along x, y and z where the scene file does not say; their ratio is that of the box.
     pub cells: [u32; 3],
-    build: fn(&Args) -> Field,
+    build: fn() -> Field,
 }
 
 /// Values 0 … 1 over a box whose longest edge is 1, about the origin.
@@ -47,12 +44,8 @@ impl FieldGenerator {
     }
 
     /// The field at the centres of so many cells, x fastest.
-    pub fn sample(
-        &self,
-        params: &BTreeMap<String, f64>,
-        cells: [u32; 3],
-    ) -> Result<Vec<f32>, String> {
-        let field = (self.build)(&Args::new(self.name, self.params, params, 0.0)?);
+    pub fn sample(&self, cells: [u32; 3]) -> Vec<f32> {
+        let field = (self.build)();
         let [nx, ny, nz] = cells.map(|n| n as usize);
         let extent = self.extent();
         let spacing = extent / DVec3::from(cells.map(f64::from));
@@ -64,7 +57,7 @@ impl FieldGenerator {
                 *value = field(p).clamp(0.0, 1.0) as f32;
             }
         });
-        Ok(data)
+        data
     }
 }
 
@@ -81,28 +74,13 @@ mod tests {
     fn every_field_is_repeatable_and_neither_empty_nor_full() {
         for generator in all() {
             let cells = coarse(generator, 40.0);
-            let data = generator.sample(&BTreeMap::new(), cells).unwrap();
+            let data = generator.sample(cells);
             let count = cells.iter().product::<u32>() as usize;
             assert_eq!(data.len(), count);
             assert!(data.iter().all(|v| (0.0..=1.0).contains(v)));
             let filled = data.iter().filter(|v| **v > 0.1).count() as f64 / count as f64;
             assert!((0.03..0.7).contains(&filled), "{}: {filled}", generator.name);
-            assert_eq!(Ok(data), generator.sample(&BTreeMap::new(), cells));
-        }
-    }
-
-    #[test]
-    fn fields_can_be_made_at_both_ends_of_every_parameter() {
-        for generator in all() {
-            for param in generator.params {
-                for value in [param.low, param.high] {
-                    let params = BTreeMap::from([(param.name.to_owned(), value)]);
-                    let cells = coarse(generator, 8.0);
-                    let data = generator.sample(&params, cells);
-                    let data = data.unwrap_or_else(|e| panic!("{}: {e}", generator.name));
-                    assert!(data.iter().all(|v| v.is_finite()), "{}", param.name);
-                }
-            }
+            assert_eq!(data, generator.sample(cells));
         }
     }
 
@@ -111,8 +89,7 @@ mod tests {
     fn the_number_of_cells_does_not_change_what_is_shown() {
         for generator in all() {
             let mean = |longest| {
-                let data = generator.sample(&BTreeMap::new(), coarse(generator, longest));
-                let data = data.unwrap();
+                let data = generator.sample(coarse(generator, longest));
                 data.iter().map(|v| f64::from(*v)).sum::<f64>() / data.len() as f64
             };
             let (few, many) = (mean(32.0), mean(56.0));
@@ -125,8 +102,7 @@ mod tests {
     fn solids_have_their_own_densities() {
         for (name, levels) in [("engine_like", [0.55, 0.95]), ("bonsai", [0.6, 0.85])] {
             let generator = find(name).unwrap();
-            let data = generator.sample(&BTreeMap::new(), coarse(generator, 64.0));
-            let data = data.unwrap();
+            let data = generator.sample(coarse(generator, 64.0));
             for level in levels {
                 let there = data.iter().filter(|v| (**v - level).abs() < 0.01).count();
                 assert!(there > 20, "{name}: {there} cells of {level}");

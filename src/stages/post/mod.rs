@@ -1,3 +1,0 @@
-//! What is done with the final image.
-
-pub mod luminance;
