@@ -9,7 +9,6 @@ use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
 use fathom::experiments::parse_set;
-use fathom::npy;
 use fathom::record::{self, Cell, Measured, Outcome, Record, Writer};
 use serde_json::{Map, Value, json};
 use tempfile::TempDir;
