@@ -200,7 +200,9 @@ fn takes_hostile_names_as_text(place: &Place, db: &str) {
     let here = &repository.folder;
     let run = here.join("run");
     put(&run, &crate::common::hostile::records());
-    let text = lines(fathom::record::read_good(&run.join("records.jsonl")).unwrap().records);
+    let mut records = fathom::record::read_good(&run.join("records.jsonl")).unwrap().records;
+    records[0].try_as_run_mut().unwrap().started_at = "2026-02-03T04:05:00Z".to_owned();
+    let text = lines(records);
     put(&run, &text);
     let sql = "x'); DROP TABLE fathom_run; --\" ../../up \u{1b}[31m";
     // A commit that git does not know is placed by the start of the run.
