@@ -54,7 +54,7 @@ fn set_bit(pixel: vec2<u32>, depth: f32) {
     let cells = pass_cells();
     let slice = min(u32(max(depth, 0.0)), cells.z - 1u);
     let word = pixel.x + cells.x * (pixel.y + cells.y * (slice >> 5u));
-    atomicOr(&slices[word], 1u << (slice & 15u));
+    atomicOr(&slices[word], 1u << (slice & 31u));
 }
 
 // Slices a pixel, beyond which rounding of corners to steps of a pixel moves a fragment's depth out of the triangle: half a step of 1/256.
