@@ -77,7 +77,7 @@ fn truncated_files_are_told() {
     for length in [3, 12, packed.len() - 9] {
         fault("a.raw.gz", &packed[..length], BYTES);
     }
-    let missing = scene(Path::new("/no/such/folder"), "a.nii", "").unwrap_err();
+    let missing = scene(Path::new("/no/such/folder"), "a.raw", BYTES).unwrap_err();
     assert!(missing.contains("cannot read the volume"), "{missing}");
 }
 
