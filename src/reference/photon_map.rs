@@ -238,7 +238,7 @@ mod tests {
         for fresnel in [false, true] {
             let mut stand = stand();
             stand.water.fresnel = fresnel;
-            let map = stand.map(SIZE, 500);
+            let map = stand.map(SIZE, 700);
             let off = furthest(&map, stand.closed_form());
             assert!(off < 0.05, "{off}");
             assert!(furthest(&map, 0.92 * stand.closed_form()) > 0.05);
