@@ -1,12 +1,11 @@
 //! Criterion over every stage, through the audited clock, so that criterion's reports show GPU time.
 //!
-//! The underwater stages run at the base size of UW §4.1 on scene `tank`. Throughput is in photons for the traces and in blended
-//! fragments, as counted, for splats and lines. Splats of the base size (5 px) and of 20 px, the largest of UW §4.1, are added up by compute
-//! and by the rasterizer. What binds each is told in `src/stages/caustics/splat.rs`.
+//! The underwater stages run at the base size of UW §4.1 on scene `tank`. Splats of the base size (5 px) and of 20 px, the largest of
+//! UW §4.1, are added up by compute and by the rasterizer. What binds each is told in `src/stages/caustics/splat.rs`.
 //!
-//! Voxelization runs on scene `bunny_dry` at 128 voxels by each method, with throughput in triangles; the marching at the
-//! 600 × 600 pixels and 400 samples per pixel of VAO Fig. 8, with throughput in the samples that are really taken; the rest at
-//! small sizes. Stages that no group here runs are measured in their gate cells.
+//! Voxelization runs on scene `bunny_dry` at 128 voxels by each method; the marching at the 600 × 600 pixels and 400 samples per pixel
+//! of VAO Fig. 8; the rest at small sizes. Stages that no group here runs are measured in their gate cells. Throughput is in the
+//! photons, fragments or triangles that a stage declares.
 
 use std::time::Duration;
 
@@ -19,12 +18,8 @@ use fathom::gpu::{
     self, ClockPlan, DeviceError, FrameTimer, Gpu, GpuError, Options, Stage, audit, audit_table,
 };
 use fathom::harness::MAX_PASSES;
-use fathom::harness::subject::{Subject, Subjects};
-use fathom::parameter;
-use fathom::pipelines::AnyPipeline;
-use fathom::pipelines::underwater;
+use fathom::harness::subject::Subjects;
 use fathom::record::Work;
-use serde_json::Value;
 
 fn main() {
     if let Err(error) = run() {
@@ -89,17 +84,9 @@ impl Suite {
             [(); 5].map(|()| parts.next().unwrap_or_default());
         let params: Vec<_> = params.split_whitespace().map(parse_set).collect::<Result<_, _>>()?;
         let subject = self.subjects.subject(pipeline, scene, &params)?;
-        let blends = pipeline == "underwater";
         let pipeline = subject.build(&self.bench.gpu)?;
         let stages = pipeline.stages();
         self.bench.warm_up(&stages)?;
-        let blended = if blends {
-            let params = subject.parameters::<underwater::Underwater>()?;
-            underwater::blended_fragments(&self.bench.gpu, &subject.scene, &params)?
-        } else {
-            Default::default()
-        };
-        let samples = counted_samples(&self.bench.gpu, &subject, pipeline.as_ref())?;
         for stage in &stages {
             let name = stage.name();
             let is_wanted = match wanted {
@@ -108,32 +95,12 @@ impl Suite {
                 stage => name == stage,
             };
             if is_wanted {
-                let counted = match name {
-                    "ao/march" => samples,
-                    _ => blended.get(name).copied(),
-                };
                 self.measured.push(name);
-                self.bench.stage(group, &stages, stage, counted)?;
+                self.bench.stage(group, &stages, stage)?;
             }
         }
         Ok(())
     }
-}
-
-/// Samples of volumes that a frame takes, where the pipeline counts them.
-fn counted_samples(
-    gpu: &Gpu,
-    subject: &Subject,
-    pipeline: &AnyPipeline,
-) -> Result<Option<u64>, GpuError> {
-    let quantities = pipeline.quantities(gpu)?;
-    let number = |path| parameter::get(&subject.params, path).and_then(Value::as_f64);
-    let samples = || {
-        let covered =
-            quantities.get("covered_share")? * number("view.width")? * number("view.height")?;
-        Some(quantities.get("samples_per_pixel_mean")? * covered * number("ao.scale")?.powi(2))
-    };
-    Ok(samples().map(|count| count.round() as u64))
 }
 
 /// Samples of a stage, and the time that they take.
@@ -163,17 +130,11 @@ impl StageBench {
     }
 
     /// One of a frame's stages alone in its frames; faulty readings are taken again, and are an error if they go on. Throughput is in
-    /// `counted` elements, or in those that the stage declares.
-    fn stage(
-        &mut self,
-        group: &str,
-        stages: &[&Stage],
-        stage: &Stage,
-        counted: Option<u64>,
-    ) -> Result<(), GpuError> {
+    /// the elements that the stage declares.
+    fn stage(&mut self, group: &str, stages: &[&Stage], stage: &Stage) -> Result<(), GpuError> {
         let mut group = self.criterion.benchmark_group(group);
         group.sample_size(SAMPLES).warm_up_time(WARM_UP).measurement_time(MEASUREMENT);
-        if let Some(elements) = counted.or(declared(&stage.work)) {
+        if let Some(elements) = declared(&stage.work) {
             group.throughput(Throughput::Elements(elements));
         }
         let before = gpu::refilling(stages, stage);
@@ -216,7 +177,7 @@ fn gate_cells(catalog: &Catalog, bench: &mut StageBench, gates: Gates) -> anyhow
         for name in &cell.stages {
             let stage = stages.iter().find(|stage| stage.name() == name);
             let stage = stage.with_context(|| format!("{} runs no stage `{name}`", cell.id))?;
-            bench.stage(&cell.id, &stages, stage, None)?;
+            bench.stage(&cell.id, &stages, stage)?;
         }
     }
     Ok(())

@@ -19,7 +19,7 @@ mod turns;
 
 pub use adapter::{Gpu, Listed, Options};
 pub use capacity::Capacity;
-pub use ceilings::{CopyCheck, Waker, ceilings, compare_copies, limits, measure};
+pub use ceilings::{Waker, ceilings, limits, measure};
 pub use error::GpuError;
 pub use fathom_clock::{
     Audit, ClockPlan, ColorTarget, CostMeter, DepthTarget, DeviceError, Fault, FrameSample,

@@ -239,10 +239,3 @@ impl Output {
         Self { name: name.into(), meaning: meaning.into(), columns, data }
     }
 }
-
-impl StageInfo {
-    /// Of a stage that is listed nowhere: of a test, an audit or an example.
-    pub const fn unlisted(name: &'static str) -> Self {
-        Self { name, about: "", source: "" }
-    }
-}

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use fathom_base::statistics;
 use fathom_gpu as gpu;
-use fathom_gpu::{ClockPlan, CopyCheck, Gpu, GpuError};
+use fathom_gpu::{ClockPlan, Gpu, GpuError};
 use fathom_record::ceilings::{Bounded, Ceiling, CeilingShare, Limit};
 use fathom_record::{Measured, Record, Run, StageRecord};
 
@@ -86,54 +86,22 @@ fn beyond(stage: &StageRecord, share: &CeilingShare) -> String {
     )
 }
 
-/// Half the width of the interval around 1 in which an adapter's copies and the CPU's agree: three times what the median over the
-/// working sets was off in the run of `docs/ceilings.md`.
-const AGREEMENT: f64 = 0.10;
-/// From this working set on copying takes much longer than the command that asks for it.
-const LEAST_SET_BYTES: u64 = 1 << 20;
-
 /// What `fathom ceilings` answers.
 #[derive(Debug, Serialize)]
 pub struct Answer {
     pub adapter: String,
     pub ceilings: Vec<Ceiling>,
-    /// On a software adapter, its copies beside those of the CPU.
-    pub copies: Vec<CopyCheck>,
-    /// The median over the large working sets of the adapter's copies over the CPU's.
-    pub agreement: Option<f64>,
-    /// What bounds nothing: limits for which twice the work did not take twice the time, and copies that do not agree.
+    /// What bounds nothing: limits for which twice the work did not take twice the time.
     pub unsound: Vec<String>,
 }
 
-impl Answer {
-    fn of(adapter: String, ceilings: Vec<Ceiling>, copies: Vec<CopyCheck>) -> Self {
-        let large = copies.iter().filter(|copy| copy.working_set_bytes >= LEAST_SET_BYTES);
-        let ratios: Vec<f64> = large.map(|copy| copy.ratio.median).collect();
-        let agreement = (!ratios.is_empty()).then(|| statistics::median(&ratios));
-        let unsound = ceilings.iter().filter(|ceiling| !ceiling.is_sound());
-        let mut unsound: Vec<String> = unsound.map(|ceiling| ceiling.limit.name()).collect();
-        let agrees = |ratio: f64| (ratio - 1.0).abs() <= AGREEMENT;
-        if !agreement.is_none_or(agrees) {
-            unsound.push(COPIES.to_owned());
-        }
-        Self { adapter, ceilings, copies, agreement, unsound }
-    }
-}
-
-/// The copies beside the CPU's, where they are named among limits.
-const COPIES: &str = "copies beside the CPU's";
-
-/// Measures all limits of an adapter, and on a software adapter compares its copies with the CPU's.
+/// Measures all limits of an adapter.
 pub fn answer(gpu: &Gpu, plan: ClockPlan) -> Result<Answer, GpuError> {
     let ceilings = gpu::ceilings(gpu, plan)?;
-    let sets = ceilings.iter().filter_map(|ceiling| match ceiling.limit {
-        Limit::Copy { working_set_bytes } if gpu.adapter.software => Some(working_set_bytes),
-        _ => None,
-    });
-    let copies = sets.map(|bytes| gpu::compare_copies(gpu, plan, bytes));
-    let copies = copies.collect::<Result<_, _>>()?;
+    let unsound = ceilings.iter().filter(|ceiling| !ceiling.is_sound());
+    let unsound = unsound.map(|ceiling| ceiling.limit.name()).collect();
     let adapter = format!("{} ({})", gpu.adapter.title(), gpu.adapter.driver_info);
-    Ok(Answer::of(adapter, ceilings, copies))
+    Ok(Answer { adapter, ceilings, unsound })
 }
 
 impl fmt::Display for Answer {
@@ -144,20 +112,6 @@ impl fmt::Display for Answer {
         )?;
         for ceiling in &self.ceilings {
             writeln!(f, "{}", row(ceiling))?;
-        }
-        if !self.copies.is_empty() {
-            writeln!(f, "\ncopies of      adapter GB/s  CPU GB/s  adapter / CPU")?;
-        }
-        for copy in &self.copies {
-            let [low, high] = copy.ratio.ends();
-            writeln!(
-                f,
-                "{:>9} KiB  {:>12.2}  {:>8.2}  {:.3} ({low:.3} to {high:.3})",
-                copy.working_set_bytes >> 10,
-                copy.adapter.median * 1e-9,
-                copy.cpu.median * 1e-9,
-                copy.ratio.median
-            )?;
         }
         if !self.unsound.is_empty() {
             writeln!(f, "\nunsound: {}", self.unsound.join("; "))?;
@@ -236,33 +190,5 @@ mod tests {
         add_shares(&mut measured, &mut ceilings, |_| Ok(ceiling(4e9))).unwrap();
         assert!((measured.stages[0].ceiling.as_ref().unwrap().share - 0.5).abs() < 1e-9);
         assert_eq!(ceilings[0].rate.median, 4e9);
-    }
-
-    /// Copies of this working set that are so many times as fast as the CPU's, by a clock that reads 1 ns a byte.
-    fn copies(bytes: u64, ratio: f64) -> CopyCheck {
-        let pair = (bytes as f64 / ratio, bytes as f64);
-        CopyCheck::of_times(bytes, bytes as f64, &[pair; 7])
-    }
-
-    #[test]
-    fn what_is_unsound_is_named_and_nothing_else() {
-        let answer = |doubling: f64, ratios: [f64; 3]| {
-            let other = Limit::Copy { working_set_bytes: 16 << 20 };
-            let ceilings = [ceiling(1e9), Ceiling { limit: other, doubling, ..ceiling(1e9) }];
-            let sets = [64 << 10, 1 << 20, 16 << 20];
-            let copies = sets.into_iter().zip(ratios).map(|(bytes, ratio)| copies(bytes, ratio));
-            let answer = Answer::of("a".to_owned(), ceilings.to_vec(), copies.collect());
-            let told = answer.to_string();
-            let last = told.lines().last().unwrap().strip_prefix("unsound: ").map(str::to_owned);
-            assert_eq!(last.unwrap_or_default(), answer.unsound.join("; "), "{told}");
-            answer.unsound
-        };
-        // Small sets are held back by their commands.
-        assert_eq!(answer(2.0, [0.4, 0.95, 1.02]), [""; 0]);
-        // A driver that leaves out the second half of the work, and one whose copies do nothing.
-        assert_eq!(answer(1.0, [0.4, 0.95, 1.02]), ["copy, 16 MiB"]);
-        assert_eq!(answer(f64::NAN, [0.4, 0.95, 1.02]), ["copy, 16 MiB"]);
-        assert_eq!(answer(2.0, [0.4, 40.0, 90.0]), [COPIES]);
-        assert_eq!(answer(3.0, [1.0, 0.5, 0.6]), ["copy, 16 MiB", COPIES]);
     }
 }

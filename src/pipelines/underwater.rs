@@ -30,7 +30,7 @@ use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{Stage, caustics, godrays, scene, shadow, water};
 
 pub use grid::PhotonGrid;
-pub use measure::{blended_fragments, read_photons};
+pub use measure::read_photons;
 use parameters::PhotonPath;
 pub use parameters::{Intensity, Params, Splatting, SubdivisionMode};
 

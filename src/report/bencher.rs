@@ -15,47 +15,24 @@ pub const EXPORTER: RunExporter = Exporter {
     export: OfRun::One(export),
 };
 
-/// Bencher's own measure of time, nanoseconds.
-pub const LATENCY: &str = "latency";
-/// GPU memory that a pipeline allocated, bytes.
-pub const ALLOCATED_BYTES: &str = "allocated-bytes";
-
-/// Measures by the name of what was measured.
-#[derive(Default)]
-pub struct Benchmarks(Map<String, Value>);
-
-impl Benchmarks {
-    /// Adds a metric: its value, and the bounds of its interval if it has one.
-    pub fn add(
-        &mut self,
-        name: &str,
-        measure: &str,
-        value: impl Into<Value>,
-        interval: Option<Interval>,
-    ) {
-        let mut metric = json!({ "value": value.into() });
-        if let Some(Interval { low, high }) = interval {
+fn export(view: &ReportView<'_>) -> String {
+    let mut all = Map::new();
+    let mut add = |name: &str, measure: &str, metric: Value| {
+        all.entry(name).or_insert_with(|| json!({}))[measure] = metric;
+    };
+    for time in times(view) {
+        let mut metric = json!({ "value": time.time.median });
+        if let Some(Interval { low, high }) = time.time.interval {
             metric["lower_value"] = json!(low);
             metric["upper_value"] = json!(high);
         }
-        let measures = self.0.entry(name).or_insert_with(|| json!({}));
-        measures[measure] = metric;
-    }
-
-    pub fn text(self) -> String {
-        format!("{:#}\n", Value::Object(self.0))
-    }
-}
-
-fn export(view: &ReportView<'_>) -> String {
-    let mut all = Benchmarks::default();
-    for time in times(view) {
-        all.add(&time.name, LATENCY, time.time.median, time.time.interval);
+        add(&time.name, "latency", metric);
     }
     for (cell, measured) in view.measured() {
-        all.add(&cell_name(cell), ALLOCATED_BYTES, measured.allocated_bytes, None);
+        let metric = json!({ "value": measured.allocated_bytes });
+        add(&cell_name(cell), "allocated-bytes", metric);
     }
-    all.text()
+    format!("{:#}\n", Value::Object(all))
 }
 
 #[cfg(test)]

@@ -197,7 +197,7 @@ mod tests {
         let told = |row: &csv::StringRecord| [34, 35, 36].map(|column| row[column].to_owned());
         let measured = rows.iter().filter(|row| &row[8] == "measured").map(told);
         let kinds: std::collections::BTreeSet<[String; 3]> = measured.collect();
-        let expected = [["0", "0", ""], ["2", "1", "power cap"]];
+        let expected = [["0", "0", ""], ["2", "1", "sw power cap"]];
         assert_eq!(kinds, expected.map(|row| row.map(str::to_owned)).into());
     }
 

@@ -5,7 +5,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
-use serde::{Serialize, Serializer};
 
 /// Degrees between the hues of families that follow each other in the alphabet: the golden angle, so that any number of
 /// families is spread evenly and neighbours are far apart.
@@ -24,13 +23,6 @@ pub const NEUTRAL: Color = Color(150, 150, 150);
 /// Red, green and blue of sRGB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Color(pub u8, pub u8, pub u8);
-
-/// As CSS has it.
-impl Serialize for Color {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.hex().serialize(serializer)
-    }
-}
 
 impl Color {
     /// For CSS and SVG.
@@ -62,7 +54,7 @@ impl Color {
 }
 
 /// The colours of a report's stages. The same set of names gives the same colours.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default)]
 pub struct StageColors(BTreeMap<String, Color>);
 
 impl StageColors {

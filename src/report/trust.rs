@@ -255,7 +255,10 @@ mod tests {
             measured.frame.machine = vec![idle.clone(), second];
         }
         let words = throttled(&ReportView::new(&records, None)).unwrap();
-        assert!(words.starts_with("2 of 3 cells: power cap; at worst 1 of 2 samples ("), "{words}");
+        assert!(
+            words.starts_with("2 of 3 cells: sw power cap; at worst 1 of 2 samples ("),
+            "{words}"
+        );
     }
 
     #[test]

@@ -94,9 +94,7 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
     let first = replayed(&place, 1);
     place.write("stored/terminal.txt", &first);
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/compare");
-    for name in
-        ["terminal.txt", "summary.md", "comment.md", "junit.xml", "bencher.json", "benchmark.json"]
-    {
+    for name in ["terminal.txt", "summary.md", "comment.md", "junit.xml", "benchmark.json"] {
         let found = place.read(format!("stored/{name}"));
         let known = golden.join(name);
         if std::env::var_os("FATHOM_BLESS").is_some() {
@@ -110,7 +108,7 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
         names.map(|name| (name.clone(), place.read(format!("stored/{name}")))).collect()
     };
     let before = files();
-    assert_eq!(before.len(), 8);
+    assert_eq!(before.len(), 7);
     assert_eq!(replayed(&place, 1), first);
     assert_eq!(files(), before);
 
@@ -119,7 +117,6 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
         ("comment", "comment.md"),
         ("page", "index.html"),
         ("junit", "junit.xml"),
-        ("bencher", "bencher.json"),
         ("github-action-benchmark", "benchmark.json"),
     ] {
         let told = place.fathom(format!("compare --format {format} --replay stored")).ends(1);
@@ -465,7 +462,7 @@ fn a_slowdown_while_the_head_was_throttled_is_a_regression_that_says_so() {
     };
     replay(held(quiet()), 0, &["while 1 of 2 cells were timed; 0 of these"]);
     let of_head = [
-        "clocks throttled (thermal slowdown by the driver) in 0 of 10 launches of the base and 4 of the head",
+        "clocks throttled (sw thermal slowdown) in 0 of 10 launches of the base and 4 of the head",
         "of the head: more often on the slower side, so throttling may be the cause",
         "1 of these are slower with more throttled launches",
     ];

@@ -143,9 +143,12 @@ fn command_lines_that_documents_show_are_understood() {
 }
 
 /// Every command of a block, in a clone of this repository, each for some seconds (`FATHOM_DOCUMENT_SECONDS`, by default 20). It may lack
-/// an input that the document speaks of, and nothing else. For the slow tier: `cargo test --test program documents -- --ignored`
+/// an input that the document speaks of, and nothing else.
 #[test]
-#[ignore = "takes as many seconds as there are commands, times 20"]
+#[cfg_attr(
+    not(feature = "nightly"),
+    ignore = "twenty seconds for each command: make test-all runs it"
+)]
 fn command_lines_that_documents_show_run() {
     let seconds = std::env::var("FATHOM_DOCUMENT_SECONDS").map_or(20, |text| text.parse().unwrap());
     let place = Place::new();

@@ -134,7 +134,7 @@ mod tests {
             held.map(|note| note.text).collect::<Vec<_>>()
         };
         let (idle, hot) = (ThrottleReason::GpuIdle, ThrottleReason::HwThermalSlowdown);
-        let expected = "heat or power held the clocks down in 1 of 2 samples (thermal slowdown by the hardware)";
+        let expected = "heat or power held the clocks down in 1 of 2 samples (hw thermal slowdown)";
         assert_eq!(texts(vec![state(idle.clone()), state(hot)]), [expected]);
         assert_eq!(texts(vec![state(idle)]), Vec::<String>::new());
     }

@@ -1,6 +1,5 @@
 //! Reports of a comparison: functions of its verdicts alone.
 
-mod bencher;
 mod benchmark;
 mod comment;
 mod junit;
@@ -19,7 +18,7 @@ use fathom_report::{Exporter, Written, page as html};
 pub type ComparisonExporter = Exporter<fn(&Verdicts<'_>) -> String>;
 
 /// Exporters of comparisons, in the order in which their files are written.
-pub const OF_COMPARISONS: [ComparisonExporter; 7] = [
+pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
     Exporter {
         written: Written::OnRequest,
         ..format("text", "a table for the terminal", "comparison.txt", terminal::export)
@@ -33,7 +32,6 @@ pub const OF_COMPARISONS: [ComparisonExporter; 7] = [
     ),
     format("page", "one HTML page with every cell's change", html::FILE, page::export),
     format("junit", "JUnit XML: regressions as failures", "junit.xml", junit::export),
-    format("bencher", "Bencher Metric Format", "bencher.json", bencher::export),
     format(
         "github-action-benchmark",
         "customSmallerIsBetter of github-action-benchmark",

@@ -6,7 +6,6 @@
 
 mod arithmetic;
 mod atomics;
-mod cpu_copy;
 mod invocations;
 mod kernel;
 mod memory;
@@ -17,7 +16,6 @@ mod tests;
 mod texels;
 mod waker;
 
-pub use cpu_copy::{CopyCheck, compare_copies};
 pub use waker::Waker;
 
 use self::kernel::{Kernel, Timing};

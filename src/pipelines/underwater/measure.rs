@@ -4,12 +4,10 @@ use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec4};
 
+use super::Underwater;
 use super::grid::largest_contraction;
-use super::{Intensity, Params, Underwater};
-use crate::Built;
-use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
+use fathom_gpu::{Gpu, GpuError, read_buffer};
 use fathom_reference::godray::covered_px;
-use fathom_scene::Scene;
 use fathom_stages::photon::{MISSED, OUTSIDE, Photon, PhotonEstimator, Photons};
 
 impl Underwater {
@@ -78,43 +76,4 @@ impl Underwater {
 /// Reads a photon buffer back.
 pub fn read_photons(gpu: &Gpu, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
     Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &photons.buffer)?))
-}
-
-/// Fragments that `caustics/splat` and `godrays/lines` blend in a frame, by stage.
-///
-/// Counted, not estimated: without attenuation and with isotropic scattering every blended fragment adds the same, so that
-/// the sum over the buffer is their number.
-pub fn blended_fragments(
-    gpu: &Gpu,
-    scene: &Scene,
-    params: &Params,
-) -> Result<BTreeMap<&'static str, u64>, GpuError> {
-    let mut params = params.clone();
-    params.water.attenuation_per_m = 0.0;
-    params.water.fresnel = false;
-    params.caustics.intensity = Intensity::Paper;
-    params.godrays.intensity = Intensity::Paper;
-    params.godrays.phase_k = 0.0;
-    let pipeline = gpu.scoped(|| Built::<Underwater>::new(gpu, scene, &params))?;
-    gpu.run(&pipeline.stages())?;
-
-    let isotropic = 1.0 / (4.0 * std::f64::consts::PI);
-    let targets = [
-        (
-            "caustics/splat",
-            &pipeline.caustics.drawn.texture,
-            f64::from(pipeline.plan.splat.photon_w),
-        ),
-        (
-            "godrays/lines",
-            &pipeline.godrays.drawn.texture,
-            f64::from(pipeline.plan.lines.photon_w) * isotropic,
-        ),
-    ];
-    let mut counts = BTreeMap::new();
-    for (stage, texture, each) in targets {
-        let sum: f64 = read_texture(gpu, texture)?.data.iter().map(|&v| f64::from(v)).sum();
-        counts.insert(stage, (sum / each).round() as u64);
-    }
-    Ok(counts)
 }

@@ -73,28 +73,17 @@
     addEventListener("beforeprint", whole);
     show();
 
-    const line = (name, samples, clock, below) => {
-      const known = samples.length > 0 && below === undefined;
-      const number = (text) => fathom.element("td", { class: "number" }, text);
-      return fathom.element("tr", {},
-        fathom.element("td", {}, name),
-        number(known ? fathom.three(fathom.median(samples)) : below === undefined ? "–" : `< ${fathom.three(below)}`),
-        number(known ? fathom.three(Math.min(...samples)) : ""),
-        number(known ? fathom.three(Math.max(...samples)) : ""),
-        number(samples.length),
-        fathom.element("td", {}, clock));
-    };
+    const line = (parts) => fathom.element("tr", {}, ...parts.map((part, place) =>
+      fathom.element("td", place > 0 && place < 5 ? { class: "number" } : {}, part)));
 
-    /* The stages of a row's cell with their samples, below it. */
+    /* The stages of a row's cell, below it. */
     const details = async (row) => {
       const open = row.nextElementSibling?.classList.contains("detail");
       fathom.all("tr.detail", cells).forEach((detail) => detail.remove());
       if (open) return;
       const { runs } = await fathom.data();
       const [run, index] = row.dataset.at.split(" ").map(Number);
-      const cell = runs[run].cells[index];
-      const lines = [line("frame, untimed", cell.untimed, ""), line("frame, timed by stage", cell.envelope, ""),
-        ...cell.stages.map(({ stage, clock, samples, below }) => line(stage, samples, clock, below))];
+      const lines = runs[run].cells[index].map(line);
       const heads = ["Stage", "Median (ms)", "Minimum", "Maximum", "n", "Clock"];
       const table = fathom.element("table", {},
         fathom.element("thead", {}, fathom.element("tr", {}, ...heads.map((head) => fathom.element("th", { scope: "col" }, head)))),

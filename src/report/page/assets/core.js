@@ -1,5 +1,5 @@
 "use strict";
-/* What the parts of the page share: the packed samples, exact values under the pointer and from the keyboard, copying. */
+/* What the parts of the page share: the packed times, exact values under the pointer and from the keyboard, copying. */
 const fathom = {};
 
 fathom.all = (selector, from = document) => [...from.querySelectorAll(selector)];
@@ -17,44 +17,15 @@ fathom.element = (name, attributes = {}, ...children) => {
   return made;
 };
 
-/* Samples are packed as multiples of a step. */
-fathom.samples = ({ step, steps }) => steps.map((count) => step * count);
-
-fathom.cell = (cell) => ({
-  ...cell,
-  envelope: fathom.samples(cell.envelope),
-  gaps: fathom.samples(cell.gaps),
-  untimed: fathom.samples(cell.untimed),
-  stages: cell.stages.map((stage) => ({ ...stage, samples: fathom.samples(stage.samples) })),
-});
-
 /* The page's data, unpacked once, when first asked for. */
 fathom.data = () => {
   fathom.unpacked ??= (async () => {
     const packed = document.getElementById("data").textContent;
     const bytes = Uint8Array.from(atob(packed), (c) => c.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-    const data = JSON.parse(await new Response(stream).text());
-    return { ...data, runs: data.runs.map((run) => ({ ...run, cells: run.cells.map(fathom.cell) })) };
+    return JSON.parse(await new Response(stream).text());
   })();
   return fathom.unpacked;
-};
-
-/* Three significant digits, as the page's tables write them. */
-fathom.three = (value) => {
-  const size = Math.abs(value);
-  if (!Number.isFinite(value)) return "–";
-  if (size === 0) return "0";
-  if (size >= 1e7 || size < 1e-3) return value.toExponential(2);
-  const digits = size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : size >= 0.1 ? 3 : 4;
-  return value.toFixed(digits);
-};
-
-/* The middle of samples, or the mean of the two middle ones. */
-fathom.median = (samples) => {
-  const sorted = [...samples].sort((a, b) => a - b);
-  const half = Math.floor(sorted.length / 2);
-  return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
 };
 
 /* A mark's title is what the pointer and the keyboard show: the browser would show it a second time. */
