@@ -172,7 +172,7 @@ pub fn measure(experiment: &Experiment, plan: &CellPlan, random: &mut Pcg64) -> 
         frame: frame(total, random),
         stages,
         allocated_bytes: (number("view.width") * number("view.height") * 40.0) as u64,
-        quantities: quantities(plan, experiment, photons, number("water.amplitude_m")).into(),
+        quantities: quantities(plan, experiment, photons, number("water.amplitude_m")),
         warm_up_frames: 3,
         ..Measured::default()
     }

@@ -4,7 +4,6 @@ use std::fmt;
 
 use serde::Serialize;
 
-use fathom_base::statistics;
 use fathom_gpu as gpu;
 use fathom_gpu::{ClockPlan, Gpu, GpuError};
 use fathom_record::ceilings::{Bounded, Ceiling, CeilingShare, Limit};

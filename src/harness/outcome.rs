@@ -68,7 +68,7 @@ pub fn measured(
         stages: stage_records(samples, pipeline, counters),
         frame,
         allocated_bytes: pipeline.allocated_bytes(),
-        quantities: quantities.into(),
+        quantities,
         repeated,
         errors,
         warm_up_frames: samples.warm_up_frames,

@@ -36,10 +36,8 @@ fn paths(path: &str, value: &Value, found: &mut BTreeSet<String>) {
 fn change(path: &[&str], value: &mut Value, by: &dyn Fn(&mut Map<String, Value>, &str)) {
     match (value, path) {
         (Value::Array(items), _) => items.iter_mut().for_each(|item| change(path, item, by)),
-        (Value::Object(fields), [name]) => {
-            if fields.contains_key(*name) {
-                by(fields, name);
-            }
+        (Value::Object(fields), [name]) if fields.contains_key(*name) => {
+            by(fields, name);
         }
         (Value::Object(fields), [name, rest @ ..]) => {
             if let Some(field) = fields.get_mut(*name) {
@@ -51,7 +49,8 @@ fn change(path: &[&str], value: &mut Value, by: &dyn Fn(&mut Map<String, Value>,
 }
 
 /// The ways in which a figure may lack: it is not there, it is null, there are no samples; or it is zero.
-const LACKING: [fn(&mut Map<String, Value>, &str); 3] = [
+type Lacking = fn(&mut Map<String, Value>, &str);
+const LACKING: [Lacking; 3] = [
     |fields, name| drop(fields.remove(name)),
     |fields, name| fields[name] = Value::Null,
     |fields, name| fields[name] = Value::Array(Vec::new()),

@@ -234,7 +234,8 @@ const NO_DATABASE: &str = "is no database of SQLite";
 fn what_is_no_file_or_immense_is_refused_and_not_waited_for() {
     let pipe = |path: &Path| assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
     let device = |path: &Path| std::os::unix::fs::symlink("/dev/zero", path).unwrap();
-    let kinds: [(&dyn Fn(&Path), &[&str]); 4] = [
+    type Kind<'a> = (&'a dyn Fn(&Path), &'a [&'a str]);
+    let kinds: [Kind<'_>; 4] = [
         // A folder's own file is no link at all.
         (&device, &["a device", "a symbolic link", "no regular file"]),
         (&pipe, &["a pipe", "no regular file"]),

@@ -60,7 +60,7 @@ pub fn stage_record(
         fenced,
         work,
         least_work: (least != work).then_some(least),
-        counters: counters.into(),
+        counters,
         ..StageRecord::of(name, clock, samples_ns)
     }
 }

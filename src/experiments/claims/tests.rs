@@ -23,7 +23,7 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
             ..FrameRecord::default()
         },
         stages: vec![stage],
-        quantities: BTreeMap::from([("error".to_owned(), ms)]).into(),
+        quantities: BTreeMap::from([("error".to_owned(), ms)]),
         ..Measured::default()
     };
     Cell {
@@ -168,7 +168,7 @@ fn a_figure_that_could_not_be_computed_says_why() {
     let mut lacking = cells.clone();
     lacking[1].cell = "n=2".to_owned();
     let measured = lacking[1].measured_mut().unwrap();
-    measured.quantities = BTreeMap::new().into();
+    measured.quantities = BTreeMap::new();
     let unknown = lacking.clone();
     let note = Note::new(NoteKind::NotComputed, "error not computed: too large");
     lacking[1].measured_mut().unwrap().notes.push(note);

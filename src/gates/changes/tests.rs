@@ -88,7 +88,7 @@ fn known() -> [Vec<Record>; 2] {
         if let Some(measured) = measured {
             let mut all = measured.quantities.clone();
             all.extend(falling);
-            measured.quantities = all.into();
+            measured.quantities = all;
         }
     }
     head[0].try_as_run_mut().unwrap().adapter.driver_info = "Mesa 23.0.0".to_owned();

@@ -127,11 +127,11 @@ fn last_cache_bytes() -> Option<u64> {
 /// A fault of the device, or a result that is not the CPU's.
 pub fn ceilings(gpu: &Gpu, plan: ClockPlan) -> Result<Vec<Ceiling>, GpuError> {
     let mut waker = Waker::default();
-    let mut measured = |limit| {
+    let measured = |limit| {
         waker.wake(gpu)?;
         measure(gpu, plan, limit)
     };
-    limits(gpu).into_iter().map(|limit| measured(limit)).collect()
+    limits(gpu).into_iter().map(measured).collect()
 }
 
 /// Measures one limit by the plan's clocks. It is measured again where twice the work does not take twice the time.

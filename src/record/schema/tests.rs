@@ -78,7 +78,8 @@ fn stored_lines_are_written_as_they_were_read() {
         let [request, reply] = [&line["request"], &line["reply"]];
         json!({"request": again::<WorkerRequest>(request), "reply": again::<Option<Reply>>(reply)})
     };
-    let kinds: [(&str, &dyn Fn(&Value) -> Value); 3] =
+    type Again<'a> = &'a dyn Fn(&Value) -> Value;
+    let kinds: [(&str, Again<'_>); 3] =
         [("record", &again::<Record>), ("sample", &again::<SampleLine>), ("worker", &exchange)];
     for (kind, again) in kinds {
         let path = root().join(format!("tests/golden/lines/{kind}.jsonl"));

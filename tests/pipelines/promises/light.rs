@@ -89,7 +89,7 @@ fn scene(
     let side = DVec3::new(HALF_M, 0.0, HALF_M);
     scene.bounds = Bounds { min: -side.with_y(depth_m), max: side.with_y(room_m) };
     let ((sin, cos), (z, x)) =
-        (degrees.to_radians().sin_cos(), random.within(0.0, 6.283).sin_cos());
+        (degrees.to_radians().sin_cos(), random.within(0.0, std::f64::consts::TAU).sin_cos());
     let direction = DVec3::new(sin * x, -cos, sin * z);
     scene.light.direction = direction.to_array();
     if random.number() < 0.4 {
