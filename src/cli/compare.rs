@@ -148,20 +148,21 @@ impl MadeSide {
         ran: Ran<'_>,
         environment: Environment,
     ) -> anyhow::Result<Self> {
-        let (label, path) = match ran {
+        let (label, commit, path) = match ran {
             Ran::Command(text) => {
                 let start = WorkerStart { environment, ..WorkerStart::of_command(text) };
                 let program = Program { label: private::words(text), start };
                 return Ok(Self { program, _aside: None, _shader_cache: None });
             }
-            Ran::Program(path) => (private::path(&path), path),
+            Ran::Program(path) => (private::path(&path), None, path),
             Ran::Revision(revision) => {
                 tell::note(format!("building {revision}"));
                 let folder = std::env::current_dir().context("there is no current folder")?;
                 let mut progress = |line: &str| tell::note(line);
                 let target = catalog.program;
                 let built = build::revision(&folder, target, revision, &INTERRUPT, &mut progress)?;
-                (revision.to_owned(), built)
+                let commit = build::commit(&build::repository(&folder)?, revision)?;
+                (revision.to_owned(), Some(commit), built)
             }
         };
         let aside = build::set_aside(&path)?;
@@ -169,6 +170,7 @@ impl MadeSide {
         let start = WorkerStart {
             gpu: gpu_options(catalog, &args.adapter),
             environment,
+            commit,
             shader_cache: shader_cache.as_ref().map(|folder| folder.path().to_owned()),
             ..WorkerStart::new(&aside.path)
         };

@@ -154,6 +154,11 @@ fn greeted(options: &CompareOptions, builds: &mut [SurveyedBuild<'_>; 2]) -> Res
     };
     let [base, head] = builds;
     let greetings = [greet(Side::Base, base)?, greet(Side::Head, head)?];
+    if let (Some(asked), Some(build)) = (&options.programs[0].start.commit, &greetings[0].build)
+        && build.commit.as_ref().is_some_and(|commit| commit != asked)
+    {
+        bail!("the base build: it was built of {build} and not of {asked}");
+    }
     let [base, head] = greetings.each_ref().map(|greeting| &greeting.adapter);
     let given_the_same = environments[0] == environments[1];
     if given_the_same && AdapterRelation::of(base, head) != AdapterRelation::Same {
@@ -187,6 +192,9 @@ fn header(
     };
     let [base, head] = greetings;
     let notes = base.notes.iter().chain(&head.notes).unique().cloned();
+    let is_silent = options.programs[0].start.commit.is_some() && base.build.is_none();
+    let silent = "the base build does not say of which commit it was built".to_owned();
+    let notes = notes.chain(is_silent.then_some(silent));
     let notes = notes.chain(stale_head(options, &greetings[Side::Head as usize]));
     let mut settings = options.settings.clone();
     settings.gates.retain(|gate| !skipped.iter().any(|skip| skip.gate == *gate));

@@ -133,6 +133,8 @@ pub struct WorkerStart {
     pub environment: Environment,
     /// Where its driver keeps compiled shaders, if apart from those of all other programs.
     pub shader_cache: Option<PathBuf>,
+    /// The commit that its program is to be built of.
+    pub commit: Option<String>,
     /// The audited clock of a hardware adapter: both sides must read the same one.
     pub clock: Option<ClockPlan>,
     /// How long the reply to one kind of request may take, in place of what is usual.

@@ -198,3 +198,20 @@ fn lines_of_a_file_are_searched_by_a_command_past_one_that_cannot_be_measured() 
     assert_eq!(names, ["mesa 22", "mesa 23"], "{found}");
     holds(&answer["skipped"][0]["reason"].to_string(), &["it ended with exit status: 1"]);
 }
+
+/// A build that says of which commit it is: another than was asked for would be compared in silence.
+#[test]
+fn a_base_of_another_commit_is_refused_and_one_that_does_not_say_is_noted() {
+    let build = |text: &str| {
+        let greeting = hello(1, r#""time""#).replace("\"notes\"", &format!("{text}\"notes\""));
+        let history = History::greeting(&[USUAL, SLOWER], &greeting);
+        Script::default().write(&history.0.path(""), "head");
+        history
+    };
+    let compare = "compare --base HEAD~1 --head-bin ./head --cells-file cells.toml --gates time --launches 10 --pairs 2 --out out";
+    let told = build("").0.fathom(compare).ends(0);
+    holds(&told.out, &["the base build does not say of which commit it was built"]);
+    let other = build(r#""build":{"commit":"0123","dirty":true},"#);
+    let reason = "the base build: it was built of 0123 with changed files and not of ";
+    other.0.fathom(compare).ends(2).error(reason);
+}
