@@ -18,7 +18,7 @@ use itertools::Itertools;
 use thiserror::Error;
 
 use crate::input::{LineEnd, next_line};
-use crate::{tell, text};
+use crate::text;
 
 /// Longest time of a tool that may check out a repository or download 200 MB, more than any asset's package, at 3 Mbit/s.
 pub const TOOL_TIME: Duration = Duration::from_secs(600);
@@ -49,7 +49,6 @@ pub struct ProcessTree {
 impl ProcessTree {
     /// Starts a command, once. It lies outside the terminal's foreground group: Ctrl-C reaches this process alone.
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
-        tell::detail(format!("starting `{}`", words(command)));
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
         #[cfg(target_os = "linux")]

@@ -11,26 +11,12 @@ use std::sync::OnceLock;
 
 use crate::text;
 
-/// How much is said on standard error. Answers and errors are printed in any case.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Verbosity {
-    /// Neither notes nor progress.
-    Quiet,
-    #[default]
-    Normal,
-    /// Also what is done and why.
-    Verbose,
-}
+/// Neither notes nor progress are printed. Answers and errors are in any case.
+static QUIET: OnceLock<()> = OnceLock::new();
 
-static VERBOSITY: OnceLock<Verbosity> = OnceLock::new();
-
-/// Sets how much this process says, once.
-pub fn set_verbosity(verbosity: Verbosity) {
-    let _ = VERBOSITY.set(verbosity);
-}
-
-pub fn verbosity() -> Verbosity {
-    VERBOSITY.get().copied().unwrap_or_default()
+/// From now on this process prints answers and errors alone.
+pub fn be_quiet() {
+    let _ = QUIET.set(());
 }
 
 /// The first failure to write an answer. Nothing is written to standard output after it.
@@ -55,14 +41,7 @@ pub fn done(message: impl Display) {
 
 /// Prints one line on standard error.
 pub fn note(message: impl Display) {
-    if verbosity() != Verbosity::Quiet {
-        let _ = put(&mut stderr(), &message);
-    }
-}
-
-/// Prints one line on standard error about what is done and why, for those who asked for such lines.
-pub fn detail(message: impl Display) {
-    if verbosity() == Verbosity::Verbose {
+    if QUIET.get().is_none() {
         let _ = put(&mut stderr(), &message);
     }
 }

@@ -20,7 +20,7 @@ use crate::harness::catalog::Catalog;
 use crate::record::calendar;
 use crate::record::schema::LineKind;
 use crate::record::{Feature, Mask, Part, Profile};
-use crate::tell::{self, Verbosity};
+use crate::tell;
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use serde_json::Value;
@@ -39,7 +39,9 @@ pub fn main(catalog: &Catalog) -> ExitCode {
     quiet_driver_layers();
     match Cli::try_parse() {
         Ok(cli) => {
-            tell::set_verbosity(cli.verbosity());
+            if cli.quiet {
+                tell::be_quiet();
+            }
             exit_status(obey(catalog, cli.command))
         }
         Err(error) => not_parsed(error),
@@ -104,23 +106,10 @@ fn quiet_driver_layers() {
 )]
 struct Cli {
     /// Print only errors on standard error
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
-    quiet: bool,
-    /// Print more about what is done and why
     #[arg(short, long, global = true)]
-    verbose: bool,
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
-}
-
-impl Cli {
-    fn verbosity(&self) -> Verbosity {
-        match self {
-            Self { quiet: true, .. } => Verbosity::Quiet,
-            Self { verbose: true, .. } => Verbosity::Verbose,
-            _ => Verbosity::Normal,
-        }
-    }
 }
 
 #[derive(Subcommand)]

@@ -25,7 +25,6 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run --budget 0", "a time above 0 is needed, such as 90s"),
         ("rum", "'run'"),
         ("export cvs no/such/folder", "unknown format `cvs`; did you mean `csv`?"),
-        ("run -q -v", "'--quiet'"),
         ("render tnk", "did you mean `tank`"),
         ("render no/such/file.toml", "no/such/file.toml"),
         (
