@@ -376,6 +376,12 @@ fn a_comment_is_found_among_many_and_updated() {
             holds(last, &[MARK, words, "[Every cell and the records](https://example.invalid/"]);
             assert_eq!(served.comments[150]["body"], MARK);
         }
+        // What the revision itself holds is not sent.
+        project.git("project", "add --force compare/comment.md");
+        commented(&project, &variables, "not ours");
+        project.git("project", "rm --quiet --cached compare/comment.md");
+        let last = project.server.now().comments[151]["body"].to_string();
+        assert!(last.contains("nothing was measured") && !last.contains("not ours"), "{last}");
         // Another name, another comment.
         variables.push(("FATHOM_NAME", "of the GPU".to_owned()));
         commented(&project, &variables, "third");
@@ -415,7 +421,8 @@ fn what_keeps_a_comment_from_being_written_is_a_note() {
         };
         // A port that was free a moment ago.
         let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-        let cases: [(&str, Mood, Variables); 6] = [
+        let cases: [(&str, Mood, Variables); 7] = [
+            ("the server's answer is no object of JSON", Mood::Garbles, all()),
             (
                 "403: the token may not write here, as in a request from a fork",
                 Mood::Forbids,

@@ -18,6 +18,8 @@ pub enum Mood {
     /// A token that may read and not write.
     Forbids,
     Down,
+    /// Every answer is JSON of no shape that is asked for.
+    Garbles,
 }
 
 #[derive(Default)]
@@ -101,6 +103,7 @@ impl Served {
         let said = request["body"].as_str().unwrap_or_default();
         match (self.mood, method, path) {
             (Mood::Down, ..) => (503, json!("down")),
+            (Mood::Garbles, ..) => (200, json!("words")),
             (Mood::Forbids, "POST" | "PATCH" | "PUT", _) => (403, json!({ "message": "no" })),
             // GitHub's job token has no user, and GitLab's access token has.
             (_, "GET", "/github/user") => (403, json!({ "message": "not accessible" })),

@@ -48,7 +48,7 @@ type Answer = Result<(), String>;
 type Reader = fn(&Path) -> Answer;
 
 fn told<T, E: std::fmt::Display>(result: Result<T, E>) -> Result<T, String> {
-    result.map_err(|error| error.to_string())
+    result.map_err(|error| format!("{error:#}"))
 }
 
 /// Runs a reader on inputs that `strategy` makes. A fixed seed, unless more cases are asked for.
@@ -226,7 +226,7 @@ fn refused(what: &str, reasons: &[&str], reader: impl FnOnce() -> Answer) {
 
 /// What is said of any file that SQLite did not make.
 #[cfg(unix)]
-const NO_DATABASE: &str = "is no database of SQLite";
+const NO_DATABASE: &str = "file is not a database";
 
 /// A file of a terabyte takes no space on a disk that stores no zeros.
 #[test]
