@@ -51,6 +51,7 @@ impl Project {
         let place = Place::new();
         let worker = fs::read(root().join("examples/own_worker/worker.py")).unwrap();
         place.write("project/worker.py", worker);
+        place.write("project/.gitignore", "compare\n");
         place.write("fathom/Cargo.toml", "");
         for script in ["setup.sh", "ci/compare.sh", "ci/comment.sh"] {
             let text = fs::read_to_string(root().join("scripts").join(script)).unwrap();
@@ -379,7 +380,7 @@ fn a_comment_is_found_among_many_and_updated() {
         // What the revision itself holds is not sent.
         project.git("project", "add --force compare/comment.md");
         commented(&project, &variables, "not ours");
-        project.git("project", "rm --quiet --cached compare/comment.md");
+        project.git("project", "rm --quiet --force --cached compare/comment.md");
         let last = project.server.now().comments[151]["body"].to_string();
         assert!(last.contains("nothing was measured") && !last.contains("not ours"), "{last}");
         // Another name, another comment.
