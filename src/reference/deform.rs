@@ -67,39 +67,3 @@ impl Moment {
         u.cross(v).normalize()
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn moment(motion: Motion, cycles: f64) -> Moment {
-        let foot_m = DVec3::new(1.0, -2.0, 3.0);
-        Moment { motion, foot_m, height_m: 2.0, cycles, amplitude: 0.25 }
-    }
-
-    #[test]
-    fn a_quarter_turn_takes_x_to_minus_z() {
-        let at = DVec3::new(2.0, 0.0, 3.0);
-        // Also the top of a twist at its widest, by the amplitude of a quarter turn.
-        for motion in [Motion::Spin, Motion::Twist] {
-            let place = moment(motion, 0.25).position(at, DVec3::X);
-            assert!(place.abs_diff_eq(DVec3::new(1.0, 0.0, 2.0), 1e-12), "{motion:?}");
-        }
-        let normal = moment(Motion::Spin, 0.25).normal(at, DVec3::X);
-        assert!(normal.abs_diff_eq(-DVec3::Z, 1e-8));
-    }
-
-    #[test]
-    fn a_wave_tilts_the_normal_of_a_wall_against_its_slope() {
-        let wave = moment(Motion::Wave, 0.0);
-        // At a quarter of the height the displacement is at its largest, and the wall is upright.
-        let crest = wave.position(DVec3::new(1.0, -1.5, 3.0), DVec3::X);
-        assert!(crest.abs_diff_eq(DVec3::new(1.5, -1.5, 3.0), 1e-12));
-        let upright = wave.normal(DVec3::new(1.0, -1.5, 3.0), DVec3::X);
-        assert!(upright.abs_diff_eq(DVec3::X, 1e-8));
-        // At the foot the wall leans outward: its normal looks down.
-        let foot = wave.normal(DVec3::new(1.0, -2.0, 3.0), DVec3::X);
-        let slope = TAU * 0.25;
-        assert!(foot.abs_diff_eq(DVec3::new(1.0, -slope, 0.0).normalize(), 1e-8));
-    }
-}

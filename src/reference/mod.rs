@@ -9,7 +9,6 @@ pub mod deform;
 pub mod estimator;
 pub mod filter;
 pub mod godray;
-pub mod horizon;
 pub mod image;
 pub mod isosurface;
 pub mod kept;

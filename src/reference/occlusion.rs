@@ -1,6 +1,6 @@
 //! Ambient occlusion by casting rays at triangles: the answer that volume and screen-space methods approximate.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DVec3};
 
@@ -116,6 +116,22 @@ pub fn tangent_frame(n: DVec3) -> DMat3 {
         DVec3::new(b, sign + n.y * n.y * a, -n.y),
         n,
     )
+}
+
+/// Occlusion at `share` × r_max from an endless wall that stands on an endless floor. Directions that meet the wall within
+/// r_max have a component of at least k = `share` towards it; on the unit disc of VAO Eq. 1's cosine weight that is a segment.
+pub fn beside_wall(share: f64, attenuation: Attenuation) -> f64 {
+    if share >= 1.0 {
+        return 0.0;
+    }
+    let k = share.max(1e-12);
+    let root = (1.0 - k * k).sqrt();
+    let segment = k.acos() - k * root;
+    let distances = 2.0 * k * (((1.0 + root) / k).ln() - root);
+    match attenuation {
+        Attenuation::Hard => segment / PI,
+        Attenuation::Linear => (segment - distances) / PI,
+    }
 }
 
 #[cfg(test)]

@@ -51,34 +51,3 @@ impl CameraDepth<'_> {
         self.view_m(self.depth.clamped(x, y)) - self.view_m(plane_z)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A slanted wall that ends at column 10, with another 3 m behind it.
-    fn wall(camera: &Camera) -> Image {
-        let depth = |view_m: f64| {
-            let (n, f) = (camera.z_near_m, camera.z_far_m);
-            f * (view_m - n) / (view_m * (f - n))
-        };
-        Image::of([20, 8], |x, y| {
-            let near = depth(4.0) + 1e-4 * f64::from(x) + 3e-4 * f64::from(y);
-            if x < 10 { near } else { depth(camera.view_depth_m(near) + 3.0) }
-        })
-    }
-
-    #[test]
-    fn a_plane_continues_exactly_and_ends_at_its_edge() {
-        let camera = Camera::new([0.0; 3], [0.0, 0.0, -1.0], 50.0, [0.5, 30.0]);
-        let depth = wall(&camera);
-        let seen = CameraDepth { depth: &depth, camera: &camera };
-        for texel in [[0, 0], [5, 3], [9, 7]] {
-            let plane = seen.plane(texel);
-            assert!(seen.beyond_m(&plane, [2, 6]).abs() < 1e-9, "{texel:?}");
-            assert!((seen.beyond_m(&plane, [12, 4]) - 3.0).abs() < 1e-9, "{texel:?}");
-        }
-        let behind = seen.plane([10, 4]);
-        assert!((seen.beyond_m(&behind, [9, 4]) + 3.0).abs() < 0.1);
-    }
-}

@@ -21,7 +21,8 @@ pub fn read(folders: &Folders, origin: &str, text: &str) -> Result<SceneFile, Sc
         return toml::from_str(text).map_err(|e| fault(origin, text, &e));
     }
     let merged = with_base(folders, origin, table, MAX_BASES)?;
-    merged.try_into().map_err(|e| fault(origin, "", &e))
+    // As text again: reading a table as well as a text would compile every scene type twice.
+    toml::from_str(&merged.to_string()).map_err(|e| fault(origin, "", &e))
 }
 
 fn parse(origin: &str, text: &str) -> Result<Table, SceneError> {

@@ -7,7 +7,7 @@ const SCENE: &str = "tank";
 /// Scene with geometry above the water, which shades it.
 const SHADED_SCENE: &str = "port";
 const VIEW: [u32; 2] = [256, 256];
-const TEXELS: u32 = 256;
+const TEXELS: u32 = 160;
 /// Vulkan lets a rasterizer move corners by 1/32 texel, 1.5 mm here: on walls along the light a few
 /// times that in depth.
 const DEPTH_P99_M: f64 = 0.01;

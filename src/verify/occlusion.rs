@@ -22,7 +22,7 @@ pub fn cases() -> Vec<Case> {
 
 /// Rays whose marching takes more turns than an adapter may make of an invocation's loops: see [`fathom_gpu::MOST_LOOP_TURNS`]. The
 /// stages take several passes.
-const MANY_RAYS: u32 = 16_384;
+const MANY_RAYS: u32 = 8_192;
 
 /// Edge of a voxel in these cases, metres.
 const VOXEL_M: f64 = 0.1;

@@ -15,7 +15,7 @@ const REAL_MEDIAN_M: f64 = 0.01;
 const ENTRY_P99_M: f64 = 1e-3;
 /// Cells per side of the photon grids; four photons a cell.
 const FLAT_GRID: u32 = 32;
-const REAL_GRID: u32 = 64;
+const REAL_GRID: u32 = 48;
 const SHADOW_TEXELS: u32 = 512;
 /// Steps of the search over an exact depth.
 const EXACT_STEPS: u32 = 64;

@@ -9,7 +9,7 @@ use fathom_stages::refraction::trace::{self, Surface};
 use fathom_stages::refraction::two_interface;
 use fathom_stages::refraction::{Exits, compose, surface};
 
-const SIZE: [u32; 2] = [240, 180];
+const SIZE: [u32; 2] = [160, 120];
 const INDEX: f64 = 1.4;
 const LAYERS: u32 = 8;
 /// Steps of a ray at least: the pipeline's default.

@@ -137,22 +137,22 @@ fn equal_ends_leave_nothing_to_find() {
 #[test]
 fn a_program_of_another_language_is_searched_in_its_checkouts() {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/own_worker");
-    let history = History::of(10, |place, number| {
+    let history = History::of(6, |place, number| {
         let text = std::fs::read_to_string(example.join("worker.py")).unwrap();
-        let turns = if number < 6 { "1.0" } else { "1.05" };
+        let turns = if number < 4 { "1.0" } else { "1.05" };
         let text = text.replace("default=1.0", &format!("default={turns}"));
         place.write("worker.in", text);
         // One revision does not build.
-        place.write("build.sh", if number == 3 { "exit 1" } else { "mv worker.in worker.py" });
+        place.write("build.sh", if number == 2 { "exit 1" } else { "mv worker.in worker.py" });
         place.write(".gitignore", "/out\n");
     });
     let mut command =
-        history.0.fathom("bisect --good HEAD~9 --gates time --launches 10 --out out --json");
+        history.0.fathom("bisect --good HEAD~5 --gates time --launches 10 --out out --json");
     command.arg("--cells-file").arg(example.join("cells.toml"));
     command.args(["--build-cmd", "sh build.sh", "--cmd", "python3 worker.py --counted"]);
     let found = command.ends(0).json();
     let answer = &found["answer"];
-    assert_eq!(history.subject(answer["first"].as_str().unwrap()), "Change 6", "{found}");
+    assert_eq!(history.subject(answer["first"].as_str().unwrap()), "Change 4", "{found}");
     assert!((answer["change"].as_f64().unwrap() - 0.05).abs() < 1e-3, "{found}");
     let left = std::fs::read_dir(history.0.path("out/checkouts")).unwrap().count();
     assert_eq!(left, 0, "checkouts are removed in the end");

@@ -1,10 +1,7 @@
 //! Memory and time of a pipeline, foreseen before anything is allocated.
 
-use fathom::Catalog;
 use fathom::gpu::Capacity;
-use fathom::harness::plan::{Request, plan};
 use fathom::harness::subject::{Subject, Subjects};
-use fathom::record::Profile;
 
 use super::gpu;
 use crate::common::sets;
@@ -104,8 +101,13 @@ fn a_volume_beyond_the_limits_is_refused_before_its_scene_is_made() {
     assert!(reason.starts_with(asked), "{reason}");
 }
 
+#[cfg(feature = "nightly")]
 #[test]
 fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
+    use fathom::Catalog;
+    use fathom::harness::plan::{Request, plan};
+    use fathom::record::Profile;
+
     let request = Request::default();
     let experiments = request.load(&Catalog::builtin()).unwrap();
     let (capacity, catalog) = (small_machine(), Catalog::builtin());

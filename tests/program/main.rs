@@ -1,6 +1,5 @@
 //! The program as a user meets it: its commands, the folders that they write, a history.
 
-mod ceilings;
 mod claims;
 mod cli;
 #[path = "../common/mod.rs"]
@@ -9,6 +8,7 @@ mod documents;
 mod dumps;
 mod folders;
 mod history;
+mod host_costs;
 mod hostile_names;
 mod masks;
 mod merge;

@@ -1,7 +1,7 @@
 //! `ao/query` against closed forms: a plane, a corner, a ball overhead.
 
 use super::*;
-use fathom_reference::horizon::beside_wall;
+use fathom_reference::occlusion::beside_wall;
 use fathom_stages::ao::query::INFO;
 
 /// Voxels a side: twice r_max and room around it.

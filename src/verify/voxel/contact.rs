@@ -10,7 +10,7 @@ const ALPHA: &str = "voxel/alpha";
 /// How far the controls' grids are moved.
 const MOVED_VOXELS: f64 = 0.02;
 /// Triangles that all workgroups share. Each takes some seven turns.
-const HUGE: u32 = 16_000;
+const HUGE: u32 = 10_500;
 /// Of the objects of the case of `voxel/alpha`. The first is not seen at all.
 const ALPHAS: [f32; 3] = [0.0, 0.8, 0.3];
 

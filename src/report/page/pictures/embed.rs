@@ -8,8 +8,9 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 
 use fathom_base::folder::Folder;
 use fathom_record::{Picture, PictureKind};
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ImageFormat, ImageReader, Limits, RgbImage, imageops};
+use image::{ImageFormat, ImageReader, ImageResult, Limits, RgbImage, imageops};
 
 /// Largest file that is read, bytes.
 const MAX_FILE: u64 = 16 << 20;
@@ -20,9 +21,9 @@ const MAX_MEMORY: u64 = 64 << 20;
 const MAX_PIXELS: u64 = 180_000_000;
 /// Longest side of a picture on the page, pixels: larger ones are scaled down.
 const MOST_SIDE_PX: u32 = 280;
-/// Of WebP, 0 … 100. Pictures of errors are noise, which takes the most bytes and needs the least detail.
-const QUALITY: f32 = 60.0;
-const QUALITY_OF_ERRORS: f32 = 40.0;
+/// Of JPEG, 1 … 100. Pictures of errors are noise, which takes the most bytes and needs the least detail.
+const QUALITY: u8 = 60;
+const QUALITY_OF_ERRORS: u8 = 40;
 /// All pictures of a page, bytes before base64: with them a page of 2,000 cells stays below 5 MB.
 const MAX_EMBEDDED: usize = 320 << 10;
 
@@ -50,7 +51,7 @@ impl Embedder {
         let picture = self.decode(folder, &picture.path)?;
         let own_px = [picture.width(), picture.height()];
         let picture = reduced(picture);
-        let (media_type, bytes) = smallest(&picture, quality)?;
+        let (media_type, bytes) = smallest(&picture, quality).map_err(|error| error.to_string())?;
         self.bytes += bytes.len();
         if self.bytes > MAX_EMBEDDED {
             return Err(format!("the page holds {} KiB of pictures at most", MAX_EMBEDDED >> 10));
@@ -87,16 +88,13 @@ fn reduced(picture: RgbImage) -> RgbImage {
     imageops::resize(&picture, scaled(width), scaled(height), imageops::Triangle)
 }
 
-/// As WebP, or as PNG where that is smaller.
-fn smallest(picture: &RgbImage, quality: f32) -> Result<(&'static str, Vec<u8>), String> {
-    let [width, height] = [picture.width(), picture.height()];
-    let webp =
-        webp::Encoder::from_rgb(picture.as_raw(), width, height).encode_simple(false, quality);
-    let webp = webp.map_err(|error| format!("it cannot be compressed: {error:?}"))?;
+/// As JPEG, or as PNG where that is smaller.
+fn smallest(picture: &RgbImage, quality: u8) -> ImageResult<(&'static str, Vec<u8>)> {
+    let mut jpeg = Vec::new();
+    picture.write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, quality))?;
     let mut png = Vec::new();
     let (compression, filter) = (CompressionType::Best, FilterType::Adaptive);
-    let encoder = PngEncoder::new_with_quality(&mut png, compression, filter);
-    picture.write_with_encoder(encoder).map_err(|error| error.to_string())?;
-    let is_png = png.len() < webp.len();
-    Ok(if is_png { ("image/png", png) } else { ("image/webp", webp.to_vec()) })
+    picture.write_with_encoder(PngEncoder::new_with_quality(&mut png, compression, filter))?;
+    let is_png = png.len() < jpeg.len();
+    Ok(if is_png { ("image/png", png) } else { ("image/jpeg", jpeg) })
 }

@@ -1,7 +1,7 @@
 //! The adapter's limits as users see them. What is tested here holds on a machine of any speed and load: that an answer agrees with
 //! itself. The laws themselves are tested on modelled clocks (`gpu::ceilings::tests`, `harness::ceilings`).
 
-use crate::common::{Ends, Place, SMALL, Told, cells, records};
+use super::common::{Ends, Place, SMALL, Told, cells, records};
 use fathom::record::{Ceiling, CeilingShare, Outcome, Record, StageRecord};
 
 /// All cells are measured, or what failed is told: a stage beyond a ceiling that a busy machine made too low.
@@ -57,27 +57,4 @@ fn stages_have_shares_and_a_resumed_run_keeps_the_ceilings() {
             has_its_share(stage, &run.ceilings);
         }
     }
-}
-
-#[test]
-fn one_cell_of_a_pipeline_tells_what_it_costs_the_cpu() {
-    let place = Place::new();
-    let axes = "--axis water=circular --axis water.amplitude_m=0.0,0.1";
-    let run = "run uw-waves --budget 10m --precision 1 --no-ceilings --out run";
-    place.fathom(format!("{run} {axes} {SMALL}")).ends(0);
-    let cells = cells(&place.path("run"));
-    let told = cells.iter().filter_map(|cell| cell.measured().filter(|it| it.host.is_some()));
-    let told: Vec<_> = told.collect();
-    let [measured] = &told[..] else { panic!("{} of {} cells", told.len(), cells.len()) };
-    let host = measured.host.as_ref().unwrap();
-    let names: Vec<&str> = measured.stages.iter().map(|stage| stage.stage.as_str()).collect();
-    let encoded: Vec<&str> = host.stages.iter().map(|stage| stage.stage.as_str()).collect();
-    assert_eq!(encoded, names);
-    let mut spent =
-        host.stages.iter().map(|stage| &stage.encode).chain([&host.encode, &host.submit]);
-    assert!(spent.all(|spent| spent.median > 0.0 && spent.interval.is_some()), "{host:?}");
-    let creation = host.creation.as_ref().expect("no cell before it has made its pipelines");
-    assert!(creation.pipelines > 0 && creation.first_ns > 0.0 && creation.again_ns > 0.0);
-    let page = std::fs::read_to_string(place.path("run/index.html")).unwrap();
-    assert!(page.contains("What it costs the CPU"));
 }
