@@ -6,7 +6,7 @@ use fathom_record::{Cell, Estimate, Measured};
 
 /// The time of a frame or of a stage in one cell.
 pub struct NamedTime {
-    /// [`cell_name`], for a stage with its name behind.
+    /// [`cell_name`], for a stage [`stage_name`].
     pub name: String,
     /// Nanoseconds.
     pub time: Estimate,
@@ -14,7 +14,12 @@ pub struct NamedTime {
 
 /// `EXPERIMENT CELL`, which names a cell among those of all experiments.
 pub fn cell_name(cell: &Cell) -> String {
-    text::line(format!("{} {}", cell.experiment, cell.cell).trim_end())
+    text::key([&*cell.experiment, &*cell.cell])
+}
+
+/// `EXPERIMENT CELL STAGE`.
+pub fn stage_name(cell: &Cell, stage: &str) -> String {
+    text::key([&*cell.experiment, &*cell.cell, stage])
 }
 
 /// The frame and the stages of every cell whose frames were timed. A stage's time below the clock's resolution is left out.
@@ -23,12 +28,9 @@ pub fn times(view: &ReportView<'_>) -> Vec<NamedTime> {
 }
 
 fn of_cell(cell: &Cell, measured: &Measured) -> Vec<NamedTime> {
-    let name = cell_name(cell);
-    let frame = NamedTime { name: name.clone(), time: measured.frame.untimed };
+    let frame = NamedTime { name: cell_name(cell), time: measured.frame.untimed };
     let resolved = measured.stages.iter().filter(|stage| stage.time.n > 0 && stage.is_resolved());
-    let stages = resolved.map(|stage| NamedTime {
-        name: format!("{name} {}", text::line(&stage.stage)),
-        time: stage.time,
-    });
+    let stages =
+        resolved.map(|stage| NamedTime { name: stage_name(cell, &stage.stage), time: stage.time });
     std::iter::once(frame).chain(stages).collect()
 }

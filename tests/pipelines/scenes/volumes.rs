@@ -108,6 +108,20 @@ fn raw_files_are_read_plain_and_compressed() {
     assert!((volume.bounds().size().max_element() - 1.0).abs() < 1e-12);
 }
 
+/// Formats with headers are not read: of those with values in them, these are.
+#[test]
+fn files_with_headers_are_told_how_to_be_read() {
+    for name in ["a.nrrd", "a.mha", "a.mhd", "A.NHDR"] {
+        let told = fault(name, b"ObjectType = Image\n", "");
+        for key in ["cells", "format", "endian", "spacing_m", "skip_bytes"] {
+            assert!(told.contains(&format!("`{key}`")), "{name}: {told}");
+        }
+    }
+    let keys = "cells = [2, 1, 1]\nformat = \"i16\"\nendian = \"big\"\nwindow = [-1000, 3000]\nskip_bytes = 7";
+    let read = read("a.nrrd", b"NRRD\n\n\n\xfc\x18\x03\xe8", keys).unwrap();
+    assert_eq!(read.data, [0.0, 0.5]);
+}
+
 #[test]
 fn raw_files_that_do_not_match_are_told() {
     let told = |keys: &str| read("a.raw", &[0; 12], keys).expect_err("a fault");
@@ -117,7 +131,11 @@ fn raw_files_that_do_not_match_are_told() {
     assert!(told("cells = [2, 3, 2]").contains("needs both"));
     assert!(told("format = \"u8\"").contains("needs both"));
     let format = told("cells = [2, 3, 2]\nformat = \"u9\"");
-    assert!(format.contains("there are: u8, u16, f32"), "{format}");
+    assert!(format.contains("there are: u8, i8, u16, i16, f32"), "{format}");
+    assert!(
+        told("cells = [2, 3, 2]\nformat = \"i16\"\nskip_bytes = 2")
+            .contains("10 bytes after the 2 of")
+    );
     assert!(told("cells = [0, 3, 2]\nformat = \"u8\"").contains("volume.cells"));
     assert!(told("window = [1, 1]").contains("volume.window"));
     assert!(told("reduce = 0").contains("volume.reduce"));
