@@ -3,18 +3,15 @@
 //! `tobj` keeps every face and object, whether or not it holds a triangle, and computes with indices before it checks them. So
 //! lines reach it through [`Statements`], which passes on what a mesh needs, within limits.
 
-use std::borrow::Borrow;
-use std::collections::{BTreeSet, HashMap};
-use std::io::{self, BufRead, Read};
-
-use tobj::{LoadError, LoadOptions};
+use std::collections::{BTreeMap, HashMap};
+use std::io::{self, BufRead, Read, Write};
 
 use glam::Vec3;
+use tobj::{LoadError, LoadOptions};
 
 use super::read::{self, MAX_VERTICES, Source};
 use super::{Mesh, polygon};
 use fathom_base::input::{LineEnd, next_line};
-use fathom_base::text;
 
 /// Longest line that is read, with those that it continues on, bytes.
 const MAX_LINE: usize = 1 << 16;
@@ -38,7 +35,9 @@ pub fn read(source: Source, triangles: usize, notes: &mut Vec<String>) -> Result
     if statements.number == 0 {
         return Err("the file is empty".into());
     }
-    notes.append(&mut statements.notes);
+    notes.extend(statements.unknown.iter().map(|(keyword, line)| {
+        format!("line {line}: lines that start with `{keyword}` are not read")
+    }));
     let mut mesh = Mesh::default();
     models.iter().for_each(|model| mesh.append(&convert(&model.mesh)));
     Ok(mesh)
@@ -60,6 +59,7 @@ fn malformed<R>(statements: &Statements<R>, fault: LoadError) -> String {
 /// of three corners and more with indices that count from 1, all with normals, and a new object wherever one with faces has ended.
 struct Statements<R> {
     source: R,
+    part: Vec<u8>,
     line: Vec<u8>,
     /// Of the last line read, from 1.
     number: usize,
@@ -73,8 +73,8 @@ struct Statements<R> {
     objects: usize,
     /// The next face starts an object.
     ended: bool,
-    unknown: BTreeSet<String>,
-    notes: Vec<String>,
+    /// Keywords, and where each stands first.
+    unknown: BTreeMap<String, usize>,
     /// Why reading stopped.
     fault: Option<String>,
 }
@@ -83,6 +83,7 @@ impl<R: BufRead> Statements<R> {
     fn new(source: R, most_triangles: usize) -> Self {
         Self {
             source,
+            part: Vec::new(),
             line: Vec::new(),
             number: 0,
             out: b"vn 0 0 0\n".to_vec(),
@@ -93,8 +94,7 @@ impl<R: BufRead> Statements<R> {
             most_triangles,
             objects: 0,
             ended: true,
-            unknown: BTreeSet::new(),
-            notes: Vec::new(),
+            unknown: BTreeMap::new(),
             fault: None,
         }
     }
@@ -116,11 +116,11 @@ impl<R: BufRead> Statements<R> {
 
     /// Reads a line without its comment, with those that it continues on; false at the end of the file.
     fn join(&mut self) -> Result<bool, String> {
-        let (mut part, first) = (Vec::new(), self.number);
+        let first = self.number;
         self.line.clear();
         loop {
             let longest = MAX_LINE.saturating_sub(self.line.len());
-            let read = next_line(&mut self.source, longest, &mut part);
+            let read = next_line(&mut self.source, longest, &mut self.part);
             match read.map_err(|error| error.to_string())? {
                 None => return Ok(self.number > first),
                 Some(end) => {
@@ -130,8 +130,8 @@ impl<R: BufRead> Statements<R> {
                     }
                 }
             }
-            let comment = part.iter().position(|byte| *byte == b'#');
-            self.line.extend(&part[..comment.unwrap_or(part.len())]);
+            let comment = self.part.iter().position(|byte| *byte == b'#');
+            self.line.extend(&self.part[..comment.unwrap_or(self.part.len())]);
             self.line.truncate(self.line.trim_ascii_end().len());
             if comment.is_some() || self.line.pop_if(|byte| *byte == b'\\').is_none() {
                 return Ok(true);
@@ -167,17 +167,13 @@ impl<R: BufRead> Statements<R> {
                 self.put(&words);
             }
             ["f", _, _, _, ..] => self.face(&words[1..])?,
-            ["f", ..] | [] => {}
-            [keyword, ..] => self.note_unknown(read::clipped(keyword)),
+            ["f", ..] => {}
+            [keyword, ..] if self.unknown.len() < MAX_UNKNOWN => {
+                self.unknown.entry(read::clipped(keyword)).or_insert(self.number);
+            }
+            _ => {}
         }
         Ok(())
-    }
-
-    fn note_unknown(&mut self, keyword: String) {
-        if self.unknown.len() < MAX_UNKNOWN && self.unknown.insert(keyword.clone()) {
-            let (line, keyword) = (self.number, text::line(&keyword));
-            self.notes.push(format!("line {line}: lines that start with `{keyword}` are not read"));
-        }
     }
 
     fn face(&mut self, corners: &[&str]) -> Result<(), String> {
@@ -191,8 +187,12 @@ impl<R: BufRead> Statements<R> {
         if self.ended {
             self.object()?;
         }
-        let texts = corners.iter().map(|(position, normal)| format!("{position}//{normal}"));
-        self.put(&std::iter::once("f".to_owned()).chain(texts).collect::<Vec<_>>());
+        self.out.push(b'f');
+        for (position, normal) in corners {
+            // Into memory, which does not fail.
+            let _ = write!(self.out, " {position}//{normal}");
+        }
+        self.out.push(b'\n');
         Ok(())
     }
 
@@ -218,7 +218,7 @@ impl<R: BufRead> Statements<R> {
         Ok((index(position, self.positions)?, normal.unwrap_or(Ok::<_, String>(NO_NORMAL))?))
     }
 
-    fn put<S: Borrow<str>>(&mut self, words: &[S]) {
+    fn put(&mut self, words: &[&str]) {
         self.out.extend_from_slice(words.join(" ").as_bytes());
         self.out.push(b'\n');
     }
@@ -297,12 +297,9 @@ mod tests {
     #[test]
     fn each_unknown_keyword_is_named_once() {
         let text = "V 0 0 0\nv 0 0 0\nv 1 0 0 # V\nv 0 1 0\nsurf 1\nV 1\nf 1 2 3\n#V\nsurf 2\ns off\nl 1 2\n";
-        let source: Box<dyn Read> = Box::new(text.as_bytes());
-        let mut notes = Vec::new();
+        let (source, mut notes): (Box<dyn Read>, _) = (Box::new(text.as_bytes()), Vec::new());
         read(io::BufReader::new(source), 1, &mut notes).unwrap();
-        let not_read = |keyword| format!("lines that start with `{keyword}` are not read");
-        let [first, second] =
-            [("V", 1), ("surf", 5)].map(|(k, line)| format!("line {line}: {}", not_read(k)));
-        assert_eq!(notes, [first, second]);
+        let told = "line 1: lines that start with `V` are not read, line 5: lines that start with `surf` are not read";
+        assert_eq!(notes.join(", "), told);
     }
 }

@@ -80,6 +80,9 @@ impl Read for LineFeeds {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         loop {
             let (read, mut kept) = (self.source.read(buffer)?, 0);
+            if !self.after_return && !buffer[..read].contains(&b'\r') {
+                return Ok(read);
+            }
             for at in 0..read {
                 let byte = buffer[at];
                 if !(byte == b'\n' && self.after_return) {

@@ -50,22 +50,14 @@ pub struct Raw {
 }
 
 impl VolumeFormat {
-    /// The stored values that stand for 0 and 1 unless the scene file says otherwise.
-    fn window(self) -> [f64; 2] {
+    /// Bytes of a value, and the stored values that stand for 0 and 1 unless the scene file says otherwise.
+    fn layout(self) -> (usize, [f64; 2]) {
         match self {
-            VolumeFormat::U8 => [0.0, u8::MAX.into()],
-            VolumeFormat::I8 => [i8::MIN.into(), i8::MAX.into()],
-            VolumeFormat::U16 => [0.0, u16::MAX.into()],
-            VolumeFormat::I16 => [i16::MIN.into(), i16::MAX.into()],
-            VolumeFormat::F32 => [0.0, 1.0],
-        }
-    }
-
-    fn bytes(self) -> usize {
-        match self {
-            VolumeFormat::U8 | VolumeFormat::I8 => 1,
-            VolumeFormat::U16 | VolumeFormat::I16 => 2,
-            VolumeFormat::F32 => 4,
+            VolumeFormat::U8 => (1, [0.0, u8::MAX.into()]),
+            VolumeFormat::I8 => (1, [i8::MIN.into(), i8::MAX.into()]),
+            VolumeFormat::U16 => (2, [0.0, u16::MAX.into()]),
+            VolumeFormat::I16 => (2, [i16::MIN.into(), i16::MAX.into()]),
+            VolumeFormat::F32 => (4, [0.0, 1.0]),
         }
     }
 
@@ -110,7 +102,7 @@ pub fn cell_count(cells: [u32; 3]) -> Result<usize, String> {
 /// Cubic cells; the longest edge of the box is 1 m.
 fn raw_cells(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
     let count = cell_count(raw.cells)?;
-    let each = raw.format.bytes();
+    let (each, window) = raw.format.layout();
     let skipped = io::copy(&mut source.take(raw.skip_bytes.into()), &mut io::sink());
     skipped.map_err(|error| error.to_string())?;
     let (mut data, mut read) = (Vec::new(), 0);
@@ -139,7 +131,7 @@ fn raw_cells(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
     let longest = raw.cells.into_iter().max().unwrap_or(1);
     let spacing_m = DVec3::splat(1.0 / f64::from(longest));
     let volume = Volume { cells: raw.cells, spacing_m, data, ..Volume::default() };
-    Ok((volume, raw.format.window()))
+    Ok((volume, window))
 }
 
 #[cfg(test)]
@@ -166,7 +158,8 @@ mod tests {
             (F32, &floats, [0.25, -2.0]),
         ];
         for (format, little, expected) in rows {
-            let big = little.chunks(format.bytes()).flat_map(|value| value.iter().rev().copied());
+            let big =
+                little.chunks(format.layout().0).flat_map(|value| value.iter().rev().copied());
             let big: Vec<u8> = [7; 9].into_iter().chain(big).collect();
             for (endian, skip_bytes, mut bytes) in
                 [(Endian::Little, 0, little), (Endian::Big, 9, &big)]

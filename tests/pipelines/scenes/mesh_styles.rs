@@ -104,64 +104,15 @@ fn files_of_every_style_are_the_plain_mesh() {
     }
 }
 
-/// Corners, and the area. They turn to the left.
-type Polygon = (&'static str, Vec<[f32; 2]>, f64);
-
-fn polygons() -> Vec<Polygon> {
-    let comb = (0..100).rev().map(|i| [i as f32, if i % 2 == 0 { 1.0 } else { 5.0 }]);
-    let comb = [[0.0, 0.0], [99.0, 0.0]].into_iter().chain(comb).collect();
-    vec![
-        ("square", vec![[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]], 4.0),
-        ("notched square", vec![[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]], 10.0),
-        ("arrow", vec![[0.0, 0.0], [3.0, -2.0], [1.0, 0.0], [3.0, 2.0]], 2.0),
-        (
-            "triangle with corners on its edges",
-            vec![[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 2.0], [1.0, 1.0]],
-            2.0,
-        ),
-        (
-            "spiral",
-            vec![
-                [0.0, 0.0],
-                [5.0, 0.0],
-                [5.0, 5.0],
-                [1.0, 5.0],
-                [1.0, 2.0],
-                [3.0, 2.0],
-                [3.0, 3.0],
-                [2.0, 3.0],
-                [2.0, 4.0],
-                [4.0, 4.0],
-                [4.0, 1.0],
-                [0.0, 1.0],
-            ],
-            15.0,
-        ),
-        ("comb", comb, 297.0),
-    ]
-}
-
-/// A file of one polygon in the plane of `u` and `v`, whose face begins at this corner.
-fn file(name: &str, polygon: &[[f32; 2]], plane: [[f32; 3]; 3], first: usize) -> String {
-    let [origin, u, v] = plane;
-    let at = |[a, b]: &[f32; 2]| {
-        (0..3).map(|i| (origin[i] + a * u[i] + b * v[i]).to_string()).collect::<Vec<_>>().join(" ")
-    };
-    let count = polygon.len();
-    let is_ply = name.ends_with("ply");
-    let corners = (0..count).map(|k| format!(" {}", (first + k) % count + usize::from(!is_ply)));
-    let corners: String = corners.collect();
-    let points = polygon.iter().map(at);
-    if is_ply {
-        let header =
-            PLY.split_once("0 0 0").unwrap().0.replace("vertex 5", &format!("vertex {count}"));
-        return format!(
-            "{header}{}{count}{corners}\n",
-            points.map(|point| point + "\n").collect::<String>()
-        );
-    }
-    format!("{}f{corners}\n", points.map(|point| format!("v {point}\n")).collect::<String>())
-}
+/// Coordinates of corners that turn to the left, and the area.
+const POLYGONS: [(&str, &str, f32); 6] = [
+    ("square", "0 0 2 0 2 2 0 2", 4.0),
+    ("notched square", "0 0 4 0 4 4 2 1 0 4", 10.0),
+    ("arrow", "0 0 3 -2 1 0 3 2", 2.0),
+    ("triangle with corners on its edges", "0 0 1 0 2 0 2 2 1 1", 2.0),
+    ("square with a hole", "0 0 4 0 4 4 0 4 0 0 1 1 1 3 3 3 3 1 1 1", 12.0),
+    ("spiral", "0 0 5 0 5 5 1 5 1 2 3 2 3 3 2 3 2 4 4 4 4 1 0 1", 15.0),
+];
 
 /// Whichever corner comes first, whatever the size, and far from the origin.
 #[test]
@@ -171,46 +122,54 @@ fn polygons_are_filled_once() {
         ("small", [[0.0; 3], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0]], 1e-4),
         ("level", [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]], 1.0),
         ("large", [[0.0; 3], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]], 1e4),
-        ("slanted and far", [far, [0.5, 0.0, 0.25], [0.0, 0.5, 0.0]], 0.5 * 0.3125f64.sqrt()),
+        ("slanted and far", [far, [0.5, 0.0, 0.25], [0.0, 0.5, 0.0]], 0.5 * 0.3125f32.sqrt()),
     ];
-    for (shape, polygon, area) in polygons() {
+    let comb: String = (0..100).rev().map(|x| format!(" {x} {}", 1 + x % 2 * 4)).collect();
+    let comb = format!("0 0 99 0{comb}");
+    for (shape, corners, area) in POLYGONS.into_iter().chain([("comb", &*comb, 297.0)]) {
+        let numbers: Vec<f32> = corners.split(' ').map(|number| number.parse().unwrap()).collect();
         let mut cut = Vec::new();
-        for (plane, axes, times) in planes {
+        for (plane, [origin, u, v], times) in planes {
+            let at = |ab: &[f32]| [0, 1, 2].map(|i| origin[i] + ab[0] * u[i] + ab[1] * v[i]);
+            let positions: Vec<[f32; 3]> = numbers.chunks(2).map(at).collect();
             for name in ["a.obj", "a.ply"] {
-                let meshes: Vec<Mesh> = (0..polygon.len())
-                    .map(|first| read(name, file(name, &polygon, axes, first).as_bytes()).unwrap())
-                    .collect();
-                let row = format!("{shape}, {plane}, {name}");
-                for mesh in &meshes {
-                    assert_eq!(triangles(mesh), triangles(&meshes[0]), "{row}");
+                let begun = |first: usize| {
+                    let mut face: Vec<_> =
+                        (0..positions.len()).map(|corner| (corner, None)).collect();
+                    face.rotate_left(first);
+                    let faces = vec![face];
+                    let shape = Shape { positions: positions.clone(), normals: Vec::new(), faces };
+                    read(name, Style(None).written(&shape, name).as_bytes()).unwrap()
+                };
+                let (mesh, row) = (begun(0), format!("{shape}, {plane}, {name}"));
+                for first in 1..positions.len() {
+                    assert_eq!(triangles(&begun(first)), triangles(&mesh), "{row}");
                 }
                 let doubled = |triangle: usize| {
-                    let [a, b, c] = meshes[0].triangle(triangle);
+                    let [a, b, c] = mesh.triangle(triangle);
                     (b - a).cross(c - a)
                 };
-                let doubled: Vec<_> = (0..meshes[0].triangle_count()).map(doubled).collect();
+                let doubled: Vec<_> = (0..mesh.triangle_count()).map(doubled).collect();
                 let filled: f64 = doubled.iter().map(|area| area.length() / 2.0).sum();
-                assert!((filled / (area * times) - 1.0).abs() < 1e-5, "{row}: {filled}");
+                assert!((filled / f64::from(area * times) - 1.0).abs() < 1e-5, "{row}: {filled}");
                 assert!(doubled.iter().all(|area| area.dot(doubled[0]) >= 0.0), "{row}");
-                cut.push(meshes[0].indices.clone());
+                cut.push(mesh.indices);
             }
         }
         assert!(cut.iter().all(|indices| *indices == cut[0]), "{shape}: {cut:?}");
     }
 }
 
-/// A mesh of random faces. Of half of the draws some corners have normals, and not all of these can be used.
-struct Draw {
-    random: Pcg64,
+struct Shape {
     positions: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
     /// Corners, each a position and perhaps a normal.
     faces: Vec<Vec<(usize, Option<usize>)>>,
 }
 
-impl Draw {
-    fn new(seed: u64) -> Self {
-        let mut random = Pcg64::seed_from_u64(seed);
+impl Shape {
+    /// Random faces. Of half of the seeds some corners have normals, and not all of these can be used.
+    fn random(seed: u64, random: &mut Pcg64) -> Self {
         let scale = 10f32.powi(random.random_range(-3..5));
         let mut points = |count: usize| -> Vec<[f32; 3]> {
             (0..count)
@@ -223,126 +182,97 @@ impl Draw {
         let face = |_| {
             let corners: Vec<usize> = (0..positions.len()).collect();
             let count = random.random_range(3..8);
-            let corners: Vec<usize> = corners.sample(&mut random, count).copied().collect();
-            let mut normal =
-                || random.random_bool(has_normals).then(|| random.random_range(0..normals.len()));
+            let corners: Vec<usize> = corners.sample(random, count).copied().collect();
+            let mut normal = || random.random_bool(has_normals).then(|| random.random_range(0..5));
             corners.into_iter().map(|corner| (corner, normal())).collect()
         };
         let faces = (0..10).map(face).collect();
-        Self { random, positions, normals, faces }
+        Self { positions, normals, faces }
     }
+}
 
-    fn one<'a>(&mut self, of: &[&'a str]) -> &'a str {
-        of.choose(&mut self.random).unwrap()
-    }
+/// How a file is written: plainly where nothing is random.
+struct Style(Option<Pcg64>);
 
-    fn plain(&self) -> String {
-        let line = |keyword: &str, words: Vec<String>| format!("{keyword} {}\n", words.join(" "));
-        let points = |keyword, points: &[[f32; 3]]| -> String {
-            points
-                .iter()
-                .map(|point| line(keyword, point.map(|value| value.to_string()).into()))
-                .collect()
-        };
-        let corner = |(position, normal): &(usize, Option<usize>)| match normal {
-            Some(normal) => format!("{}//{}", position + 1, normal + 1),
-            None => (position + 1).to_string(),
-        };
-        let faces = self.faces.iter().map(|face| line("f", face.iter().map(corner).collect()));
-        points("v", &self.positions) + &points("vn", &self.normals) + &faces.collect::<String>()
+impl Style {
+    fn pick(&mut self, count: usize) -> usize {
+        self.0.as_mut().map_or(0, |random| random.random_range(0..count))
     }
 
     fn number(&mut self, value: f32) -> String {
-        match self.random.random_range(0..3) {
-            0 => format!("{value:e}"),
-            1 if value >= 0.0 => format!("+{value}"),
+        match self.pick(4) {
+            1 => format!("{value:e}"),
+            2 if value >= 0.0 => format!("+{value}"),
             _ => value.to_string(),
         }
     }
 
     fn index(&mut self, place: usize, count: usize) -> String {
-        if self.random.random_bool(0.5) {
-            (place + 1).to_string()
-        } else {
-            format!("-{}", count - place)
-        }
+        if self.pick(2) == 0 { (place + 1).to_string() } else { format!("-{}", count - place) }
     }
 
-    fn corner(&mut self, position: usize, normal: Option<usize>) -> String {
-        let (positions, normals) = (self.positions.len(), self.normals.len());
-        let position = self.index(position, positions);
-        let normal = normal.map_or(String::new(), |normal| self.index(normal, normals));
-        match self.random.random_range(0..3) {
+    fn corner(&mut self, shape: &Shape, (position, normal): (usize, Option<usize>)) -> String {
+        let position = self.index(position, shape.positions.len());
+        let normal = normal.map_or(String::new(), |normal| self.index(normal, shape.normals.len()));
+        match self.pick(3) {
             0 if normal.is_empty() => position,
             1 => format!("{position}/1/{normal}"),
             _ => format!("{position}//{normal}"),
         }
     }
 
-    /// The same in a random style, as OBJ or PLY.
-    fn styled(&mut self, is_ply: bool) -> String {
-        let mut lines: Vec<Vec<String>> = Vec::new();
-        let of = |keyword: &str| if is_ply { Vec::new() } else { vec![keyword.to_owned()] };
-        let points = self.positions.iter().map(|point| ("v", *point));
-        let points: Vec<_> =
-            points.chain(self.normals.iter().map(|point| ("vn", *point))).collect();
-        for (keyword, point) in points.into_iter().filter(|(keyword, _)| *keyword == "v" || !is_ply)
-        {
-            let colour = ["1", "0.5", "0"].map(str::to_owned);
-            let has_colour = keyword == "v" && !is_ply && self.random.random_bool(0.3);
+    /// Words of each line: those of PLY have no keyword, no normals and no colours.
+    fn lines(&mut self, shape: &Shape, is_ply: bool) -> Vec<Vec<String>> {
+        let keyword = |word: &str| if is_ply { Vec::new() } else { vec![word.to_owned()] };
+        let mut lines = Vec::new();
+        let normals = if is_ply { &[][..] } else { &shape.normals };
+        let points = shape.positions.iter().map(|point| ("v", point));
+        for (word, point) in points.chain(normals.iter().map(|point| ("vn", point))) {
+            let has_colour = word == "v" && !is_ply && self.pick(3) == 1;
+            let colour = if has_colour { &["1", "0.5", "0"][..] } else { &[] };
             let numbers = point.map(|value| self.number(value));
-            lines.push(
-                [of(keyword), numbers.into(), if has_colour { colour.into() } else { Vec::new() }]
-                    .concat(),
-            );
+            let colour = colour.iter().map(ToString::to_string).collect();
+            lines.push([keyword(word), numbers.into(), colour].concat());
         }
-        for mut face in self.faces.clone() {
+        for mut face in shape.faces.clone() {
             let count = face.len();
-            face.rotate_left(self.random.random_range(0..count));
-            lines.push(if is_ply {
-                std::iter::once(count)
-                    .chain(face.iter().map(|corner| corner.0))
-                    .map(|word| word.to_string())
-                    .collect()
-            } else {
-                [
-                    of("f"),
-                    face.into_iter()
-                        .map(|(position, normal)| self.corner(position, normal))
-                        .collect(),
-                ]
-                .concat()
+            face.rotate_left(self.pick(count));
+            let indices = face.iter().map(|corner| corner.0);
+            lines.push(match is_ply {
+                true => {
+                    std::iter::once(count).chain(indices).map(|index| index.to_string()).collect()
+                }
+                false => {
+                    let corners = face.into_iter().map(|corner| self.corner(shape, corner));
+                    [keyword("f"), corners.collect()].concat()
+                }
             });
         }
-        let mut text = match is_ply {
-            true => PLY
-                .split_once("0 0 0")
-                .unwrap()
-                .0
-                .replace("vertex 5", "vertex 12")
-                .replace("face 1", "face 10"),
-            false => String::new(),
-        };
-        let joints = [" ", "  ", "\t", " \\\n ", "\\\n ", "\\\n"];
-        let ends = [
-            "\n",
-            "\n\n",
-            "\t\n",
-            " # \\\n",
-            "#f 1 2 3\n",
-            "\nvt 0 0\n",
-            "\ns off\n",
-            "\n# \\\n",
+        lines
+    }
 
-        ];
+    fn written(&mut self, shape: &Shape, name: &str) -> String {
+        let is_ply = name.ends_with("ply");
+        let joints = [" ", "  ", "\t", " \\\n ", "\\\n ", "\\\n"];
+        let ends =
+            ["\n", "\n\n", "\t\n", " # \\\n", "#f 1 2 3\n", "\nvt 0 0\n", "\ns off\n", "\n# \\\n"];
         let (joints, ends) =
             if is_ply { (&joints[..3], &ends[..3]) } else { (&joints[..], &ends[..]) };
-        for word in lines.into_iter().flat_map(|words| [words, vec!["\n".to_owned()]].concat()) {
-            text += if word == "\n" { self.one(ends) } else { &word };
-            text += if word == "\n" { self.one(&["", "  "]) } else { self.one(joints) };
+        let [vertices, faces] = [shape.positions.len(), shape.faces.len()];
+        let header =
+            PLY.split_once("0 0 0").unwrap().0.replace("vertex 5", &format!("vertex {vertices}"));
+        let mut text =
+            if is_ply { header.replace("face 1", &format!("face {faces}")) } else { String::new() };
+        for words in self.lines(shape, is_ply) {
+            text += ["", "  "][self.pick(2)];
+            for word in words {
+                text += &word;
+                text += joints[self.pick(joints.len())];
+            }
+            text += ends[self.pick(ends.len())];
         }
-        let end = self.one(&["\n", "\r\n", "\r"]);
-        format!("{}{}", self.one(&["", "\u{feff}"]), text.replace('\n', end))
+        let text = text.replace('\n', ["\n", "\r\n", "\r"][self.pick(3)]);
+        format!("{}{text}", ["", "\u{feff}"][self.pick(2)])
     }
 }
 
@@ -350,12 +280,12 @@ impl Draw {
 #[test]
 fn random_meshes_in_random_styles_are_the_plain_ones() {
     for seed in 0..10 * draws() {
-        let mut draw = Draw::new(seed);
-        let plain = of("a.obj", &draw.plain()).unwrap();
-        for (name, is_ply) in
-            [("a.obj", false), ("a.ply", true)].into_iter().take(1 + seed as usize % 2)
-        {
-            let styled = draw.styled(is_ply);
+        let mut random = Pcg64::seed_from_u64(seed);
+        let shape = Shape::random(seed, &mut random);
+        let plain = of("a.obj", &Style(None).written(&shape, "a.obj")).unwrap();
+        let mut style = Style(Some(random));
+        for name in ["a.obj", "a.ply"].into_iter().take(1 + seed as usize % 2) {
+            let styled = style.written(&shape, name);
             assert!(of(name, &styled).as_ref() == Ok(&plain), "{seed}, {name}: {styled:?}");
         }
     }
