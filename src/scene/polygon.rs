@@ -4,28 +4,14 @@ use earcut::Earcut;
 use glam::{DVec3, Vec3};
 use itertools::Itertools;
 
-/// Rotates the corners of a polygon, so that they begin at the same one wherever its file begins. Triangles stay as they are.
+/// Rotates the corners of a polygon, so that they begin at the same one wherever its file begins: the smallest of all rotations.
+/// Triangles stay as they are.
 pub fn rotate_to_first<T: Ord>(corners: &mut [T]) {
-    if corners.len() > 3 {
-        corners.rotate_left(smallest_rotation(corners));
+    let rotated = |first: &usize| corners[*first..].iter().chain(&corners[..*first]);
+    let first = (0..corners.len()).min_by(|a, b| rotated(a).cmp(rotated(b)));
+    if let Some(first) = first.filter(|_| corners.len() > 3) {
+        corners.rotate_left(first);
     }
-}
-
-/// Where the smallest rotation begins. Each difference rules out a candidate: linear time, however often corners repeat.
-fn smallest_rotation<T: Ord>(corners: &[T]) -> usize {
-    let count = corners.len();
-    let (mut one, mut other, mut same) = (0, 1, 0);
-    while one.max(other) < count && same < count {
-        let order = corners[(one + same) % count].cmp(&corners[(other + same) % count]);
-        if order.is_eq() {
-            same += 1;
-            continue;
-        }
-        *(if order.is_gt() { &mut one } else { &mut other }) += same + 1;
-        other += usize::from(one == other);
-        same = 0;
-    }
-    one.min(other)
 }
 
 /// The indices of triangles of polygons that have so many of these corners each; without `counts` all are triangles.

@@ -178,7 +178,7 @@ impl Shape {
         };
         let (positions, mut normals) = (points(12), points(5));
         (normals[0], normals[1][1]) = ([0.0; 3], f32::NAN);
-        let has_normals = if seed % 2 == 0 { 0.8 } else { 0.0 };
+        let has_normals = if seed.is_multiple_of(2) { 0.8 } else { 0.0 };
         let face = |_| {
             let corners: Vec<usize> = (0..positions.len()).collect();
             let count = random.random_range(3..8);

@@ -101,11 +101,6 @@ fn raw_files_are_read_plain_and_compressed() {
     assert_eq!(volume.spacing_m, DVec3::new(0.1, 0.2, 0.3));
     let packed = read("a.raw.gz", &gzip(&bytes), keys).unwrap();
     assert_eq!(packed.data, volume.data);
-    let wide: Vec<u8> = (0..12u16).flat_map(|i| (i * 4000).to_le_bytes()).collect();
-    let keys = "cells = [2, 3, 2]\nformat = \"u16\"\nwindow = [0, 44000]";
-    let volume = read("a.raw", &wide, keys).unwrap();
-    assert_eq!((volume.data[0], volume.data[11]), (0.0, 1.0));
-    assert!((volume.bounds().size().max_element() - 1.0).abs() < 1e-12);
 }
 
 /// Formats with headers are not read: of those with values in them, these are.
@@ -120,6 +115,7 @@ fn files_with_headers_are_told_how_to_be_read() {
     let keys = "cells = [2, 1, 1]\nformat = \"i16\"\nendian = \"big\"\nwindow = [-1000, 3000]\nskip_bytes = 7";
     let read = read("a.nrrd", b"NRRD\n\n\n\xfc\x18\x03\xe8", keys).unwrap();
     assert_eq!(read.data, [0.0, 0.5]);
+    assert!((read.bounds().size().max_element() - 1.0).abs() < 1e-12);
 }
 
 #[test]
