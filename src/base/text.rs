@@ -9,6 +9,10 @@ use sha2::{Digest, Sha256};
 
 /// Longest id of an experiment, so that file names made of it stay below the 255 bytes that file systems take.
 pub const ID_LENGTH: usize = 64;
+/// Longest name of a commit, a branch, a machine or an adapter.
+const NAME_LENGTH: usize = 250;
+/// Widest column of a table: `format!` pads to 65,535 characters at most.
+const COLUMN_WIDTH: usize = 1000;
 /// Characters of a name that a file's name keeps.
 const STEM_LENGTH: usize = 120;
 /// Bytes of the hash that tells shortened and replaced names apart: 64 bits.
@@ -110,9 +114,21 @@ pub fn shell(word: &str) -> String {
 
 /// A path of a file as the target of a link in Markdown.
 pub fn link(path: &str) -> String {
-    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~/=,+".contains(&byte);
-    let shown = |b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") };
-    path.bytes().map(shown).collect()
+    percent_encoded(path, |c| c.is_ascii_alphanumeric() || "-._~/=,+".contains(c))
+}
+
+/// Names as one that differs where one of them does, with a space between them: what a name holds of spaces is percent-encoded.
+pub fn key<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    let is_plain = |c: char| c != '%' && !c.is_whitespace() && !is_hidden(c);
+    names.into_iter().map(|name| percent_encoded(name, is_plain)).collect::<Vec<_>>().join(" ")
+}
+
+fn percent_encoded(text: &str, is_plain: impl Fn(char) -> bool) -> String {
+    let encoded = |c: char| match is_plain(c) {
+        true => c.to_string(),
+        false => c.to_string().bytes().map(|byte| format!("%{byte:02X}")).collect(),
+    };
+    text.chars().map(encoded).collect()
 }
 
 /// A field of a table for spreadsheets. What one would take for a formula gets an apostrophe in front, as OWASP advises
@@ -151,14 +167,25 @@ pub fn check_id(id: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Rows whose cells stand below one another, but for the last, which may be long.
+/// Whether a name that a user, a repository or a worker gives can stand in every table.
+pub fn check_length(what: &str, name: &str) -> Result<(), String> {
+    match name.chars().count() {
+        ..=NAME_LENGTH => Ok(()),
+        count => Err(format!("the {what} has {count} characters; the most are {NAME_LENGTH}")),
+    }
+}
+
+/// Rows whose cells stand below one another, but for the last and those wider than [`COLUMN_WIDTH`].
 pub fn columns<R: AsRef<[String]>>(rows: &[R]) -> Vec<String> {
     let rows = || rows.iter().map(AsRef::as_ref);
-    let width = |column: usize| rows().map(|row| row[column].chars().count()).max();
+    let width = |cell: &str| cell.chars().count().min(COLUMN_WIDTH);
+    let widest = |column: usize| rows().map(|row| width(&row[column])).max();
     let count = rows().map(<[String]>::len).min().unwrap_or(0);
-    let widths: Vec<usize> = (0..count).map(|column| width(column).unwrap_or(0)).collect();
+    let widths: Vec<usize> = (0..count).map(|column| widest(column).unwrap_or(0)).collect();
     let row = |row: &[String]| {
-        let padded = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:width$}"));
+        let padded = row.iter().zip(&widths);
+        let padded =
+            padded.map(|(cell, widest)| format!("{cell}{}", " ".repeat(widest - width(cell))));
         padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
     };
     rows().map(row).collect()
@@ -260,6 +287,36 @@ mod tests {
     fn code_holds_backticks() {
         assert_eq!(code("a=<b>"), "`a=<b>`");
         assert_eq!(code("a``b`c\n"), "``` a``b`c  ```");
+    }
+
+    #[test]
+    fn keys_of_different_names_differ() {
+        assert_eq!(key(["uw-default", "n=1,µ=2", "ao/march"]), "uw-default n=1,µ=2 ao/march");
+        let rows: [&[&str]; 9] = [
+            &["own", "base ao/march"],
+            &["own", "base", "ao/march"],
+            &["own base", "ao/march"],
+            &["own", "base%20ao/march"],
+            &["own", "base\u{a0}ao/march"],
+            &["own", "base\tao/march"],
+            &["own", "base\u{1b}ao/march"],
+            &["own", "", "base ao/march"],
+            &["own", "base ao/march", ""],
+        ];
+        let keys: std::collections::BTreeSet<_> =
+            rows.iter().map(|row| key(row.iter().copied())).collect();
+        assert_eq!(keys.len(), rows.len(), "{keys:?}");
+    }
+
+    #[test]
+    fn columns_are_as_wide_as_their_widest_cell_up_to_a_limit() {
+        for length in [3, 70_000] {
+            let rows = [["µ".repeat(length), "b".into()], ["a".into(), "c".into()]];
+            let padding = " ".repeat(length.min(COLUMN_WIDTH) - 1);
+            let expected = [format!("{}  b", "µ".repeat(length)), format!("a{padding}  c")];
+            assert!(columns(&rows) == expected, "{length}");
+            assert_eq!(check_length("branch", &rows[0][0]).is_ok(), length == 3);
+        }
     }
 
     #[test]

@@ -38,6 +38,10 @@ impl Gates {
         if let Some(cell) = configurations.iter().find(|cell| cell.stages.is_empty()) {
             return Err(invalid(format!("cell `{}` lists no `stages` to compare", cell.id)).into());
         }
+        let mut stages = configurations.iter().flat_map(|cell| &cell.stages);
+        if let Some(stage) = stages.find(|stage| stage.contains(char::is_whitespace)) {
+            return Err(invalid(format!("the name of stage `{stage}` must hold no space")).into());
+        }
         let asked = experiment.control.as_deref();
         let control = configurations
             .iter()
@@ -123,6 +127,14 @@ mod tests {
         assert_eq!(cell.configuration(), "tank-fine");
         assert_eq!(cell.stage(), "caustics/trace");
         assert_eq!(serde_json::to_string(&cell).unwrap(), "\"tank-fine caustics/trace\"");
+    }
+
+    #[test]
+    fn names_of_stages_hold_no_space() {
+        let toml = "title = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"s\"\nstages = [\"blur µ|1\"]\n[[sweep]]\nid = \"one\"\n";
+        let experiment = Experiment::parse("own", &format!("id = \"own\"\n{toml}")).unwrap();
+        let fault = Gates::of(&experiment).unwrap_err().to_string();
+        assert!(fault.contains("stage `blur µ|1` must hold no space"), "{fault}");
     }
 
     #[test]

@@ -14,8 +14,8 @@ use thiserror::Error;
 use super::environment::{self, Environment};
 use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
 use fathom_base::process::{Listener, ProcessTree};
-use fathom_base::quiet;
 pub use fathom_base::quiet::{Quiet, allowed_cores};
+use fathom_base::{quiet, text};
 use fathom_gpu as gpu;
 use fathom_gpu::ClockPlan;
 use fathom_record::MachineState;
@@ -305,7 +305,10 @@ impl WorkerProcess {
     /// What the worker says of itself, if it speaks this protocol.
     pub fn greeted(&mut self, waiting: &Waiting<'_>) -> Result<Greeting, WorkerFault> {
         match self.receive(waiting)? {
-            Reply::Hello(greeting) => Ok(*greeting),
+            Reply::Hello(greeting) => match long_name(&greeting) {
+                None => Ok(*greeting),
+                Some(fault) => Err(self.garbage(&fault)),
+            },
             other => Err(self.unexpected(&other)),
         }
     }
@@ -379,6 +382,19 @@ impl WorkerProcess {
             let _ = self.tree.status_within(farewell);
         }
     }
+}
+
+/// Why a worker cannot be named in tables.
+fn long_name(Greeting { adapter, fathom_version, .. }: &Greeting) -> Option<String> {
+    let names = [
+        ("version", fathom_version),
+        ("adapter's name", &adapter.name),
+        ("adapter's backend", &adapter.backend),
+        ("adapter's device_type", &adapter.device_type),
+        ("adapter's driver", &adapter.driver),
+        ("adapter's driver_info", &adapter.driver_info),
+    ];
+    names.into_iter().find_map(|(what, name)| text::check_length(what, name).err())
 }
 
 /// Why these cannot be the times of so many frames, taken one after the other within a request that took so long by this process's clock.

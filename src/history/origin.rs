@@ -2,10 +2,11 @@
 
 use std::process::Command;
 
-use anyhow::Context;
+use anyhow::{Context, Error};
 
 use fathom_base::private;
 use fathom_base::process;
+use fathom_base::text::check_length;
 
 /// What the user says. The rest is found out.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -58,6 +59,14 @@ pub fn origin(said: Said) -> anyhow::Result<Origin> {
     };
     let branch = said.branch.or_else(|| variable(BRANCH_VARIABLES));
     let branch = branch.or_else(|| git(&["symbolic-ref", "--quiet", "--short", "HEAD"]));
+    let names = [
+        ("commit", Some(&commit)),
+        ("branch", branch.as_ref()),
+        ("machine", said.machine.as_ref()),
+    ];
+    for (what, name) in names {
+        name.map_or(Ok(()), |name| check_length(what, name)).map_err(Error::msg)?;
+    }
     Ok(Origin {
         committed_at: committed_at(&commit),
         commit,

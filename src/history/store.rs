@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use itertools::Itertools;
 use jiff::Timestamp;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 
 use super::run::{NewFigure, NewRun};
 use super::stored::shortened;
-use super::{FORMAT, Origin};
+use super::{DEFAULT_FILE, FORMAT, Origin, VARIABLE};
 use fathom_base::text::line;
 
 /// How long a writer waits for another one.
@@ -62,7 +62,7 @@ impl History {
     /// The same to add to it. What is not there yet is made with the first run.
     pub fn open_or_make(path: &Path) -> anyhow::Result<History> {
         if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder).with_context(|| line(&folder.display().to_string()))?;
+            std::fs::create_dir_all(folder).with_context(|| named(path))?;
         }
         let history = Self::connect(path, OpenFlags::SQLITE_OPEN_CREATE)?;
         history.is_made()?;
@@ -75,7 +75,11 @@ impl History {
             Err(_) => ensure!(!create.is_empty(), no_history(path)),
         }
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX | create;
-        let connection = Connection::open_with_flags(path, flags)?;
+        // The library's own message names the file.
+        let why = |error: rusqlite::Error| error.sqlite_error().map(ToString::to_string);
+        let opened = Connection::open_with_flags(path, flags);
+        let connection = opened
+            .map_err(|error| anyhow!("{}: {}", named(path), why(error).unwrap_or_default()))?;
         connection.busy_timeout(PATIENCE)?;
         Ok(History { path: path.to_owned(), connection })
     }
@@ -83,7 +87,7 @@ impl History {
     /// Whether the tables are there, in this build's format.
     fn is_made(&self) -> anyhow::Result<bool> {
         let made = is_made(&self.connection);
-        made.with_context(|| line(&self.path.display().to_string()))
+        made.with_context(|| named(&self.path))
     }
 
     /// Stores a run, all or nothing. The same run again changes nothing.
@@ -127,7 +131,15 @@ impl History {
 }
 
 fn no_history(path: &Path) -> String {
-    format!("there is no history in {}: `fathom history add DIR` makes one", path.display())
+    format!("there is no history in {}: `fathom history add DIR` makes one", named(path))
+}
+
+/// A history's file for messages. What names no file may be the address of a database, with a password in it.
+fn named(path: &Path) -> String {
+    if path.exists() || path == Path::new(DEFAULT_FILE) {
+        return line(&path.display().to_string());
+    }
+    format!("the file that --db or {VARIABLE} names")
 }
 
 fn is_made(connection: &Connection) -> anyhow::Result<bool> {

@@ -84,7 +84,7 @@ impl Gate {
     pub const ALL: [Self; 3] = [Self::Exact, Self::Instructions, Self::Time];
 }
 
-/// A gate cell's name: `CONFIGURATION STAGE`, such as `tank caustics/trace`.
+/// A gate cell's name: `CONFIGURATION STAGE`, such as `tank caustics/trace`. The stage holds no space.
 #[derive(
     Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema,
 )]

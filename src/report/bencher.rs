@@ -3,9 +3,9 @@
 
 use serde_json::{Map, Value, json};
 
-use super::timed::{cell_name, times};
 use super::{Exporter, OfRun, ReportView, RunExporter, Written};
-use fathom_record::Interval;
+use fathom_base::text;
+use fathom_record::{Cell, Estimate, Interval};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "bencher",
@@ -15,24 +15,38 @@ pub const EXPORTER: RunExporter = Exporter {
     export: OfRun::One(export),
 };
 
+/// `EXPERIMENT CELL`.
+fn cell_name(cell: &Cell) -> String {
+    text::key([&*cell.experiment, &*cell.cell])
+}
+
+/// A stage's time below the clock's resolution is left out.
 fn export(view: &ReportView<'_>) -> String {
     let mut all = Map::new();
-    let mut add = |name: &str, measure: &str, metric: Value| {
+    let mut add = |name: String, measure: &str, metric: Value| {
         all.entry(name).or_insert_with(|| json!({}))[measure] = metric;
     };
-    for time in times(view) {
-        let mut metric = json!({ "value": time.time.median });
-        if let Some(Interval { low, high }) = time.time.interval {
-            metric["lower_value"] = json!(low);
-            metric["upper_value"] = json!(high);
+    for (cell, measured) in view.timed() {
+        add(cell_name(cell), "latency", latency(&measured.frame.untimed));
+        for stage in measured.stages.iter().filter(|of| of.time.n > 0 && of.is_resolved()) {
+            let name = text::key([&*cell.experiment, &*cell.cell, &*stage.stage]);
+            add(name, "latency", latency(&stage.time));
         }
-        add(&time.name, "latency", metric);
     }
     for (cell, measured) in view.measured() {
         let metric = json!({ "value": measured.allocated_bytes });
-        add(&cell_name(cell), "allocated-bytes", metric);
+        add(cell_name(cell), "allocated-bytes", metric);
     }
     format!("{:#}\n", Value::Object(all))
+}
+
+fn latency(time: &Estimate) -> Value {
+    let mut metric = json!({ "value": time.median });
+    if let Some(Interval { low, high }) = time.interval {
+        metric["lower_value"] = json!(low);
+        metric["upper_value"] = json!(high);
+    }
+    metric
 }
 
 #[cfg(test)]
@@ -43,6 +57,20 @@ mod tests {
 
     fn exported(records: &[Record]) -> Value {
         serde_json::from_str(&export(&ReportView::new(records, None))).unwrap()
+    }
+
+    /// A cell whose name is another's and a stage's is not that stage.
+    #[test]
+    fn names_with_spaces_are_told_apart() {
+        let mut records = fixtures::run();
+        let count = exported(&records).as_object().unwrap().len();
+        let mut cells = fixtures::cells(&mut records);
+        let [first, second] = [cells.next().unwrap(), cells.next().unwrap()];
+        let stage = &first.measured().unwrap().stages[0].stage;
+        second.cell = format!("{} {stage}", first.cell);
+        second.experiment.clone_from(&first.experiment);
+        drop(cells);
+        assert_eq!(exported(&records).as_object().unwrap().len(), count);
     }
 
     #[test]

@@ -18,7 +18,6 @@ mod summary;
 pub mod svg;
 #[cfg(test)]
 mod testing;
-mod timed;
 pub mod trust;
 mod view;
 

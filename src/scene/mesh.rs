@@ -83,6 +83,12 @@ impl Mesh {
 
     /// Vertex normals from the triangles around each vertex, weighted by area; +y without area.
     pub fn recompute_normals(&mut self) {
+        self.normals = vec![[0.0; 3]; self.positions.len()];
+        self.complete_normals();
+    }
+
+    /// The same of those that are 0.
+    pub(super) fn complete_normals(&mut self) {
         let mut sums = vec![DVec3::ZERO; self.positions.len()];
         for t in 0..self.triangle_count() {
             let [a, b, c] = self.triangle(t);
@@ -91,8 +97,10 @@ impl Mesh {
                 sums[self.indices[3 * t + k] as usize] += doubled_area;
             }
         }
-        self.normals =
-            sums.into_iter().map(|n| n.normalize_or(DVec3::Y).as_vec3().to_array()).collect();
+        let normals = self.normals.iter_mut().zip(sums);
+        for (normal, sum) in normals.filter(|(normal, _)| **normal == [0.0; 3]) {
+            *normal = sum.normalize_or(DVec3::Y).as_vec3().to_array();
+        }
     }
 
     /// Whether the arrays agree and hold usable numbers; the error says what is wrong and where.

@@ -20,6 +20,7 @@ mod noise;
 mod obj;
 mod photon_start;
 mod ply;
+mod polygon;
 mod read;
 mod samples;
 mod shapes;

@@ -3,36 +3,43 @@
 //! `tobj` keeps every face and object, whether or not it holds a triangle, and computes with indices before it checks them. So
 //! lines reach it through [`Statements`], which passes on what a mesh needs, within limits.
 
-use std::collections::HashMap;
-use std::io::{self, BufRead, Read};
+use std::collections::{BTreeMap, HashMap};
+use std::io::{self, BufRead, Read, Write};
 
+use glam::Vec3;
 use tobj::{LoadError, LoadOptions};
 
-use super::Mesh;
 use super::read::{self, MAX_VERTICES, Source};
+use super::{Mesh, polygon};
 use fathom_base::input::{LineEnd, next_line};
 
-/// Longest line that is read, bytes.
+/// Longest line that is read, with those that it continues on, bytes.
 const MAX_LINE: usize = 1 << 16;
+
+/// Most unknown keywords that are named.
+const MAX_UNKNOWN: usize = 8;
+
+/// The index of a normal that is none, passed on before those of the file.
+const NO_NORMAL: usize = 1;
 
 /// Most objects and groups that hold triangles. Each takes `tobj` about half a kilobyte.
 const MAX_OBJECTS: usize = 100_000;
 
-/// Reads all objects of an OBJ file of at most `triangles` into one mesh. Polygons are cut into triangles, materials are left
-/// aside, and normals are computed for faces that have none.
-pub fn read(source: Source, triangles: usize) -> Result<Mesh, String> {
+/// Reads all objects of an OBJ file of at most `triangles` into one mesh, and adds what is not read of it to `notes`. Polygons are
+/// cut into triangles, materials are left aside, and normals are computed where a corner has none that can be used.
+pub fn read(source: Source, triangles: usize, notes: &mut Vec<String>) -> Result<Mesh, String> {
     let mut statements = Statements::new(source, triangles);
-    let options = LoadOptions { triangulate: true, ..LoadOptions::default() };
     let no_materials = |_: &std::path::Path| Ok((Vec::new(), Default::default()));
-    let loaded = tobj::load_obj_buf(&mut statements, &options, no_materials);
+    let loaded = tobj::load_obj_buf(&mut statements, &LoadOptions::default(), no_materials);
     let (models, _) = loaded.map_err(|fault| malformed(&statements, fault))?;
-    if statements.number == 1 {
+    if statements.number == 0 {
         return Err("the file is empty".into());
     }
+    notes.extend(statements.unknown.iter().map(|(keyword, line)| {
+        format!("line {line}: lines that start with `{keyword}` are not read")
+    }));
     let mut mesh = Mesh::default();
-    for (model, has_normals) in models.iter().zip(&statements.objects) {
-        mesh.append(&convert(&model.mesh, *has_normals));
-    }
+    models.iter().for_each(|model| mesh.append(&convert(&model.mesh)));
     Ok(mesh)
 }
 
@@ -42,30 +49,32 @@ fn malformed<R>(statements: &Statements<R>, fault: LoadError) -> String {
         (Some(what), _) => format!("line {line}: {what}"),
         // Found when an object ends, so the line would mislead.
         (None, fault @ (LoadError::FaceVertexOutOfBounds | LoadError::FaceNormalOutOfBounds)) => {
-            format!("{fault} in the object before line {line}")
+            format!("{fault} in the object that ends at line {line}")
         }
         (None, fault) => format!("line {line}: {fault}"),
     }
 }
 
-/// The lines of a file that describe geometry, as `tobj` is to read them: coordinates without colours, faces of three corners
-/// and more with indices that count from 1, and a new object wherever one with faces has ended.
+/// The lines of a file that describe geometry, as `tobj` is to read them: one line a statement, coordinates without colours, faces
+/// of three corners and more with indices that count from 1, all with normals, and a new object wherever one with faces has ended.
 struct Statements<R> {
     source: R,
+    part: Vec<u8>,
     line: Vec<u8>,
-    /// Of the line, from 1.
+    /// Of the last line read, from 1.
     number: usize,
-    /// What is passed on of the line, and how much of it was taken.
+    /// What is passed on of the statement, and how much of it was taken.
     out: Vec<u8>,
     taken: usize,
     positions: usize,
     normals: usize,
     triangles: usize,
     most_triangles: usize,
-    /// Whether its faces have normals, of each object passed on.
-    objects: Vec<bool>,
+    objects: usize,
     /// The next face starts an object.
     ended: bool,
+    /// Keywords, and where each stands first.
+    unknown: BTreeMap<String, usize>,
     /// Why reading stopped.
     fault: Option<String>,
 }
@@ -74,38 +83,61 @@ impl<R: BufRead> Statements<R> {
     fn new(source: R, most_triangles: usize) -> Self {
         Self {
             source,
+            part: Vec::new(),
             line: Vec::new(),
             number: 0,
-            out: Vec::new(),
+            out: b"vn 0 0 0\n".to_vec(),
             taken: 0,
             positions: 0,
             normals: 0,
             triangles: 0,
             most_triangles,
-            objects: Vec::new(),
+            objects: 0,
             ended: true,
+            unknown: BTreeMap::new(),
             fault: None,
         }
     }
 
-    /// Reads lines up to one that is passed on; false at the end of the file.
+    /// Reads statements up to one that is passed on; false at the end of the file.
     fn advance(&mut self) -> Result<bool, String> {
         self.out.clear();
         self.taken = 0;
         while self.out.is_empty() {
-            self.number += 1;
-            let read = next_line(&mut self.source, MAX_LINE, &mut self.line);
-            match read.map_err(|error| error.to_string())? {
-                None => return Ok(false),
-                Some(LineEnd::TooLong) => return Err(format!("longer than {MAX_LINE} bytes")),
-                Some(LineEnd::Newline | LineEnd::File) => {}
+            if !self.join()? {
+                return Ok(false);
             }
             let line = std::mem::take(&mut self.line);
-            let passed = self.statement(&line);
+            self.statement(&line)?;
             self.line = line;
-            passed?;
         }
         Ok(true)
+    }
+
+    /// Reads a line without its comment, with those that it continues on; false at the end of the file.
+    fn join(&mut self) -> Result<bool, String> {
+        let first = self.number;
+        self.line.clear();
+        loop {
+            let longest = MAX_LINE.saturating_sub(self.line.len());
+            let read = next_line(&mut self.source, longest, &mut self.part);
+            match read.map_err(|error| error.to_string())? {
+                None => return Ok(self.number > first),
+                Some(end) => {
+                    self.number += 1;
+                    if end == LineEnd::TooLong {
+                        return Err(format!("longer than {MAX_LINE} bytes"));
+                    }
+                }
+            }
+            let comment = self.part.iter().position(|byte| *byte == b'#');
+            self.line.extend(&self.part[..comment.unwrap_or(self.part.len())]);
+            self.line.truncate(self.line.trim_ascii_end().len());
+            if comment.is_some() || self.line.pop_if(|byte| *byte == b'\\').is_none() {
+                return Ok(true);
+            }
+            self.line.push(b' ');
+        }
     }
 
     fn statement(&mut self, line: &[u8]) -> Result<(), String> {
@@ -115,9 +147,8 @@ impl<R: BufRead> Statements<R> {
         };
         match keyword {
             b"o" | b"g" => self.ended = true,
-            // Names and remarks may be in any encoding.
+            // Names may be in any encoding.
             b"usemtl" | b"mtllib" | b"vt" | b"l" | b"p" | b"s" => {}
-            _ if keyword.starts_with(b"#") => {}
             _ => self.geometry(std::str::from_utf8(line).map_err(|_| "not text in UTF-8")?)?,
         }
         Ok(())
@@ -128,14 +159,18 @@ impl<R: BufRead> Statements<R> {
         match words[..] {
             ["v", ..] => {
                 self.positions = counted(self.positions, "vertices")?;
-                // Six numbers are a position and a colour.
-                self.put(if words.len() == 7 { &words[..4] } else { &words });
+                // Six numbers and more are a position and a colour.
+                self.put(if words.len() >= 7 { &words[..4] } else { &words });
             }
             ["vn", ..] => {
                 self.normals = counted(self.normals, "normals")?;
                 self.put(&words);
             }
             ["f", _, _, _, ..] => self.face(&words[1..])?,
+            ["f", ..] => {}
+            [keyword, ..] if self.unknown.len() < MAX_UNKNOWN => {
+                self.unknown.entry(read::clipped(keyword)).or_insert(self.number);
+            }
             _ => {}
         }
         Ok(())
@@ -147,43 +182,40 @@ impl<R: BufRead> Statements<R> {
             return Err(read::too_many_triangles(self.most_triangles));
         }
         let corners = corners.iter().map(|corner| self.corner(corner));
-        let corners: Vec<(usize, Option<usize>)> = corners.collect::<Result<_, _>>()?;
-        let has_normals = corners.iter().all(|(_, normal)| normal.is_some());
-        if self.ended || self.objects.last() != Some(&has_normals) {
-            self.object(has_normals)?;
+        let mut corners: Vec<(usize, usize)> = corners.collect::<Result<_, _>>()?;
+        polygon::rotate_to_first(&mut corners);
+        if self.ended {
+            self.object()?;
         }
         self.out.push(b'f');
         for (position, normal) in corners {
-            let text = match normal {
-                Some(normal) if has_normals => format!(" {position}//{normal}"),
-                _ => format!(" {position}"),
-            };
-            self.out.extend_from_slice(text.as_bytes());
+            // Into memory, which does not fail.
+            let _ = write!(self.out, " {position}//{normal}");
         }
         self.out.push(b'\n');
         Ok(())
     }
 
-    fn object(&mut self, has_normals: bool) -> Result<(), String> {
-        if self.objects.len() == MAX_OBJECTS {
+    fn object(&mut self) -> Result<(), String> {
+        if self.objects == MAX_OBJECTS {
             return Err(format!("more than {MAX_OBJECTS} objects; at most that is read"));
         }
-        self.objects.push(has_normals);
+        self.objects += 1;
         self.ended = false;
         self.put(&["o", "object"]);
         Ok(())
     }
 
     /// Indices of the position and the normal of `v`, `v/vt`, `v//vn` or `v/vt/vn`.
-    fn corner(&self, text: &str) -> Result<(usize, Option<usize>), String> {
+    fn corner(&self, text: &str) -> Result<(usize, usize), String> {
         let mut parts = text.split('/');
         let position = parts.next().unwrap_or_default();
         let normal = parts.nth(1).filter(|normal| !normal.is_empty());
         if parts.next().is_some() {
             return Err(format!("`{}` is no corner of a face", read::clipped(text)));
         }
-        let normal = normal.map(|normal| index(normal, self.normals));
-        Ok((index(position, self.positions)?, normal.transpose()?))
+        let normal = normal.map(|normal| Ok(NO_NORMAL + index(normal, self.normals)?));
+        Ok((index(position, self.positions)?, normal.unwrap_or(Ok::<_, String>(NO_NORMAL))?))
     }
 
     fn put(&mut self, words: &[&str]) {
@@ -237,22 +269,37 @@ impl<R: BufRead> BufRead for Statements<R> {
     }
 }
 
-/// One vertex per pair of position and normal; without normals one per position, for smooth surfaces.
-fn convert(source: &tobj::Mesh, has_normals: bool) -> Mesh {
+/// One vertex per pair of position and normal; where that cannot be used one per position, for smooth surfaces.
+fn convert(source: &tobj::Mesh) -> Mesh {
     let (positions, _) = source.positions.as_chunks::<3>();
     let (normals, _) = source.normals.as_chunks::<3>();
-    if !has_normals {
-        return Mesh::smooth(positions.to_vec(), source.indices.clone());
-    }
+    let unit = |normal: u32| Vec3::from(normals[normal as usize]).as_dvec3().try_normalize();
     let mut mesh = Mesh::default();
     let mut known = HashMap::new();
-    for (&position, &normal) in source.indices.iter().zip(&source.normal_indices) {
-        let index = *known.entry((position, normal)).or_insert_with(|| {
+    let corners = source.indices.iter().zip(&source.normal_indices).map(|(&position, &normal)| {
+        let unit = unit(normal);
+        *known.entry((position, unit.map(|_| normal))).or_insert_with(|| {
             mesh.positions.push(positions[position as usize]);
-            mesh.normals.push(normals[normal as usize]);
+            mesh.normals.push(unit.unwrap_or_default().as_vec3().to_array());
             mesh.positions.len() as u32 - 1
-        });
-        mesh.indices.push(index);
-    }
+        })
+    });
+    let corners = corners.collect();
+    mesh.indices = polygon::triangles(&mesh.positions, corners, &source.face_arities);
+    mesh.complete_normals();
     mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_unknown_keyword_is_named_once() {
+        let text = "V 0 0 0\nv 0 0 0\nv 1 0 0 # V\nv 0 1 0\nsurf 1\nV 1\nf 1 2 3\n#V\nsurf 2\ns off\nl 1 2\n";
+        let (source, mut notes): (Box<dyn Read>, _) = (Box::new(text.as_bytes()), Vec::new());
+        read(io::BufReader::new(source), 1, &mut notes).unwrap();
+        let told = "line 1: lines that start with `V` are not read, line 5: lines that start with `surf` are not read";
+        assert_eq!(notes.join(", "), told);
+    }
 }

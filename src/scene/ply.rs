@@ -3,8 +3,8 @@
 use std::io::{self, BufRead, Read};
 use std::str::{FromStr, SplitAsciiWhitespace};
 
-use super::Mesh;
 use super::read::{self, MAX_TRIANGLES, MAX_VERTICES, Source};
+use super::{Mesh, polygon};
 
 /// Longest line that is read, bytes.
 const MAX_LINE: u64 = 1 << 16;
@@ -13,16 +13,20 @@ const MAX_LINE: u64 = 1 << 16;
 const MAX_HEADER: usize = 1000;
 
 /// Reads the vertices and faces of an ASCII PLY file of at most `triangles`; other elements are skipped.
-pub fn read(source: Source, triangles: usize) -> Result<Mesh, String> {
-    let mut lines = Lines { source, triangles, number: 0, line: String::new() };
+pub fn read(source: Source, triangles: usize, _: &mut Vec<String>) -> Result<Mesh, String> {
+    let mut lines = Lines { source, triangles, left: triangles, number: 0, line: String::new() };
     let elements = header(&mut lines)?;
-    let mut mesh = Mesh::default();
+    let (mut positions, mut corners, mut counts) = (Vec::new(), Vec::new(), Vec::new());
     for element in &elements {
         for index in 0..element.count {
             lines.next(|| format!("{} {index} of {}", element.name, element.count))?;
             match element.name.as_str() {
-                "vertex" => lines.vertex(element, &mut mesh)?,
-                "face" => lines.face(&mut mesh)?,
+                "vertex" => positions.push(lines.vertex(element)?),
+                "face" => {
+                    let mut face = lines.face()?;
+                    counts.push(face.len() as u32);
+                    corners.append(&mut face);
+                }
                 _ => {}
             }
         }
@@ -30,12 +34,12 @@ pub fn read(source: Source, triangles: usize) -> Result<Mesh, String> {
     // To the end of the archive, whose checksum stands there.
     io::copy(&mut lines.source, &mut io::sink())
         .map_err(|e| format!("{e}, after the last element"))?;
-    let count = mesh.positions.len();
-    if let Some(bad) = mesh.indices.iter().find(|i| **i as usize >= count) {
+    let count = positions.len();
+    if let Some(bad) = corners.iter().find(|i| **i as usize >= count) {
         return Err(format!("a face uses vertex {bad}, but there are {count}"));
     }
-    mesh.recompute_normals();
-    Ok(mesh)
+    let indices = polygon::triangles(&positions, corners, &counts);
+    Ok(Mesh::smooth(positions, indices))
 }
 
 /// An element of the header: so many lines, each with these properties.
@@ -117,8 +121,9 @@ fn complete(lines: &Lines, elements: Vec<Element>) -> Result<Vec<Element>, Strin
 /// The lines of a file, counted.
 struct Lines {
     source: Source,
-    /// Most that are read.
+    /// Most that are read, and how many of them are left.
     triangles: usize,
+    left: usize,
     /// Of `line`, from 1.
     number: usize,
     line: String,
@@ -146,7 +151,7 @@ impl Lines {
         }
     }
 
-    fn vertex(&self, element: &Element, mesh: &mut Mesh) -> Result<(), String> {
+    fn vertex(&self, element: &Element) -> Result<[f32; 3], String> {
         let mut position = [f32::NAN; 3];
         let mut words = self.line.split_ascii_whitespace();
         for property in &element.properties {
@@ -158,28 +163,23 @@ impl Lines {
         if !position.iter().all(|c| c.is_finite()) {
             return Err(self.fault("a coordinate is not finite"));
         }
-        mesh.positions.push(position);
-        Ok(())
+        Ok(position)
     }
 
-    /// Adds the face as a fan of triangles.
-    fn face(&self, mesh: &mut Mesh) -> Result<(), String> {
+    /// The corners of a face.
+    fn face(&mut self) -> Result<Vec<u32>, String> {
         let mut words = self.line.split_ascii_whitespace();
-        let corners = self.number_in::<usize>(&mut words)?;
-        if corners < 3 {
-            return Err(self.fault(format!("a face of {corners} corners")));
+        let count = self.number_in::<usize>(&mut words)?;
+        if count < 3 {
+            return Err(self.fault(format!("a face of {count} corners")));
         }
-        if corners - 2 > self.triangles - mesh.triangle_count() {
-            return Err(self.fault(read::too_many_triangles(self.triangles)));
-        }
-        let first = self.number_in::<u32>(&mut words)?;
-        let mut last = self.number_in::<u32>(&mut words)?;
-        for _ in 2..corners {
-            let next = self.number_in::<u32>(&mut words)?;
-            mesh.indices.extend([first, last, next]);
-            last = next;
-        }
-        Ok(())
+        let left = self.left.checked_sub(count - 2);
+        let left = left.ok_or_else(|| self.fault(read::too_many_triangles(self.triangles)))?;
+        let corners = (0..count).map(|_| self.number_in::<u32>(&mut words));
+        let mut corners: Vec<u32> = corners.collect::<Result<_, _>>()?;
+        polygon::rotate_to_first(&mut corners);
+        self.left = left;
+        Ok(corners)
     }
 
     fn number_in<T: FromStr>(&self, words: &mut SplitAsciiWhitespace) -> Result<T, String> {

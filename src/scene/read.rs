@@ -1,12 +1,15 @@
 //! Meshes from files, and what all readers share.
 
-use std::io::{self, BufReader, Read};
+use std::collections::BTreeSet;
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
-
-use glam::Vec3;
+use std::sync::{Mutex, PoisonError};
 
 use super::{Mesh, check, obj, ply};
-use fathom_base::input;
+use fathom_base::{input, tell};
+
+/// What some editors put before text.
+const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 
 /// Most bytes that are read from one file, after decompression.
 pub const MAX_BYTES: u64 = 512 << 20;
@@ -32,17 +35,66 @@ impl Mesh {
         let malformed = |what| format!("mesh {}: {what}", path.display());
         let name = path.to_string_lossy().to_ascii_lowercase();
         let plain = name.strip_suffix(".gz").unwrap_or(&name);
-        let read: fn(Source, usize) -> Result<Mesh, String> = match plain.rsplit_once('.') {
-            Some((_, "obj")) => obj::read,
-            Some((_, "ply")) => ply::read,
-            _ => {
-                let what = "its name must end in .obj or .ply, or in one of them and .gz";
-                return Err(malformed(what.to_owned()));
+        let read: fn(Source, usize, &mut Vec<String>) -> Result<Mesh, String> =
+            match plain.rsplit_once('.') {
+                Some((_, "obj")) => obj::read,
+                Some((_, "ply")) => ply::read,
+                _ => {
+                    let what = "its name must end in .obj or .ply, or in one of them and .gz";
+                    return Err(malformed(what.to_owned()));
+                }
+            };
+        let source = open(path).and_then(text_of);
+        let source = source.map_err(|e| format!("cannot read the mesh {}: {e}", path.display()))?;
+        let mut notes = Vec::new();
+        let mesh = read(source, triangles, &mut notes).and_then(checked).map_err(malformed)?;
+        notes.into_iter().map(malformed).for_each(note_once);
+        Ok(mesh)
+    }
+}
+
+/// Prints a note, if this process has not done so before: a scene's files are read more than once.
+fn note_once(note: String) {
+    static KNOWN: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    if KNOWN.lock().unwrap_or_else(PoisonError::into_inner).insert(note.clone()) {
+        tell::note(note);
+    }
+}
+
+/// Text of UTF-8 without the byte order mark, its lines ended by a line feed alone.
+fn text_of(file: Box<dyn Read>) -> io::Result<Source> {
+    let mut source = BufReader::new(file);
+    if source.fill_buf()?.starts_with(BYTE_ORDER_MARK) {
+        source.consume(BYTE_ORDER_MARK.len());
+    }
+    Ok(BufReader::new(Box::new(LineFeeds { source, after_return: false })))
+}
+
+/// Each carriage return, and the line feed that may follow it, as a line feed.
+struct LineFeeds {
+    source: Source,
+    after_return: bool,
+}
+
+impl Read for LineFeeds {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        loop {
+            let (read, mut kept) = (self.source.read(buffer)?, 0);
+            if !self.after_return && !buffer[..read].contains(&b'\r') {
+                return Ok(read);
             }
-        };
-        let source =
-            open(path).map_err(|e| format!("cannot read the mesh {}: {e}", path.display()))?;
-        read(BufReader::new(source), triangles).and_then(checked).map_err(malformed)
+            for at in 0..read {
+                let byte = buffer[at];
+                if !(byte == b'\n' && self.after_return) {
+                    buffer[kept] = if byte == b'\r' { b'\n' } else { byte };
+                    kept += 1;
+                }
+                self.after_return = byte == b'\r';
+            }
+            if kept > 0 || read == 0 {
+                return Ok(kept);
+            }
+        }
     }
 }
 
@@ -67,11 +119,8 @@ pub fn clipped(word: &str) -> String {
     word.chars().take(24).collect()
 }
 
-/// The mesh with unit normals, if it can be used.
-fn checked(mut mesh: Mesh) -> Result<Mesh, String> {
-    for n in &mut mesh.normals {
-        *n = Vec3::from(*n).normalize_or(Vec3::Y).to_array();
-    }
+/// The mesh, if it can be used.
+fn checked(mesh: Mesh) -> Result<Mesh, String> {
     let far = check::FAR_M as f32;
     let bad = |p: &[f32; 3]| !p.iter().all(|c| c.abs() <= far);
     if let Some(i) = mesh.positions.iter().position(bad) {

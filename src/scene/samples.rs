@@ -7,6 +7,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::{Volume, read};
+use fathom_base::choices;
 
 /// Most cells of a volume: 512³, which are 512 MiB of 32-bit floats.
 pub const MAX_CELLS: u64 = 1 << 27;
@@ -14,46 +15,60 @@ pub const MAX_CELLS: u64 = 1 << 27;
 /// Values that are read at a time.
 const CHUNK: usize = 1 << 14;
 
+/// The type of a stored value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VolumeFormat {
     U8,
-    /// Two bytes, the low one first.
+    /// Two's complement, as [`VolumeFormat::I16`].
+    I8,
     U16,
-    /// IEEE 754 single precision, low byte first.
+    I16,
+    /// IEEE 754 single precision.
     F32,
 }
+
+/// Which byte of a value comes first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Endian {
+    #[default]
+    Little,
+    Big,
+}
+
+choices!(Endian);
 
 /// What a raw file does not tell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Raw {
     pub cells: [u32; 3],
     pub format: VolumeFormat,
+    pub endian: Endian,
+    /// Before the first value.
+    pub skip_bytes: u32,
 }
 
 impl VolumeFormat {
-    /// The stored values that stand for 0 and 1 unless the scene file says otherwise.
-    fn window(self) -> [f64; 2] {
+    /// Bytes of a value, and the stored values that stand for 0 and 1 unless the scene file says otherwise.
+    fn layout(self) -> (usize, [f64; 2]) {
         match self {
-            VolumeFormat::U8 => [0.0, 255.0],
-            VolumeFormat::U16 => [0.0, 65_535.0],
-            VolumeFormat::F32 => [0.0, 1.0],
+            VolumeFormat::U8 => (1, [0.0, u8::MAX.into()]),
+            VolumeFormat::I8 => (1, [i8::MIN.into(), i8::MAX.into()]),
+            VolumeFormat::U16 => (2, [0.0, u16::MAX.into()]),
+            VolumeFormat::I16 => (2, [i16::MIN.into(), i16::MAX.into()]),
+            VolumeFormat::F32 => (4, [0.0, 1.0]),
         }
     }
 
-    fn bytes(self) -> usize {
-        match self {
-            VolumeFormat::U8 => 1,
-            VolumeFormat::U16 => 2,
-            VolumeFormat::F32 => 4,
-        }
-    }
-
-    fn value(self, bytes: &[u8]) -> f32 {
-        let byte = |i: usize| bytes.get(i).copied().unwrap_or_default();
+    fn value(self, bytes: &[u8], endian: Endian) -> f32 {
+        let last = bytes.len() - 1;
+        let byte = |i: usize| bytes[if endian == Endian::Big { last - i } else { i }];
         match self {
             VolumeFormat::U8 => byte(0).into(),
+            VolumeFormat::I8 => byte(0).cast_signed().into(),
             VolumeFormat::U16 => u16::from_le_bytes([byte(0), byte(1)]).into(),
+            VolumeFormat::I16 => i16::from_le_bytes([byte(0), byte(1)]).into(),
             VolumeFormat::F32 => f32::from_le_bytes([byte(0), byte(1), byte(2), byte(3)]),
         }
     }
@@ -87,7 +102,9 @@ pub fn cell_count(cells: [u32; 3]) -> Result<usize, String> {
 /// Cubic cells; the longest edge of the box is 1 m.
 fn raw_cells(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
     let count = cell_count(raw.cells)?;
-    let each = raw.format.bytes();
+    let (each, window) = raw.format.layout();
+    let skipped = io::copy(&mut source.take(raw.skip_bytes.into()), &mut io::sink());
+    skipped.map_err(|error| error.to_string())?;
     let (mut data, mut read) = (Vec::new(), 0);
     while data.len() < count {
         let wanted = (count - data.len()).min(CHUNK) * each;
@@ -97,20 +114,24 @@ fn raw_cells(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
         if chunk.len() < wanted {
             break;
         }
-        data.extend(chunk.chunks_exact(each).map(|bytes| raw.format.value(bytes)));
+        data.extend(chunk.chunks_exact(each).map(|bytes| raw.format.value(bytes, raw.endian)));
     }
     let rest = io::copy(source, &mut io::sink()).map_err(|error| error.to_string())?;
     let (held, taken) = (read as u64 + rest, (count * each) as u64);
     if held != taken {
         let [x, y, z] = raw.cells;
+        let skipped = match raw.skip_bytes {
+            0 => String::new(),
+            bytes => format!(" after the {bytes} of skip_bytes"),
+        };
         return Err(format!(
-            "{held} bytes, but {x} × {y} × {z} cells of {each} bytes take {taken}"
+            "{held} bytes{skipped}, but {x} × {y} × {z} cells of {each} bytes take {taken}"
         ));
     }
     let longest = raw.cells.into_iter().max().unwrap_or(1);
     let spacing_m = DVec3::splat(1.0 / f64::from(longest));
     let volume = Volume { cells: raw.cells, spacing_m, data, ..Volume::default() };
-    Ok((volume, raw.format.window()))
+    Ok((volume, window))
 }
 
 #[cfg(test)]
@@ -125,16 +146,28 @@ mod tests {
         assert!(cell_count([4, 0, 4]).unwrap_err().contains("one at least"));
     }
 
-    fn raw(format: VolumeFormat) -> Raw {
-        Raw { cells: [2, 1, 1], format }
-    }
-
     #[test]
     fn every_format_is_read() {
-        let read = |format, mut bytes: &[u8]| raw_cells(&mut bytes, &raw(format)).unwrap().0.data;
-        assert_eq!(read(VolumeFormat::U8, &[3, 255]), [3.0, 255.0]);
-        assert_eq!(read(VolumeFormat::U16, &[1, 2, 255, 255]), [513.0, 65_535.0]);
-        let floats: Vec<u8> = [0.25f32, -2.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-        assert_eq!(read(VolumeFormat::F32, &floats), [0.25, -2.0]);
+        use VolumeFormat::{F32, I8, I16, U8, U16};
+        let floats = [0.25f32, -2.0].map(f32::to_le_bytes).concat();
+        let rows: [(VolumeFormat, &[u8], [f32; 2]); 5] = [
+            (U8, &[3, 255], [3.0, 255.0]),
+            (I8, &[3, 255], [3.0, -1.0]),
+            (U16, &[1, 2, 255, 255], [513.0, 65_535.0]),
+            (I16, &[0x18, 0xfc, 0, 0x80], [-1000.0, -32_768.0]),
+            (F32, &floats, [0.25, -2.0]),
+        ];
+        for (format, little, expected) in rows {
+            let big =
+                little.chunks(format.layout().0).flat_map(|value| value.iter().rev().copied());
+            let big: Vec<u8> = [7; 9].into_iter().chain(big).collect();
+            for (endian, skip_bytes, mut bytes) in
+                [(Endian::Little, 0, little), (Endian::Big, 9, &big)]
+            {
+                let raw = Raw { cells: [2, 1, 1], format, endian, skip_bytes };
+                let (volume, _) = raw_cells(&mut bytes, &raw).unwrap();
+                assert_eq!(volume.data, expected, "{format:?} {endian:?}");
+            }
+        }
     }
 }

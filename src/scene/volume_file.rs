@@ -1,12 +1,12 @@
 //! The table `[volume]` of a scene file: where a volume comes from and where it goes.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use super::assets::{self, Content};
 use super::generators::fields::{self, FieldGenerator};
-use super::samples::{self, Raw, Samples, VolumeFormat};
+use super::samples::{self, Endian, Raw, Samples, VolumeFormat};
 use super::{SceneFile, Stand, Up, Volume, check};
 use fathom_base::settings;
 
@@ -27,6 +27,10 @@ settings! {
         cells: [u32; 3] = [0; 3];
         /// What a file's values are.
         format: Option<VolumeFormat> = None;
+        /// Which byte of a file's values comes first.
+        endian: Endian = Endian::Little;
+        /// Bytes of a file, after decompression, before its first value: those of a header.
+        skip_bytes: u32 = 0;
         /// Edges of a file's cells, metres; all 0: cubes and a longest edge of the box of 1 m.
         spacing_m: [f64; 3] = [0.0; 3];
         /// The stored axis that points up.
@@ -78,6 +82,8 @@ impl VolumeFile {
         let misplaced = [
             (self.cells != [0; 3] && !generator && !file, "cells", "`generator` or a `file`"),
             (self.format.is_some() && !file, "format", "`file`"),
+            (self.endian != Endian::Little && !file, "endian", "`file`"),
+            (self.skip_bytes != 0 && !file, "skip_bytes", "`file`"),
             (self.spacing_m != [0.0; 3] && !file, "spacing_m", "`file`"),
             (self.up != Up::Y && !file, "up", "`file`"),
         ];
@@ -111,7 +117,7 @@ impl VolumeFile {
             (name.clone(), self.sampled(fields::find(name)?))
         } else if let Some(path) = &self.file {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let (mut volume, window) = samples::read(&file.folder.join(path), &self.raw()?)?;
+            let (mut volume, window) = samples::read(&file.folder.join(path), &self.raw(path)?)?;
             if self.spacing_m != [0.0; 3] {
                 volume.spacing_m = DVec3::from(self.spacing_m);
             }
@@ -148,10 +154,22 @@ impl VolumeFile {
     }
 
     /// What the scene file says of a file.
-    fn raw(&self) -> Result<Raw, String> {
+    fn raw(&self, path: &Path) -> Result<Raw, String> {
+        let name = path.to_string_lossy().to_ascii_lowercase();
+        let is_header = [".mhd", ".nhdr"].iter().any(|end| name.ends_with(end));
+        let has_header = [".mha", ".nrrd"].iter().any(|end| name.ends_with(end));
+        if is_header || has_header && self.skip_bytes == 0 {
+            let name = path.display();
+            return Err(format!(
+                "{name}: headers of .mhd, .mha, .nhdr and .nrrd files are not read. Give the file with the values as `file`, and \
+                 what the header says as `cells`, `format`, `endian`, `spacing_m`; where header and uncompressed values are in one \
+                 file, the header's length as `skip_bytes`"
+            ));
+        }
         let format = self.format.filter(|_| self.cells != [0; 3]);
         let format = format.ok_or("a volume's `file` needs both `cells` and `format`")?;
-        Ok(Raw { cells: self.cells, format })
+        let Self { cells, endian, skip_bytes, .. } = *self;
+        Ok(Raw { cells, format, endian, skip_bytes })
     }
 }
 

@@ -98,7 +98,7 @@ pub fn comparisons() -> Seeds {
 
 pub fn objs() -> Seeds {
     all([
-        "mtllib absent.mtl\no quad\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nusemtl stone\nf 1/1 2/1 3/1 4/1\n",
+        "mtllib absent.mtl\no quad\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nusemtl stone\nf 1/1 2/1\\\n 3/1 4/1 # a\nv 0.2 0.7 0\nf 1 2 3 5 4\n",
         "v 0 0 0 1\nv 1 0 0 1 0 0\nv 0 1 0\nvn 0 0 2\nvn 0 1 0\ng a\nf 1//1 2//1 3//1\r\ng b\nf -1//-1 -2//-2 -3//1\nl 1 2\np 1\n",
     ])
 }

@@ -4,6 +4,7 @@
 use serde::Serialize;
 
 use crate::verdict::{JudgedCell, Verdicts};
+use fathom_base::text;
 use fathom_record::Interval;
 use fathom_report::format::NS_PER_MS;
 
@@ -31,7 +32,8 @@ fn entries(cell: &JudgedCell) -> Vec<Entry> {
     let mut entries = Vec::new();
     let verdict = cell.verdict;
     let mut add = |what: &str, unit, value, extra, range| {
-        entries.push(Entry { name: format!("{} {what}", cell.cell), unit, value, extra, range });
+        let name = text::key([cell.cell.configuration(), cell.cell.stage(), what]);
+        entries.push(Entry { name, unit, value, extra, range });
     };
     if let Some(time) = &cell.time {
         let extra = format!("{verdict}: {:+.2} % against the base", 100.0 * time.change.median);

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::super::Up;
-use super::super::samples::{Raw, VolumeFormat};
+use super::super::samples::{Endian, Raw, VolumeFormat};
 
 /// One mesh or volume that a scene may use.
 pub struct Asset {
@@ -123,7 +123,12 @@ pub const ASSETS: &[Asset] = &[
         source: Source::ByHand,
         licence: ASK_ITS_SOURCE,
         content: Content::Volume {
-            raw: Raw { cells: [256, 256, 128], format: VolumeFormat::U8 },
+            raw: Raw {
+                cells: [256, 256, 128],
+                format: VolumeFormat::U8,
+                endian: Endian::Little,
+                skip_bytes: 0,
+            },
             up: Up::Z,
         },
         stand_in: ("engine_like", &[]),

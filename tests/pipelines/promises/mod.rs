@@ -9,6 +9,6 @@ mod scaled;
 mod underwater;
 
 /// Random draws of each promise.
-fn draws() -> u64 {
+pub fn draws() -> u64 {
     std::env::var("FATHOM_DRAWS").map_or(10, |text| text.parse().expect("FATHOM_DRAWS: a number"))
 }

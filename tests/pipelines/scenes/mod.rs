@@ -3,5 +3,6 @@
 mod built_in;
 #[path = "../../common/files.rs"]
 mod files;
+mod mesh_styles;
 mod meshes;
 mod volumes;

@@ -101,11 +101,21 @@ fn raw_files_are_read_plain_and_compressed() {
     assert_eq!(volume.spacing_m, DVec3::new(0.1, 0.2, 0.3));
     let packed = read("a.raw.gz", &gzip(&bytes), keys).unwrap();
     assert_eq!(packed.data, volume.data);
-    let wide: Vec<u8> = (0..12u16).flat_map(|i| (i * 4000).to_le_bytes()).collect();
-    let keys = "cells = [2, 3, 2]\nformat = \"u16\"\nwindow = [0, 44000]";
-    let volume = read("a.raw", &wide, keys).unwrap();
-    assert_eq!((volume.data[0], volume.data[11]), (0.0, 1.0));
-    assert!((volume.bounds().size().max_element() - 1.0).abs() < 1e-12);
+}
+
+/// Formats with headers are not read: of those with values in them, these are.
+#[test]
+fn files_with_headers_are_told_how_to_be_read() {
+    for name in ["a.nrrd", "a.mha", "a.mhd", "A.NHDR"] {
+        let told = fault(name, b"ObjectType = Image\n", "");
+        for key in ["cells", "format", "endian", "spacing_m", "skip_bytes"] {
+            assert!(told.contains(&format!("`{key}`")), "{name}: {told}");
+        }
+    }
+    let keys = "cells = [2, 1, 1]\nformat = \"i16\"\nendian = \"big\"\nwindow = [-1000, 3000]\nskip_bytes = 7";
+    let read = read("a.nrrd", b"NRRD\n\n\n\xfc\x18\x03\xe8", keys).unwrap();
+    assert_eq!(read.data, [0.0, 0.5]);
+    assert!((read.bounds().size().max_element() - 1.0).abs() < 1e-12);
 }
 
 #[test]
@@ -117,7 +127,11 @@ fn raw_files_that_do_not_match_are_told() {
     assert!(told("cells = [2, 3, 2]").contains("needs both"));
     assert!(told("format = \"u8\"").contains("needs both"));
     let format = told("cells = [2, 3, 2]\nformat = \"u9\"");
-    assert!(format.contains("there are: u8, u16, f32"), "{format}");
+    assert!(format.contains("there are: u8, i8, u16, i16, f32"), "{format}");
+    assert!(
+        told("cells = [2, 3, 2]\nformat = \"i16\"\nskip_bytes = 2")
+            .contains("10 bytes after the 2 of")
+    );
     assert!(told("cells = [0, 3, 2]\nformat = \"u8\"").contains("volume.cells"));
     assert!(told("window = [1, 1]").contains("volume.window"));
     assert!(told("reduce = 0").contains("volume.reduce"));

@@ -220,6 +220,36 @@ fn damaged_runs_are_named_and_not_stored() {
     history("add run").env("GIT_DIR", "/nowhere").refused("of which commit is this run?");
 }
 
+/// It may be the address of a database with a password. The first three name no file, the last two cannot be made one.
+#[test]
+fn a_place_that_is_no_file_is_not_shown() {
+    let (place, _) = sqlite();
+    place.write("u:s3cret@h", "");
+    let long = format!("pwd=s3cret{}", "a".repeat(300));
+    for (db, words) in [
+        ("PASSWORD = s3cret", "list"),
+        ("pwd=s3cret", "changes"),
+        ("u:p@h/s3cret", "show --out page"),
+        ("u:s3cret@h/x", &add("run", "c")),
+        (&long, &add("run", "c")),
+    ] {
+        let told = history(&place.path(""), db, words).refused("--db");
+        assert!(!told.contains("s3cret"), "{db:.40}: {told}");
+    }
+}
+
+#[test]
+fn names_that_are_too_long_are_refused() {
+    let (_place, history) = sqlite();
+    let long = "b".repeat(70_000);
+    for name in ["commit", "branch", "machine"] {
+        let other = ["commit", "branch"].into_iter().filter(|other| *other != name);
+        let others: String = other.map(|other| format!(" --{other} x")).collect();
+        let mut told = history(&format!("add run --{name} {long}{others}"));
+        told.refused(&format!("the {name} has 70000 characters; the most are 250"));
+    }
+}
+
 #[test]
 fn packed_records_are_the_same_run() {
     let (place, history) = sqlite();

@@ -1,0 +1,292 @@
+//! Meshes as people and programs write them are the same meshes as written plainly.
+
+use fathom::scene::Mesh;
+use rand::seq::IndexedRandom;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+use super::files::gzip;
+use super::meshes::read;
+use crate::promises::draws;
+
+type Corner = [u32; 6];
+
+/// Positions and normals of the corners of all triangles, in an order that does not depend on the file's.
+fn triangles(mesh: &Mesh) -> Vec<[Corner; 3]> {
+    let corner = |index: &u32| -> Corner {
+        let vertex = *index as usize;
+        let values = [mesh.positions[vertex], mesh.normals[vertex]].concat();
+        // Of −0 too.
+        std::array::from_fn(|i| (values[i] + 0.0).to_bits())
+    };
+    let mut all: Vec<[Corner; 3]> =
+        mesh.indices.chunks(3).map(|triangle| [0, 1, 2].map(|k| corner(&triangle[k]))).collect();
+    for triangle in &mut all {
+        let first = (0..3).min_by_key(|k| triangle[*k]).unwrap();
+        triangle.rotate_left(first);
+    }
+    all.sort_unstable();
+    all
+}
+
+/// The triangles of a file, which are the same when it is compressed.
+fn of(name: &str, text: &str) -> Result<Vec<[Corner; 3]>, String> {
+    let mesh = read(name, text.as_bytes())?;
+    assert_eq!(read(&format!("{name}.gz"), &gzip(text.as_bytes())).as_ref(), Ok(&mesh));
+    Ok(triangles(&mesh))
+}
+
+const VERTICES: &str = "v 0 0 0\nv 4 0 0\nv 4 4 0\nv 2 1 0\nv 0 4 0\n";
+const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
+    property list uchar int vertex_index\nend_header\n0 0 0\n4 0 0\n4 4 0\n2 1 0\n0 4 0\n5 0 1 2 3 4\n";
+
+#[test]
+fn files_of_every_style_are_the_plain_mesh() {
+    let plain = of("a.obj", &format!("{VERTICES}f 1 2 3 4 5\n")).unwrap();
+    assert_eq!(plain.len(), 3);
+    let face = |lines: &str| format!("{VERTICES}{lines}");
+    let plainly = face("f 1 2 3 4 5\n");
+    let vertex = |line: &str| plainly.replace("v 4 4 0", line);
+    let objs = [
+        ("mark of byte order", format!("\u{feff}{plainly}")),
+        ("mark of byte order before a comment", format!("\u{feff}# made by hand\n{plainly}")),
+        ("CR LF", plainly.replace('\n', "\r\n")),
+        ("CR", format!("\u{feff}{}", plainly.replace('\n', "\r"))),
+        ("no last line end", plainly.trim_end().to_owned()),
+        ("blanks", plainly.replace(' ', " \t ").replace('\n', "\t\n\n  ")),
+        ("continued before blanks", face("f 1 2 3\\\n 4 5")),
+        ("continued without blanks", face("f 1 2\\\n3 4\\\n5")),
+        ("continued twice with CR LF", face("f 1 2 \\\r\n\\\r\n  3 4 5\r\n")),
+        ("continued with CR", face("f 1 2 \\\r 3 4 5\r")),
+        ("continued vertex", vertex("v 4 \\\n  4 0")),
+        ("continued to the end", face("f 1 2 3 4 5 \\")),
+        ("comment that ends in a backslash", format!("# C:\\meshes\\\n{plainly}")),
+        ("comments at ends", vertex("v 4 4 0 # corner \\").replace("4 5\n", "4 5#last\n")),
+        ("comment in place of a corner", face("f 1 2 3 4 5 # 4 3\n")),
+        ("negative indices", face("f -5 -4 -3 -2 -1\n")),
+        ("texture coordinates", face("vt 0 0\nf 1/1 2/1 3/ 4// 5/-1/\n")),
+        ("other first corner", face("f 4 5 1 2 3\n")),
+        ("faces first", format!("f 1 2 3 4 5\n{VERTICES}")),
+        (
+            "groups without faces",
+            format!("o\ng\ng a b\n{VERTICES}o c\ns 1\ng\nusemtl\nf 1 2 3 4 5\no\ng d\n"),
+        ),
+        ("colours", vertex("v 4 4 0 0.1 0.2 0.3").replace("v 0 4 0", "v 0 4 0 1 1 1 0.5")),
+        ("weight", vertex("v 8 8 0 2")),
+        ("other numbers", vertex("v +4e0 .4E1 -0.")),
+        ("unknown keywords", plainly.replace('\n', "\nsurf 1 2\n#\n")),
+        ("normals of length 0", face("vn 0 0 0\nf 1//1 2//1 3//1 4//1 5//1\n")),
+        (
+            "normals that are no numbers",
+            face("vn nan 0 0\nvn 0 inf 0\nf 1//1 2//2 3//1 4//2 5//2\n"),
+        ),
+        ("short and long normals", face("vn 0 0 1e-30\nvn 0 0 1e30\nf 1//1 2//2 3//1 4//2 5//1\n")),
+        ("normals of some corners", face("vn 0 0 2\nvn 0 0 0\nf 1//1 2 3//2 4 5//1\n")),
+    ];
+    let plys = [
+        ("plain", PLY.to_owned()),
+        ("mark of byte order", format!("\u{feff}{PLY}")),
+        ("CR LF", PLY.replace('\n', "\r\n")),
+        ("CR", format!("\u{feff}{}", PLY.replace('\n', "\r"))),
+        ("no last line end", PLY.trim_end().to_owned()),
+        ("blanks", PLY.replace(' ', " \t ").replace('\n', "\t\n\n  ")),
+        ("other first corner", PLY.replace("5 0 1 2 3 4", "5 3 4 0 1 2")),
+        (
+            "colours",
+            PLY.replace("float z\n", "float z\nproperty uchar red\n").replace(" 0\n", " 0 255\n"),
+        ),
+    ];
+    let of_kind = |name: &'static str, rows: &[(&'static str, String)]| -> Vec<_> {
+        rows.iter().map(|(what, text)| (name, *what, of(name, text))).collect()
+    };
+    for (name, what, read) in [of_kind("a.obj", &objs), of_kind("a.ply", &plys)].concat() {
+        assert_eq!(read.as_ref(), Ok(&plain), "{name}: {what}");
+    }
+}
+
+/// Coordinates of corners that turn to the left, and the area.
+const POLYGONS: [(&str, &str, f32); 6] = [
+    ("square", "0 0 2 0 2 2 0 2", 4.0),
+    ("notched square", "0 0 4 0 4 4 2 1 0 4", 10.0),
+    ("arrow", "0 0 3 -2 1 0 3 2", 2.0),
+    ("triangle with corners on its edges", "0 0 1 0 2 0 2 2 1 1", 2.0),
+    ("square with a hole", "0 0 4 0 4 4 0 4 0 0 1 1 1 3 3 3 3 1 1 1", 12.0),
+    ("spiral", "0 0 5 0 5 5 1 5 1 2 3 2 3 3 2 3 2 4 4 4 4 1 0 1", 15.0),
+];
+
+/// Whichever corner comes first, whatever the size, and far from the origin.
+#[test]
+fn polygons_are_filled_once() {
+    let far = [65_536.0, -32_768.0, 4096.0];
+    let planes = [
+        ("small", [[0.0; 3], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0]], 1e-4),
+        ("level", [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]], 1.0),
+        ("large", [[0.0; 3], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]], 1e4),
+        ("slanted and far", [far, [0.5, 0.0, 0.25], [0.0, 0.5, 0.0]], 0.5 * 0.3125f32.sqrt()),
+    ];
+    let comb: String = (0..100).rev().map(|x| format!(" {x} {}", 1 + x % 2 * 4)).collect();
+    let comb = format!("0 0 99 0{comb}");
+    for (shape, corners, area) in POLYGONS.into_iter().chain([("comb", &*comb, 297.0)]) {
+        let numbers: Vec<f32> = corners.split(' ').map(|number| number.parse().unwrap()).collect();
+        let mut cut = Vec::new();
+        for (plane, [origin, u, v], times) in planes {
+            let at = |ab: &[f32]| [0, 1, 2].map(|i| origin[i] + ab[0] * u[i] + ab[1] * v[i]);
+            let positions: Vec<[f32; 3]> = numbers.chunks(2).map(at).collect();
+            for name in ["a.obj", "a.ply"] {
+                let begun = |first: usize| {
+                    let mut face: Vec<_> =
+                        (0..positions.len()).map(|corner| (corner, None)).collect();
+                    face.rotate_left(first);
+                    let faces = vec![face];
+                    let shape = Shape { positions: positions.clone(), normals: Vec::new(), faces };
+                    read(name, Style(None).written(&shape, name).as_bytes()).unwrap()
+                };
+                let (mesh, row) = (begun(0), format!("{shape}, {plane}, {name}"));
+                for first in 1..positions.len() {
+                    assert_eq!(triangles(&begun(first)), triangles(&mesh), "{row}");
+                }
+                let doubled = |triangle: usize| {
+                    let [a, b, c] = mesh.triangle(triangle);
+                    (b - a).cross(c - a)
+                };
+                let doubled: Vec<_> = (0..mesh.triangle_count()).map(doubled).collect();
+                let filled: f64 = doubled.iter().map(|area| area.length() / 2.0).sum();
+                assert!((filled / f64::from(area * times) - 1.0).abs() < 1e-5, "{row}: {filled}");
+                assert!(doubled.iter().all(|area| area.dot(doubled[0]) >= 0.0), "{row}");
+                cut.push(mesh.indices);
+            }
+        }
+        assert!(cut.iter().all(|indices| *indices == cut[0]), "{shape}: {cut:?}");
+    }
+}
+
+struct Shape {
+    positions: Vec<[f32; 3]>,
+    normals: Vec<[f32; 3]>,
+    /// Corners, each a position and perhaps a normal.
+    faces: Vec<Vec<(usize, Option<usize>)>>,
+}
+
+impl Shape {
+    /// Random faces. Of half of the seeds some corners have normals, and not all of these can be used.
+    fn random(seed: u64, random: &mut Pcg64) -> Self {
+        let scale = 10f32.powi(random.random_range(-3..5));
+        let mut points = |count: usize| -> Vec<[f32; 3]> {
+            (0..count)
+                .map(|_| [(); 3].map(|()| scale * random.random_range(-1.0f32..1.0)))
+                .collect()
+        };
+        let (positions, mut normals) = (points(12), points(5));
+        (normals[0], normals[1][1]) = ([0.0; 3], f32::NAN);
+        let has_normals = if seed.is_multiple_of(2) { 0.8 } else { 0.0 };
+        let face = |_| {
+            let corners: Vec<usize> = (0..positions.len()).collect();
+            let count = random.random_range(3..8);
+            let corners: Vec<usize> = corners.sample(random, count).copied().collect();
+            let mut normal = || random.random_bool(has_normals).then(|| random.random_range(0..5));
+            corners.into_iter().map(|corner| (corner, normal())).collect()
+        };
+        let faces = (0..10).map(face).collect();
+        Self { positions, normals, faces }
+    }
+}
+
+/// How a file is written: plainly where nothing is random.
+struct Style(Option<Pcg64>);
+
+impl Style {
+    fn pick(&mut self, count: usize) -> usize {
+        self.0.as_mut().map_or(0, |random| random.random_range(0..count))
+    }
+
+    fn number(&mut self, value: f32) -> String {
+        match self.pick(4) {
+            1 => format!("{value:e}"),
+            2 if value >= 0.0 => format!("+{value}"),
+            _ => value.to_string(),
+        }
+    }
+
+    fn index(&mut self, place: usize, count: usize) -> String {
+        if self.pick(2) == 0 { (place + 1).to_string() } else { format!("-{}", count - place) }
+    }
+
+    fn corner(&mut self, shape: &Shape, (position, normal): (usize, Option<usize>)) -> String {
+        let position = self.index(position, shape.positions.len());
+        let normal = normal.map_or(String::new(), |normal| self.index(normal, shape.normals.len()));
+        match self.pick(3) {
+            0 if normal.is_empty() => position,
+            1 => format!("{position}/1/{normal}"),
+            _ => format!("{position}//{normal}"),
+        }
+    }
+
+    /// Words of each line: those of PLY have no keyword, no normals and no colours.
+    fn lines(&mut self, shape: &Shape, is_ply: bool) -> Vec<Vec<String>> {
+        let keyword = |word: &str| if is_ply { Vec::new() } else { vec![word.to_owned()] };
+        let mut lines = Vec::new();
+        let normals = if is_ply { &[][..] } else { &shape.normals };
+        let points = shape.positions.iter().map(|point| ("v", point));
+        for (word, point) in points.chain(normals.iter().map(|point| ("vn", point))) {
+            let has_colour = word == "v" && !is_ply && self.pick(3) == 1;
+            let colour = if has_colour { &["1", "0.5", "0"][..] } else { &[] };
+            let numbers = point.map(|value| self.number(value));
+            let colour = colour.iter().map(ToString::to_string).collect();
+            lines.push([keyword(word), numbers.into(), colour].concat());
+        }
+        for mut face in shape.faces.clone() {
+            let count = face.len();
+            face.rotate_left(self.pick(count));
+            let indices = face.iter().map(|corner| corner.0);
+            lines.push(match is_ply {
+                true => {
+                    std::iter::once(count).chain(indices).map(|index| index.to_string()).collect()
+                }
+                false => {
+                    let corners = face.into_iter().map(|corner| self.corner(shape, corner));
+                    [keyword("f"), corners.collect()].concat()
+                }
+            });
+        }
+        lines
+    }
+
+    fn written(&mut self, shape: &Shape, name: &str) -> String {
+        let is_ply = name.ends_with("ply");
+        let joints = [" ", "  ", "\t", " \\\n ", "\\\n ", "\\\n"];
+        let ends =
+            ["\n", "\n\n", "\t\n", " # \\\n", "#f 1 2 3\n", "\nvt 0 0\n", "\ns off\n", "\n# \\\n"];
+        let (joints, ends) =
+            if is_ply { (&joints[..3], &ends[..3]) } else { (&joints[..], &ends[..]) };
+        let [vertices, faces] = [shape.positions.len(), shape.faces.len()];
+        let header =
+            PLY.split_once("0 0 0").unwrap().0.replace("vertex 5", &format!("vertex {vertices}"));
+        let mut text =
+            if is_ply { header.replace("face 1", &format!("face {faces}")) } else { String::new() };
+        for words in self.lines(shape, is_ply) {
+            text += ["", "  "][self.pick(2)];
+            for word in words {
+                text += &word;
+                text += joints[self.pick(joints.len())];
+            }
+            text += ends[self.pick(ends.len())];
+        }
+        let text = text.replace('\n', ["\n", "\r\n", "\r"][self.pick(3)]);
+        format!("{}{text}", ["", "\u{feff}"][self.pick(2)])
+    }
+}
+
+/// Ten times `FATHOM_DRAWS` random meshes, each in a random style.
+#[test]
+fn random_meshes_in_random_styles_are_the_plain_ones() {
+    for seed in 0..10 * draws() {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let shape = Shape::random(seed, &mut random);
+        let plain = of("a.obj", &Style(None).written(&shape, "a.obj")).unwrap();
+        let mut style = Style(Some(random));
+        for name in ["a.obj", "a.ply"].into_iter().take(1 + seed as usize % 2) {
+            let styled = style.written(&shape, name);
+            assert!(of(name, &styled).as_ref() == Ok(&plain), "{seed}, {name}: {styled:?}");
+        }
+    }
+}
