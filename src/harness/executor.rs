@@ -36,6 +36,8 @@ use fathom_record::{
     PictureScale, Record, RecordError, Run, SampleLine, SetUp,
 };
 
+/// Kept for the last records and the end of the process, seconds.
+const LAST_STEPS_S: f64 = 0.2;
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
 /// on lavapipe than of one.
 const SOFTWARE_CODE_BYTES: u64 = 20 << 20;
@@ -172,8 +174,21 @@ impl Output<'_> {
 
     /// Writes the record of a cell that is done before anything is said of it.
     pub fn finish(&mut self, cell: Cell) -> Result<(), RecordError> {
-        self.progress.finished(&cell);
-        self.write(Record::Cell(Box::new(cell)))
+        self.finish_all(vec![cell])
+    }
+
+    /// The same of several, in one piece.
+    pub fn finish_all(&mut self, cells: Vec<Cell>) -> Result<(), RecordError> {
+        cells.iter().for_each(|cell| self.progress.finished(cell));
+        let records = cells.into_iter().map(|cell| Record::Cell(Box::new(cell))).collect_vec();
+        self.held.writer.write_all(&records)?;
+        self.records.extend(records);
+        Ok(())
+    }
+
+    /// When no further step begins but the last report.
+    pub fn deadline_s(&self) -> f64 {
+        self.reports.budget_s - self.reports.reserve_s() - LAST_STEPS_S
     }
 
     pub fn now_s(&self) -> f64 {
@@ -499,17 +514,8 @@ impl Executor for CellExecutor<'_, '_> {
         self.output.journal.keep(&self.names[cell], added)
     }
 
-    fn end_round(&mut self, live: &[(usize, &Samples)]) -> Result<(), RecordError> {
-        self.output.journal.write()?;
-        if self.output.reports.is_due() {
-            let sampled = live.iter().filter(|(_, samples)| samples.pairs() > 0);
-            let records = sampled.filter_map(|(cell, samples)| self.record(*cell, samples));
-            let provisional: Vec<Cell> = records.collect();
-            self.output.report(provisional, self.schedule);
-            // Its error will show at the next frame.
-            let _ = self.wake();
-        }
-        Ok(())
+    fn end_round(&mut self) -> Result<(), RecordError> {
+        self.output.journal.write()
     }
 
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), RecordError> {

@@ -155,7 +155,7 @@ fn a_killed_add_leaves_no_half_run() {
     let (folder, db) = (place.path(""), "history.sqlite");
     let adding = |records: &str| {
         put(&folder.join("run"), records);
-        history(&folder, db, add("run", "c"))
+        history(&folder, db, add("run", "c0ffee"))
     };
     let bytes = || std::fs::metadata(place.path(db)).unwrap().len() as f64;
     let mut sizes = Vec::new();
@@ -211,10 +211,10 @@ fn damaged_runs_are_named_and_not_stored() {
         ("between", [lines[0], "{\"record\":", lines[1], ""].join("\n"), "line 2"),
     ] {
         put(&place.path(name), &records);
-        let both = format!("add run {name} --commit c --branch b");
+        let both = format!("add run {name} --commit c0ffee --branch b");
         holds(&history(&both).refused(reason), &[name]);
     }
-    history(&add("nowhere", "c")).refused("nowhere holds no run");
+    history(&add("nowhere", "c0ffee")).refused("nowhere holds no run");
     // The good one beside them was not stored either.
     history("list").refused("there is no history in");
     history("add run").env("GIT_DIR", "/nowhere").refused("of which commit is this run?");
@@ -226,8 +226,8 @@ fn packed_records_are_the_same_run() {
     let records = place.read("run/records.jsonl");
     let packed = place.write("packed/records.jsonl", &records);
     assert!(Command::new("gzip").arg(packed).status().unwrap().success());
-    history(&add("packed", "c")).ends(0);
-    holds(&history(&add("run", "c")).answer(), &["stored already"]);
+    history(&add("packed", "c0ffee")).ends(0);
+    holds(&history(&add("run", "c0ffee")).answer(), &["stored already"]);
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn other_databases_are_left_as_they_are() {
         (".", "is no regular file"),
     ] {
         let before = std::fs::read(place.path(db)).ok();
-        for words in ["changes", &add("run", "c")] {
+        for words in ["changes", &add("run", "c0ffee")] {
             history(&place.path(""), db, words).refused(reason);
         }
         assert_eq!(std::fs::read(place.path(db)).ok(), before);
