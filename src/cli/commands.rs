@@ -16,7 +16,7 @@ use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
-    ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
+    ceilings, dump as dumping, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
 use crate::record::output::{OutputFolder, RECORDS};
@@ -414,14 +414,6 @@ fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let output = OutputFolder { folder: folder.to_owned() };
     let reading = sound(&output, "a run's folder holds its records in")?;
     let _lock = FolderLock::take(folder)?;
-    let unfinished = journal::unfinished(&output.samples(), &reading.records)?;
-    if !unfinished.is_empty() {
-        let pairs: usize = unfinished.iter().sum();
-        let (cells, folder) = (unfinished.len(), output.folder.display());
-        tell::note(format!(
-            "{folder}: {cells} cells with {pairs} pairs of frames have no record yet; `fathom run --resume --out {folder}` continues"
-        ));
-    }
     exporters::write(&output.folder, reading)
 }
 

@@ -87,18 +87,15 @@ fn lock(
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<FolderLock> {
-    let mut is_told = false;
-    loop {
-        match FolderLock::take(cache) {
-            Err(error @ LockError::InUse { .. }) if !interrupted.load(Ordering::Relaxed) => {
-                if !std::mem::replace(&mut is_told, true) {
-                    progress(&error.to_string());
-                }
-                std::thread::sleep(POLL);
-            }
-            taken => return Ok(taken?),
-        }
+    let mut taken = FolderLock::take(cache);
+    if let Err(error @ LockError::InUse { .. }) = &taken {
+        progress(&error.to_string());
     }
+    while matches!(taken, Err(LockError::InUse { .. })) && !interrupted.load(Ordering::Relaxed) {
+        std::thread::sleep(POLL);
+        taken = FolderLock::take(cache);
+    }
+    Ok(taken?)
 }
 
 fn cargo() -> Command {
@@ -349,7 +346,7 @@ mod tests {
             let path = folder.path().join("crates/mine");
             std::fs::create_dir_all(&path).unwrap();
             let repository = Self { folder, path };
-            printed(&mut git(repository.folder.path(), ["init", "--quiet"])).unwrap();
+            git(repository.folder.path(), &["init", "--quiet"]).unwrap();
             repository.git(["config", "user.name", "Someone"]);
             repository.git(["config", "user.email", "someone@example.org"]);
             repository.write("Cargo.toml", MANIFEST);
@@ -373,7 +370,7 @@ mod tests {
         }
 
         fn git<const N: usize>(&self, arguments: [&str; N]) -> String {
-            printed(&mut git(&self.path, arguments)).unwrap()
+            git(&self.path, &arguments).unwrap()
         }
 
         fn commit(&self) {
@@ -412,6 +409,11 @@ mod tests {
         let (again, lines) = repository.build(&commit);
         assert_eq!(again.unwrap(), built);
         assert_eq!(lines, 0, "it comes from the cache");
+        // While another process builds there is nothing to do but to wait until it ends, or for an interruption.
+        let (_lock, ended) =
+            (FolderLock::take(&repository.cache()).unwrap(), AtomicBool::new(true));
+        let refused = revision(&repository.path, TARGET, "HEAD", &ended, &mut |_| ()).unwrap_err();
+        assert!(refused.to_string().contains("is in use by process "), "{refused}");
     }
 
     #[test]

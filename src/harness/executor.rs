@@ -291,29 +291,6 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         findings
     }
 
-    /// The record of a cell from what was sampled of it up to now. None where its pipeline is gone.
-    fn record(&mut self, cell: usize, samples: &Samples) -> Option<Cell> {
-        let built = self.built.remove(&cell)?;
-        let pipeline = built.pipeline.as_ref();
-        let start = Instant::now();
-        let found = match self.known.findings.get(&cell) {
-            Some(found) => found.clone(),
-            None => self.find(cell, pipeline),
-        };
-        if self.session.gpu.lost().is_some() {
-            // What could not be found then is not missing for ever.
-            return None;
-        }
-        if !self.known.findings.contains_key(&cell) {
-            self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
-            self.known.findings.insert(cell, found.clone());
-        }
-        let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
-        let measured = measured(samples, pipeline, counters, found, self.schedule.precision);
-        self.built.insert(cell, built);
-        Some(self.cells[cell].record(Outcome::Measured(Box::new(measured))))
-    }
-
     fn judge(&mut self, cell: usize) -> Judge<'_> {
         let Session { gpu, known, .. } = &mut *self.session;
         let asked = &self.asked;
@@ -405,11 +382,22 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
 
     /// The record of a cell that is finished, with its stages' shares of their ceilings.
     fn sampled(&mut self, cell: usize, samples: &Samples) -> Result<Cell, String> {
-        let record = self.record(cell, samples);
+        let built = self.built.remove(&cell).ok_or("its pipeline is gone")?;
+        let (pipeline, start) = (built.pipeline.as_ref(), Instant::now());
+        let known = self.known.findings.get(&cell).cloned();
+        let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, pipeline)));
         if let Some(reason) = self.session.gpu.lost() {
+            // What could not be found then is not missing for ever.
             return Err(sample::device_lost(&reason));
         }
-        let mut record = record.ok_or("its pipeline is gone")?;
+        if is_new {
+            self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
+            self.known.findings.insert(cell, found.clone());
+        }
+        let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
+        let measured = measured(samples, pipeline, counters, found, self.schedule.precision);
+        self.built.insert(cell, built);
+        let mut record = self.cells[cell].record(Outcome::Measured(Box::new(measured)));
         let Session { gpu, plan, ceilings, .. } = &mut *self.session;
         if let Some(measured) = record.measured_mut() {
             let again = |limit| gpu::measure(gpu, *plan, limit);

@@ -332,21 +332,9 @@ mod tests {
             std::fs::create_dir(&out).unwrap();
             let target = if name == PICTURES { precious.clone() } else { precious.join("a") };
             std::os::unix::fs::symlink(target, out.join(name)).unwrap();
-            let begun = create(&out).unwrap_err().to_string();
-            let resumed = Held::resume(Some(&out)).and_then(|held| {
-                let samples = held.output.samples();
-                crate::LineWriter::<crate::SampleLine>::open(&samples, |_| {
-                    Ok::<(), RecordError>(())
-                })?;
-                Ok::<(), OutputError>(())
-            });
-            let resumed = resumed.unwrap_err().to_string();
-            assert_eq!(
-                [begun.as_str(), &resumed].map(|told| told.lines().count()),
-                [1, 1],
-                "{name}"
-            );
-            assert!(name != LOCK || begun.contains("symbolic link"), "{begun}");
+            create(&out).unwrap_err();
+            let resumed = Held::resume(Some(&out));
+            assert_eq!(resumed.is_ok(), name == SAMPLES, "the journal refuses a link itself");
             assert!(out.join(name).is_symlink(), "{name}");
         }
         assert_eq!(files(&precious), ["a"]);

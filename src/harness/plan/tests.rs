@@ -129,7 +129,8 @@ fn every_view_is_seen_from_within_its_scene() {
     let limits = wgpu::Limits::default().into();
     for profile in [fathom_record::Profile::Quick, fathom_record::Profile::Paper] {
         let request = Request::default();
-        let planned = plan(with_views.clone(), &request, profile, &limits, &catalog).unwrap();
+        let planned =
+            plan(with_views.clone(), &request, profile, (&limits, &catalog), &|| Ok(())).unwrap();
         for (experiment, cell) in
             planned.iter().flat_map(|e| e.cells.iter().map(|c| (&e.experiment, c)))
         {
