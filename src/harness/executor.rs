@@ -268,14 +268,6 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
-        let PlannedCell { plan, subject, .. } = &self.cells[cell];
-        let Session { gpu, timer, hosts, .. } = &mut *self.session;
-        let first = hosts.get(&plan.pipeline);
-        if let Some((_, made)) = first.filter(|(first, _)| *first == (self.number, cell)) {
-            let costs = host::costs(gpu, timer, (subject, pipeline), *made);
-            let failure = "what it costs the CPU not measured";
-            findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
-        }
         let start = self.session.spent.since(start, SetUp::Quantities);
         let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
             findings.errors = judged.errors;
@@ -287,7 +279,18 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         self.compared(cell, pipeline, &mut findings);
         let start = self.session.spent.since(start, SetUp::Comparisons);
         self.pictures(cell, pipeline, views, &mut findings);
-        self.session.spent.since(start, SetUp::Pictures);
+        let start = self.session.spent.since(start, SetUp::Pictures);
+        let is_late = self.now_s() >= self.output.deadline_s();
+        let PlannedCell { plan, subject, .. } = &self.cells[cell];
+        let Session { gpu, timer, hosts, spent, .. } = &mut *self.session;
+        let first = hosts.get(&plan.pipeline).filter(|(first, _)| *first == (self.number, cell));
+        // A resumed run measures it with the first cell that it builds.
+        if let Some((_, made)) = first.filter(|_| !is_late) {
+            let costs = host::costs(gpu, timer, (subject, pipeline), *made);
+            let failure = "what it costs the CPU not measured";
+            findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
+        }
+        spent.since(start, SetUp::Quantities);
         findings
     }
 

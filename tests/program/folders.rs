@@ -7,8 +7,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use crate::common::{
-    Ends, Place, SMALL, Told, cells, ended, holds, measured, names, records, repetitions, signal,
-    skipped_cell, wait_until, write_records,
+    Ends, Place, SMALL, Told, cells, ended, failing_beyond, holds, measured, names, records,
+    repetitions, signal, skipped_cell, wait_until, write_records,
 };
 use fathom::record::{
     self, Addition, Cell, FolderLock, FramePair, Outcome, Record, Run, SCHEMA, SampleLine,
@@ -222,7 +222,5 @@ fn a_folder_in_use_is_left_alone_by_every_command_that_writes_one() {
 fn a_limit_of_the_size_of_files_is_an_error_like_a_full_disk() {
     let place = Place::new();
     recorded(&place);
-    let mut shell = Command::new("sh");
-    shell.args(["-c", "ulimit -f 1; exec \"$0\" report out", env!("CARGO_BIN_EXE_fathom")]);
-    shell.current_dir(place.path("")).refused("File too large");
+    failing_beyond(1, &place.fathom("report out")).refused("File too large");
 }
