@@ -119,7 +119,7 @@ pub fn run(
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard: part, ..header(options, &gpu, &audit, profile, seed) };
-    header.loop_turns = Some(gpu::loop_turns(&gpu)?);
+    header.loop_turns = in_time().is_ok().then(|| gpu::loop_turns(&gpu)).transpose()?;
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
     let mut finished = record::finished(&held.before, &header);
     let recorded = finished.clone();
