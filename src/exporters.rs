@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::anyhow;
+use anyhow::{anyhow, bail};
 use itertools::Itertools;
 
 use crate::folder::Folder;
@@ -160,15 +160,15 @@ impl Folders {
         Ok(())
     }
 
-    /// What changed from the first of two runs to the second; none of fewer or more, and where they have no cell in common.
-    pub fn changes(&self) -> Option<Changes> {
-        let [base, head] = self.runs.as_slice() else { return None };
-        Changes::of_files([base, head]).ok()
+    /// What changed from the first of two runs to the second; an error of fewer or more, and where they have no cell in common.
+    pub fn changes(&self) -> anyhow::Result<Changes> {
+        let [base, head] = self.runs.as_slice() else { bail!("these are not two runs") };
+        Changes::of_files([base, head])
     }
 
     /// One page of all.
     pub fn page(self) -> Artifact {
-        let changes = self.changes().map(|changes| changes.markup());
+        let changes = self.changes().ok().map(|changes| changes.markup());
         let folders = self.runs.iter().map(|file| file.path.parent().unwrap_or(Path::new("")));
         let records = self.runs.iter().map(|file| &file.reading.records);
         let views = folders.zip(records);

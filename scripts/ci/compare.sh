@@ -52,6 +52,7 @@ set -- compare "--out=$out"
 if [ -n "${FATHOM_COMMAND:-}" ]; then
     scratch=$(mktemp -d)
     git worktree add --quiet --detach "$scratch/base" "$revision"
+    [ ! -e "$scratch/base/.gitmodules" ] || git -C "$scratch/base" submodule --quiet update --init --recursive
     FATHOM_BASE_CHECKOUT=$scratch/base FATHOM_HEAD_CHECKOUT=$PWD
     export FATHOM_BASE_CHECKOUT FATHOM_HEAD_CHECKOUT
     for checkout in "$FATHOM_BASE_CHECKOUT" "$FATHOM_HEAD_CHECKOUT"; do

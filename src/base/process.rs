@@ -8,6 +8,7 @@ mod guardian;
 use std::collections::VecDeque;
 use std::fmt;
 use std::io::{self, BufReader, Read};
+use std::path::Path;
 use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
@@ -189,10 +190,25 @@ pub fn printed(command: &mut Command) -> Result<String, ProcessError> {
     run(command, Limits::TOOL, &mut |_| ()).map(|text| text.trim().to_owned())
 }
 
-/// The program and the arguments of a command, for people.
-pub fn words(command: &Command) -> String {
-    let words = std::iter::once(command.get_program()).chain(command.get_args());
-    words.map(|word| text::shell(&word.to_string_lossy())).join(" ")
+/// What git prints in a folder, without white space around it; else its complaint, of which one line.
+pub fn git(folder: &Path, arguments: &[&str]) -> Result<String, String> {
+    printed(Command::new("git").arg("-C").arg(folder).args(arguments)).map_err(|error| {
+        let ProcessError::Failed { status, complaint } = error else {
+            return format!("git: {error}");
+        };
+        let is_cause = |line: &&String| line.starts_with("fatal: ") || line.starts_with("error: ");
+        let cause = complaint.lines().find(is_cause).or(complaint.lines().next());
+        cause.map_or(format!("git: {status}"), |line| line.trim().to_owned())
+    })
+}
+
+/// A file that grows beyond the limit of the shell (`ulimit -f`) is an error of its write, and does not end this process or a child.
+pub fn take_size_limit_as_error() {
+    #[cfg(unix)]
+    // SAFETY: no handler is installed; the signal is ignored from now on.
+    unsafe {
+        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+    }
 }
 
 /// Reads both outputs in threads. They end with the process, as nothing is left that could hold its pipes open.

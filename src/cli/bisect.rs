@@ -51,10 +51,10 @@ fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outcome {
         },
         batch: args.batch,
         most_launches: args.most_launches,
-        out: args.out.clone().map_or_else(|| flow::fresh("bisect"), Ok)?,
         resume: args.resume,
     };
-    let found = bisect::bisect(&options, &INTERRUPT, &|line| tell::note(line));
+    let out = flow::taken(args.out.as_deref(), "bisect", false)?;
+    let found = bisect::bisect(&options, &out, &INTERRUPT, &|line| tell::note(line));
     if INTERRUPT.load(Ordering::Relaxed) {
         if let Err(error) = found {
             super::fail(&error.to_string());
@@ -67,7 +67,7 @@ fn search(catalog: &Catalog, searched: Searched, args: &SearchArgs) -> Outcome {
     } else {
         found.text()
     });
-    tell::note(options.out.display());
+    tell::note(out.folder().display());
     Ok(match (&found.answer, found.ends) {
         (Some(answer), _) if answer.is_certain() => ExitCode::SUCCESS,
         (Some(_), _) | (None, Status::Inconclusive) => ExitCode::from(UNDECIDED),

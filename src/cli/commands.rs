@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use crate::compare::worker;
-use crate::folder::{self, Folder};
+use crate::folder;
 use crate::gpu::{self, Audit, Gpu};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, Figure, Rendered};
@@ -16,11 +16,11 @@ use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
-    ceilings, dump as dumping, journal, picture, query as querying, render as rendering, sheet,
+    ceilings, dump as dumping, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Clock, OVER_BUDGET, PassKind, Reading, Record, Standing};
+use crate::record::{Clock, FolderLock, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
 use crate::scene::assets::{self, AssetStatus};
 use crate::verify::{SkippedCase, Verified};
@@ -31,6 +31,7 @@ use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::export::write_into;
 use super::{AdapterArgs, DumpArgs, QueryArgs, Question, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where.
@@ -78,12 +79,15 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     in_short.iter().for_each(tell::done);
     print_summary(&summary);
     print_pages(&files);
-    let Counts { measured, failed, .. } = summary.counts;
+    let Counts { measured, failed, over_budget, .. } = summary.counts;
     let nothing = measured + failed + summary.kept == 0;
     Ok(match &summary.skip_reason {
         _ if summary.end.interrupted => ExitCode::from(INTERRUPTED),
         _ if failed > 0 => ExitCode::from(SOMETHING_FAILED),
         Some(reason) if nothing => super::fail(&format!("every cell was skipped; {reason}")),
+        None if nothing && over_budget > 0 => {
+            super::fail("no cell was measured: give a longer --budget")
+        }
         _ => ExitCode::SUCCESS,
     })
 }
@@ -283,7 +287,7 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
 fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     let (figures, several) = Figure::named(&catalog.figures, name)?;
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(FIGURES_FOLDER));
-    Folder::make(&folder).with_context(|| format!("cannot write to {}", folder.display()))?;
+    let _lock = FolderLock::take(&folder)?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let mut parts = BTreeMap::<&str, Vec<RgbImage>>::new();
     let mut failed = false;
@@ -332,6 +336,7 @@ pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
     let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
+    let _lock = FolderLock::take(&args.output)?;
     written(dumping::dump(&gpu, &subject, &args.stage, &args.output)?)
 }
 
@@ -386,14 +391,13 @@ pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
     }
     let read = exporters::Folders::read(&folders)?;
     let changes = read.changes();
-    if let Some(changes) = &changes {
+    if let Ok(changes) = &changes {
         tell::answer(changes.text());
     }
     match out {
-        Some(out) => written(exporters::put(&out, vec![read.page()])?),
-        None if changes.is_some() => Ok(ExitCode::SUCCESS),
-        None => anyhow::bail!(
-            "not two runs with cells in common: for one page of these folders say with --out where to write it"
+        Some(out) => write_into(&out, vec![read.page()]),
+        None => changes.map(|_| ExitCode::SUCCESS).context(
+            "nothing to compare: for one page of these folders say with --out where to write it",
         ),
     }
 }
@@ -409,14 +413,7 @@ pub fn sound(output: &OutputFolder, hint: &str) -> anyhow::Result<Reading> {
 fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let output = OutputFolder { folder: folder.to_owned() };
     let reading = sound(&output, "a run's folder holds its records in")?;
-    let unfinished = journal::unfinished(&output.samples(), &reading.records)?;
-    if !unfinished.is_empty() {
-        let pairs: usize = unfinished.iter().sum();
-        let (cells, folder) = (unfinished.len(), output.folder.display());
-        tell::note(format!(
-            "{folder}: {cells} cells with {pairs} pairs of frames have no record yet; `fathom run --resume --out {folder}` continues"
-        ));
-    }
+    let _lock = FolderLock::take(folder)?;
     exporters::write(&output.folder, reading)
 }
 

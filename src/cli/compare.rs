@@ -16,7 +16,9 @@ use crate::gates::files::RunFile;
 use crate::gates::store::StoredComparison;
 use crate::gates::verdict::{Status, Verdicts};
 use crate::harness::catalog::Catalog;
+use crate::record::FolderLock;
 use crate::record::comparison::{Gate, GateSettings, Side};
+use crate::record::output::Held;
 use crate::{exporters, folder, private, tell};
 use anyhow::{Context, ensure};
 use tempfile::TempDir;
@@ -36,14 +38,14 @@ pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
     if let [base, head] = args.records.as_slice() {
         return two_runs([base, head], &args.gates);
     }
-    let folder = match builds(catalog, &args) {
+    let held = match builds(catalog, &args) {
         Err(error) if INTERRUPT.load(Ordering::Relaxed) => {
             super::fail(&error.to_string());
             return Ok(ExitCode::from(INTERRUPTED));
         }
-        folder => folder?,
+        held => held?,
     };
-    let status = tell(&folder, &args.format, true)?;
+    let status = tell(&held.output.folder, &args.format, true)?;
     let interrupted = INTERRUPT.load(Ordering::Relaxed);
     Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { status })
 }
@@ -68,15 +70,12 @@ fn gate_settings(args: &CompareArgs) -> GateSettings {
     }
 }
 
-fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
+fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<Held> {
     watch_interrupts()?;
     // A wrong selection is told before minutes are spent on building.
     let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
     if let Some(filter) = &args.cells {
         gates.filtered(filter)?;
-    }
-    if let Some(folder) = &args.out {
-        flow::taken(folder, args.resume)?;
     }
     let environments = [
         environment::of(Side::Base, &args.base_env)?,
@@ -88,17 +87,20 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
         "nothing to compare with: give --base REV, --base-bin PATH, an environment, or two files of records"
     );
     let [of_base, of_head] = environments;
+    let folder = std::env::current_dir().context("there is no current folder")?;
+    let commit = |revision: &String| build::commit(&build::repository(&folder)?, revision);
+    let commit = args.base.as_ref().map(commit).transpose()?;
+    let taken = flow::taken(args.out.as_deref(), "compare", args.resume)?;
     // The head first: a build of the base must not swap what is measured.
     let head = Ran::of(&args.head_bin, &args.head_cmd)?;
     let head = MadeSide::new(catalog, args, head, of_head)?;
-    let base = match &args.base {
-        Some(revision) => Ran::Revision(revision),
-        None => Ran::of(&args.base_bin, &args.base_cmd)?,
+    let base = match (&args.base, commit) {
+        (Some(revision), Some(commit)) => Ran::Revision(&folder, revision, commit),
+        _ => Ran::of(&args.base_bin, &args.base_cmd)?,
     };
     let base = MadeSide::new(catalog, args, base, of_base)?;
     // The head of a pull request is meant to be what is checked out.
     let is_checkout = args.base.is_some() && args.head_bin.is_none();
-    let folder = std::env::current_dir().context("there is no current folder")?;
     let options = CompareOptions {
         catalog: catalog.clone(),
         programs: [base.program.clone(), head.program.clone()],
@@ -106,16 +108,16 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
         filter: args.cells.clone(),
         env_values: args.env_values,
         settings: gate_settings(args),
-        out: args.out.clone(),
         resume: args.resume,
         checkout: is_checkout.then(|| build::checkout(&folder)).flatten(),
     };
-    flow::measure(&options, &INTERRUPT, &|text| tell::note(text))
+    flow::measure(&options, taken, &INTERRUPT, &|text| tell::note(text))
 }
 
 /// What the workers of a side run.
 enum Ran<'a> {
-    Revision(&'a str),
+    /// Of the repository around a folder, with its commit.
+    Revision(&'a Path, &'a str, String),
     Program(PathBuf),
     /// Of the shell: any program that speaks the worker protocol.
     Command(&'a str),
@@ -151,17 +153,15 @@ impl MadeSide {
         let (label, commit, path) = match ran {
             Ran::Command(text) => {
                 let start = WorkerStart { environment, ..WorkerStart::of_command(text) };
-                let program = Program { label: private::words(text), start };
+                let program = Program { label: private::program(text), start };
                 return Ok(Self { program, _aside: None, _shader_cache: None });
             }
             Ran::Program(path) => (private::path(&path), None, path),
-            Ran::Revision(revision) => {
+            Ran::Revision(folder, revision, commit) => {
                 tell::note(format!("building {revision}"));
-                let folder = std::env::current_dir().context("there is no current folder")?;
                 let mut progress = |line: &str| tell::note(line);
                 let target = catalog.program;
-                let built = build::revision(&folder, target, revision, &INTERRUPT, &mut progress)?;
-                let commit = build::commit(&build::repository(&folder)?, revision)?;
+                let built = build::revision(folder, target, revision, &INTERRUPT, &mut progress)?;
                 (revision.to_owned(), Some(commit), built)
             }
         };
@@ -195,6 +195,7 @@ fn two_runs(files: [&PathBuf; 2], gates: &[Gate]) -> Outcome {
 /// Prints one of the tables of a folder, and writes all of them.
 fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
     let comparison = StoredComparison::read(folder)?;
+    let _lock = (!fresh).then(|| FolderLock::take(folder)).transpose()?;
     let verdicts = Verdicts::of(&comparison);
     if let Some(format) = exporters::OF_COMPARISONS.iter().find(|known| known.name == format) {
         tell::answer((format.export)(&verdicts));

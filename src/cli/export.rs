@@ -8,6 +8,7 @@ use anyhow::Context;
 
 use super::ExportArgs;
 use super::commands::{Outcome, sound, written};
+use crate::record::FolderLock;
 use crate::record::output::OutputFolder;
 use crate::record::schema::LineKind;
 use crate::report::{Artifact, Exported};
@@ -37,6 +38,7 @@ pub fn export(args: ExportArgs) -> Outcome {
 
 /// Writes files into a folder, under their own names.
 pub(super) fn write_into(folder: &Path, files: Vec<Artifact>) -> Outcome {
+    let _lock = FolderLock::take(folder)?;
     written(exporters::put(folder, files)?)
 }
 

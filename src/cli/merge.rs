@@ -11,7 +11,7 @@ use crate::report::ReportView;
 use crate::{exporters, tell, text};
 
 pub fn merge(folders: &[PathBuf], out: &Path) -> Outcome {
-    let Merged { absent, notes } = merge::merge(folders, out)?;
+    let Merged { absent, notes, lock: _lock } = merge::merge(folders, out)?;
     let reading = record::read(&OutputFolder { folder: out.to_owned() }.records())?;
     let view = ReportView::new(&reading.records, Some(out));
     let counts = Counts::of(view.entries().map(|entry| entry.cell));

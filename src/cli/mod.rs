@@ -17,6 +17,7 @@ use std::time::Duration;
 use crate::experiments::{parse_axis, parse_set};
 use crate::gpu;
 use crate::harness::catalog::Catalog;
+use crate::process::take_size_limit_as_error;
 use crate::record::calendar;
 use crate::record::schema::LineKind;
 use crate::record::{Feature, Mask, Part, Profile};
@@ -37,6 +38,7 @@ const COULD_NOT_RUN: u8 = 2;
 /// of one's own.
 pub fn main(catalog: &Catalog) -> ExitCode {
     quiet_driver_layers();
+    take_size_limit_as_error();
     match Cli::try_parse() {
         Ok(cli) => {
             if cli.quiet {

@@ -4,13 +4,16 @@
 //! built and compared with the good one, in the one cell that regressed most, in the order of [`Search`]. Each comparison is a folder of records;
 //! what is concluded is a function of these, so a search that was killed goes on where it was.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 
+use super::build;
 use super::candidates::{Candidate, Made, Maker, Searched};
 use super::cells::Gates;
 use super::flow::{self, CompareOptions};
@@ -27,7 +30,7 @@ use fathom_gates::verdict::{Status, Verdicts};
 use fathom_gpu as gpu;
 use fathom_harness::catalog::Catalog;
 use fathom_record::comparison::{CellId, Gate, GateSettings};
-use fathom_record::output::RECORDS;
+use fathom_record::output::{RECORDS, Taken};
 
 /// Folder of the comparison of the ends.
 const ENDS: &str = "ends";
@@ -50,8 +53,7 @@ pub struct BisectOptions {
     pub batch: u32,
     /// Launches between the ends after which the search gives up.
     pub most_launches: u32,
-    pub out: PathBuf,
-    /// Go on with the search in `out`.
+    /// Go on with the search in the folder.
     pub resume: bool,
 }
 
@@ -62,12 +64,14 @@ impl BisectOptions {
         if let Some(filter) = &self.filter {
             gates = gates.filtered(filter)?;
         }
+        // The commands themselves may hold secrets.
+        let commands = hex::encode(Sha256::digest(serde_json::to_vec(self.searched.building())?));
         let names: Vec<&String> = candidates.iter().map(|candidate| &candidate.name).collect();
         let more = json!({
             "good": names.first(),
             "bad": names.last(),
             "candidates": names,
-            "by": self.searched.building(),
+            "commands_sha256": commands,
             "batch": self.batch,
             "options": self.gpu.words(),
         });
@@ -237,28 +241,32 @@ impl Bisected {
 /// Searches; a folder of an earlier search of the same ends is gone on with.
 pub fn bisect(
     options: &BisectOptions,
+    out: &Taken,
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
 ) -> Result<Bisected> {
     let BisectOptions { searched, folder, gpu, .. } = options;
+    let out = out.folder();
     let mut candidates = searched.candidates(folder)?;
     let settings = options.to_settings(&candidates)?;
     if options.resume {
-        settings::check(&options.out, &settings)?;
+        settings::check(out, &settings)?;
     } else {
-        let begun = options.out.join(settings::SETTINGS).exists();
-        let shown = options.out.display();
+        let begun = out.join(settings::SETTINGS).exists();
+        let shown = out.display();
         let rule = "go on with it by --resume, or choose another folder";
         ensure!(!begun, "a search was begun in {shown} already: {rule}");
-        settings::store(&options.out, &settings)?;
+        settings::store(out, &settings)?;
     }
     let good = candidates.remove(0);
     let flags = [interrupted];
     let waiting = Waiting { interrupted: &flags, tell };
-    let (target, checkouts) = (options.catalog.program, options.out.join(CHECKOUTS));
-    let maker = Maker::new(searched, folder, target, gpu.clone(), checkouts, waiting);
+    let (target, checkouts) = (options.catalog.program, out.join(CHECKOUTS));
+    build::remove_left(folder, &checkouts, "");
+    let (gpu, built) = (gpu.clone(), RefCell::default());
+    let maker = Maker { searched, folder, target, gpu, checkouts, waiting, built };
     let base = maker.make(&good)?;
-    let run = Bisection { options, candidates: &candidates, base, good, maker, waiting };
+    let run = Bisection { options, out, candidates: &candidates, base, good, maker, waiting };
     let (ends, regressed, others) = run.ends()?;
     let answer = regressed.map(|regressed| run.search(regressed, others)).transpose()?;
     let (good, noun) = (run.good.label.clone(), searched.noun());
@@ -267,6 +275,7 @@ pub fn bisect(
 
 struct Bisection<'a> {
     options: &'a BisectOptions,
+    out: &'a Path,
     /// Without the good one.
     candidates: &'a [Candidate],
     good: Candidate,
@@ -284,7 +293,7 @@ impl Bisection<'_> {
         filter: Option<String>,
         settings: GateSettings,
     ) -> Result<StoredComparison> {
-        let folder = self.options.out.join(name);
+        let folder = self.out.join(name);
         let begun = fathom_base::folder::is_there(&folder.join(RECORDS));
         if begun {
             let stored = StoredComparison::read(&folder)?;
@@ -300,12 +309,12 @@ impl Bisection<'_> {
             filter,
             env_values: false,
             settings,
-            out: Some(folder.clone()),
             resume: begun,
             checkout: None,
         };
         let [interrupted] = self.waiting.interrupted else { bail!("no flag") };
-        flow::measure(&options, interrupted, self.waiting.tell)?;
+        let taken = flow::taken(Some(&folder), "", begun)?;
+        flow::measure(&options, taken, interrupted, self.waiting.tell)?;
         if self.waiting.is_interrupted() {
             bail!("interrupted; `--resume` goes on");
         }

@@ -5,10 +5,10 @@ use std::cmp::Reverse;
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::atomic::AtomicBool;
-use std::time::SystemTime;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, SystemTime};
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Error, Result, anyhow, bail};
 use itertools::Itertools;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -16,12 +16,16 @@ use tempfile::TempDir;
 
 use fathom_base::folder::Folder;
 use fathom_base::input;
-use fathom_base::process::{self, Limits, ProcessError};
+use fathom_base::process::{self, Limits, ProcessError, git};
 use fathom_harness::catalog::CargoTarget;
-use fathom_record::Build;
+use fathom_record::{Build, FolderLock, LockError};
 
 /// Built revisions that are kept: a search of hundreds of candidates visits fewer.
 const KEPT: usize = 32;
+/// Beginning of the names of checkouts in the cache.
+const WORKTREE: &str = "worktree-";
+/// Between two looks whether another process still builds.
+const POLL: Duration = Duration::from_millis(100);
 /// Folder of the cache, in the repository's target folder.
 pub const CACHE: &str = "target/compare";
 /// Variables that change what cargo and the compilers make of a source.
@@ -58,9 +62,15 @@ pub fn revision(
         build_fingerprint(&compiler(&repository)?, target, variables, &configurations);
     let kept = cache.join("builds").join(format!("{commit}-{fingerprint}"));
     let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
+    if program.is_file() {
+        return Ok(program);
+    }
+    let _lock = lock(&cache, interrupted, progress)?;
+    // Another process may have built it meanwhile.
     if !program.is_file() {
+        remove_left(&repository, &cache, WORKTREE);
         let worktree = Worktree::in_cache(&repository, &cache, &commit)?;
-        let prefix = printed(&mut git(folder, ["rev-parse", "--show-prefix"]))?;
+        let prefix = git(folder, &["rev-parse", "--show-prefix"]).map_err(Error::msg)?;
         let source = worktree.path.join(prefix);
         let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
         let folders = (source, &*cache.join("target"));
@@ -71,6 +81,23 @@ pub fn revision(
     Ok(program)
 }
 
+/// The right to build in the cache. Another process has it for one build.
+fn lock(
+    cache: &Path,
+    interrupted: &AtomicBool,
+    progress: &mut dyn FnMut(&str),
+) -> Result<FolderLock> {
+    let mut taken = FolderLock::take(cache);
+    if let Err(error @ LockError::InUse { .. }) = &taken {
+        progress(&error.to_string());
+    }
+    while matches!(taken, Err(LockError::InUse { .. })) && !interrupted.load(Ordering::Relaxed) {
+        std::thread::sleep(POLL);
+        taken = FolderLock::take(cache);
+    }
+    Ok(taken?)
+}
+
 fn cargo() -> Command {
     Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
 }
@@ -78,7 +105,8 @@ fn cargo() -> Command {
 /// What the compiler used in a folder says of itself.
 fn compiler(folder: &Path) -> Result<String> {
     let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    printed(Command::new(rustc).arg("-vV").current_dir(folder))
+    process::printed(Command::new(rustc).arg("-vV").current_dir(folder))
+        .map_err(|reason| anyhow!("`rustc -vV` failed: {reason}"))
 }
 
 /// What cargo's configuration files hold that count in a folder, beside those of the checkout in it (The Cargo Book, *Configuration*,
@@ -112,35 +140,41 @@ fn build_fingerprint(
 /// whether files differ.
 pub fn checkout(folder: &Path) -> Option<Build> {
     let arguments = ["describe", "--always", "--dirty=-dirty", "--abbrev=40", "--exclude=*"];
-    let described = process::printed(&mut git(folder, arguments)).ok()?;
-    Some(Build::described(&described))
+    Some(Build::described(&git(folder, &arguments).ok()?))
 }
 
 pub fn repository(folder: &Path) -> Result<PathBuf> {
-    let found = process::printed(&mut git(folder, ["rev-parse", "--show-toplevel"]));
+    let found = git(folder, &["rev-parse", "--show-toplevel"]).map(PathBuf::from);
     let shown = folder.display();
-    let none =
-        "is in no git repository, so there is no revision to compare with: give --base-bin PATH";
-    found.map(PathBuf::from).map_err(|_| anyhow!("{shown} {none}"))
+    found.map_err(|reason| {
+        anyhow!("no revision of {shown} can be had: {reason}; `compare` also takes --base-bin PATH")
+    })
 }
 
 pub fn commit(repository: &Path, revision: &str) -> Result<String> {
     let asked = format!("{revision}^{{commit}}");
-    let mut asked = git(repository, ["rev-parse", "--verify", "--end-of-options", &asked]);
-    process::printed(&mut asked)
-        .map_err(|reason| anyhow!("unknown revision `{revision}`: {reason}"))
+    let found = git(repository, &["rev-parse", "--verify", "--end-of-options", &asked]);
+    let hint = || shallow_hint(repository);
+    found.map_err(|reason| anyhow!("unknown revision `{revision}`: {reason}{}", hint()))
 }
 
-fn git<const N: usize>(folder: &Path, arguments: [&str; N]) -> Command {
-    let mut command = Command::new("git");
-    command.arg("-C").arg(folder).args(arguments);
-    command
+/// What to do where a revision or its history is not there because the clone is shallow; else nothing.
+pub fn shallow_hint(repository: &Path) -> &'static str {
+    let is_shallow = git(repository, &["rev-parse", "--is-shallow-repository"]);
+    if is_shallow.as_deref() == Ok("true") {
+        "; the clone is shallow: check out the whole history (git fetch --unshallow; GitHub: fetch-depth: 0; GitLab: GIT_DEPTH: 0)"
+    } else {
+        ""
+    }
 }
 
-/// What a command prints.
-fn printed(command: &mut Command) -> Result<String> {
-    process::printed(command)
-        .map_err(|reason| anyhow!("`{}` failed: {reason}", process::words(command)))
+/// Removes the checkouts that a killed process has left in a folder, which is locked: those whose names begin so.
+pub fn remove_left(repository: &Path, folder: &Path, beginning: &str) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(beginning) {
+            drop(Worktree { repository: repository.to_owned(), path: entry.path() });
+        }
+    }
 }
 
 /// A checkout that is removed when it is dropped.
@@ -152,28 +186,33 @@ pub struct Worktree {
 impl Worktree {
     pub fn in_cache(repository: &Path, cache: &Path, commit: &str) -> Result<Self> {
         let short = commit.get(..12).unwrap_or(commit);
-        let path = cache.join(format!("worktree-{short}-{}", std::process::id()));
+        let path = cache.join(format!("{WORKTREE}{short}-{}", std::process::id()));
         Self::add(repository, path, commit)
     }
 
-    /// A checkout in this folder, which is made anew.
+    /// A checkout in this folder, which is made anew, with its submodules.
     pub fn add(repository: &Path, path: PathBuf, commit: &str) -> Result<Self> {
         let worktree = Self { repository: repository.to_owned(), path };
         worktree.remove();
-        // Forgets checkouts whose folders are gone.
-        printed(&mut git(repository, ["worktree", "prune"]))?;
-        let path = worktree.path.to_string_lossy().into_owned();
-        printed(&mut git(repository, ["worktree", "add", "--detach", "--force", &path, commit]))?;
+        let path = worktree.path.to_string_lossy();
+        let failed = |what| move |reason: String| anyhow!("git {what} of {commit}: {reason}");
+        git(repository, &["worktree", "add", "--detach", "--force", &path, commit])
+            .map_err(failed("worktree add"))?;
+        if worktree.path.join(".gitmodules").exists() {
+            git(&worktree.path, &["submodule", "update", "--init", "--recursive"])
+                .map_err(failed("submodule update"))?;
+        }
         Ok(worktree)
     }
 
-    /// What is left behind is pruned the next time.
+    /// Also forgets checkouts whose folders are gone.
     fn remove(&self) {
         if self.path.exists() {
             let path = self.path.to_string_lossy();
-            let _ = printed(&mut git(&self.repository, ["worktree", "remove", "--force", &path]));
+            let _ = git(&self.repository, &["worktree", "remove", "--force", &path]);
             let _ = std::fs::remove_dir_all(&self.path);
         }
+        let _ = git(&self.repository, &["worktree", "prune"]);
     }
 }
 
@@ -307,7 +346,7 @@ mod tests {
             let path = folder.path().join("crates/mine");
             std::fs::create_dir_all(&path).unwrap();
             let repository = Self { folder, path };
-            printed(&mut git(repository.folder.path(), ["init", "--quiet"])).unwrap();
+            git(repository.folder.path(), &["init", "--quiet"]).unwrap();
             repository.git(["config", "user.name", "Someone"]);
             repository.git(["config", "user.email", "someone@example.org"]);
             repository.write("Cargo.toml", MANIFEST);
@@ -331,7 +370,7 @@ mod tests {
         }
 
         fn git<const N: usize>(&self, arguments: [&str; N]) -> String {
-            printed(&mut git(&self.path, arguments)).unwrap()
+            git(&self.path, &arguments).unwrap()
         }
 
         fn commit(&self) {
@@ -370,6 +409,11 @@ mod tests {
         let (again, lines) = repository.build(&commit);
         assert_eq!(again.unwrap(), built);
         assert_eq!(lines, 0, "it comes from the cache");
+        // While another process builds there is nothing to do but to wait until it ends, or for an interruption.
+        let (_lock, ended) =
+            (FolderLock::take(&repository.cache()).unwrap(), AtomicBool::new(true));
+        let refused = revision(&repository.path, TARGET, "HEAD", &ended, &mut |_| ()).unwrap_err();
+        assert!(refused.to_string().contains("is in use by process "), "{refused}");
     }
 
     #[test]

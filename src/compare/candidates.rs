@@ -100,15 +100,18 @@ impl Searched {
 fn revisions(folder: &Path, good: &str, bad: &str) -> Result<Vec<Candidate>> {
     let repository = build::repository(folder)?;
     let [good, bad] = [build::commit(&repository, good)?, build::commit(&repository, bad)?];
-    let git = |arguments: &[&str]| {
-        process::printed(Command::new("git").arg("-C").arg(&repository).args(arguments))
-    };
     let range = format!("{good}..{bad}");
-    let lines = git(&["log", "--reverse", "--first-parent", "--format=%H %s", &range]);
+    let lines = process::git(
+        &repository,
+        &["log", "--reverse", "--first-parent", "--format=%H %s", &range],
+    );
     let lines = lines.map_err(|reason| anyhow!("git log: {reason}"))?;
-    let precedes = git(&["merge-base", "--is-ancestor", &good, &bad]).is_ok();
+    let precedes = process::git(&repository, &["merge-base", "--is-ancestor", &good, &bad]).is_ok();
     if lines.is_empty() || !precedes {
-        bail!("the good revision must come before the bad one: there is nothing between them");
+        let hint = build::shallow_hint(&repository);
+        bail!(
+            "the good revision must come before the bad one: there is nothing between them{hint}"
+        );
     }
     let later = lines.lines().map(|line| {
         let (commit, subject) = line.split_once(' ').unwrap_or((line, ""));
@@ -145,21 +148,10 @@ pub struct Maker<'a> {
     pub checkouts: PathBuf,
     pub waiting: Waiting<'a>,
     /// Built checkouts by commit, the latest used last.
-    built: RefCell<Vec<(String, Rc<Worktree>)>>,
+    pub built: RefCell<Vec<(String, Rc<Worktree>)>>,
 }
 
-impl<'a> Maker<'a> {
-    pub fn new(
-        searched: &'a Searched,
-        folder: &'a Path,
-        target: CargoTarget,
-        gpu: gpu::Options,
-        checkouts: PathBuf,
-        waiting: Waiting<'a>,
-    ) -> Self {
-        Self { searched, folder, target, gpu, checkouts, waiting, built: RefCell::default() }
-    }
-
+impl Maker<'_> {
     pub fn make(&self, candidate: &Candidate) -> Result<Made> {
         match self.searched {
             Searched::Revisions { by: Building::Commands { build, run }, .. } => {
@@ -223,7 +215,7 @@ impl<'a> Maker<'a> {
             Err(ProcessError::Interrupted) => bail!("building was interrupted"),
             Err(error) => {
                 let said = error.to_string().lines().join(" ");
-                bail!("it does not build by `{command}`: {said}")
+                bail!("it does not build: {said}")
             }
         }
     }

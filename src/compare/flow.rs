@@ -25,12 +25,11 @@ use fathom_gates::schedule::Schedule;
 use fathom_gates::store::{self, StoredComparison};
 use fathom_gates::time;
 use fathom_harness::catalog::Catalog;
-use fathom_record::calendar;
 use fathom_record::comparison::{
     CellId, CellSubject, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate,
     GateSettings, Side, Skip,
 };
-use fathom_record::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Taken, unused};
+use fathom_record::output::{FolderKind, Held, OutputError, Taken};
 use fathom_record::{Build, RecordError};
 
 /// A build to compare.
@@ -55,8 +54,7 @@ pub struct CompareOptions {
     pub env_values: bool,
     /// Of the gates, those asked for.
     pub settings: GateSettings,
-    pub out: Option<PathBuf>,
-    /// Go on with the comparison in `out`.
+    /// Go on with the comparison in the folder.
     pub resume: bool,
     /// What the head should be built of: a note says where it is not.
     pub checkout: Option<Build>,
@@ -68,19 +66,18 @@ impl CompareOptions {
     }
 }
 
-/// Measures what `options` ask for and gives the folder with its lines. `tell` takes a line for each step.
+/// Measures what `options` ask for into a folder and gives it with its lines. `tell` takes a line for each step.
 pub fn measure(
     options: &CompareOptions,
+    taken: Taken,
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
-) -> Result<PathBuf> {
+) -> Result<Held> {
     let start = Instant::now();
     let mut gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
     if let Some(filter) = &options.filter {
         gates = gates.filtered(filter)?;
     }
-    let folder = options.out.clone().map_or_else(|| fresh("compare"), Ok)?;
-    let taken = taken(&folder, options.resume)?;
     let flags = [interrupted];
     let waiting = Waiting { interrupted: &flags, tell };
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
@@ -105,7 +102,7 @@ pub fn measure(
     let before = if options.resume {
         resumed(&mut held, &settings, tell)?
     } else {
-        settings::store(&folder, &settings)?;
+        settings::store(&held.output.folder, &settings)?;
         store::write(&mut held, vec![Compared::Header(Box::new(header.clone()))])?;
         StoredComparison::new(header)
     };
@@ -120,18 +117,15 @@ pub fn measure(
         interrupted: waiting.is_interrupted(),
     };
     store::write(&mut run.held, vec![Compared::End(end)])?;
-    Ok(folder)
+    Ok(run.held)
 }
 
-/// The folder to write to, if it is free, or to resume from.
-pub fn taken(folder: &Path, resume: bool) -> Result<Taken, OutputError> {
-    if resume { Taken::measured(folder, FolderKind::Comparison) } else { Taken::free(folder) }
-}
-
-/// A new folder for a command without `--out`.
-pub fn fresh(command: &str) -> Result<PathBuf, OutputError> {
-    let name = format!("{command}-{}", calendar::compact(jiff::Timestamp::now()));
-    unused(&Path::new(DEFAULT_FOLDER).join(name))
+/// The folder to resume from, or to write to if it is free. Without `out` it is a new one, named after the command.
+pub fn taken(out: Option<&Path>, command: &str, resume: bool) -> Result<Taken, OutputError> {
+    match out {
+        Some(folder) if resume => Taken::measured(folder, FolderKind::Comparison),
+        _ => Taken::asked(out, command),
+    }
 }
 
 /// The worker of a side's survey. Both run at once, each on a core of its own where there are two.

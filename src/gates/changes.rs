@@ -16,6 +16,7 @@ use crate::exact::{Difference, DifferenceScope, FigureKind};
 use crate::files::{RunFile, SameCells};
 use crate::tables::rows;
 use crate::verdict::{Status, Verdicts};
+pub use cells::redefinition;
 use cells::{Cells, Told};
 use claims::ClaimChange;
 use fathom_base::text;

@@ -7,6 +7,7 @@ use anyhow::{Context, bail};
 use itertools::Itertools;
 
 use crate::adapters::AdapterRelation;
+use crate::changes::redefinition;
 use crate::store::StoredComparison;
 use fathom_base::private;
 use fathom_record as record;
@@ -58,11 +59,8 @@ impl SameCells {
                 contents.add(&numbered(name(cell), &mut ids), [cell, of_head]);
             }
         }
-        if ids.is_empty() {
-            let (base, head) = (base.cells.len(), head.cells.len());
-            bail!(
-                "the files have no measured cell in common: {base} of the base, {head} of the head"
-            );
+        if contents.comparison.configurations.is_empty() {
+            bail!("the files have no measured cell in common: {}", why_none(&base, &head));
         }
         let mut comparison = contents.comparison;
         let header = &mut comparison.header;
@@ -73,6 +71,22 @@ impl SameCells {
         comparison.end = Some(ComparisonEnd { wall_s: 0.0, interrupted: false });
         Ok(Self { comparison, untimed })
     }
+}
+
+/// How many each file holds, and what differs in the first that have one name.
+fn why_none(base: &Sorted<'_>, head: &Sorted<'_>) -> String {
+    let [of_base, of_head] =
+        [base, head].map(|of| of.cells.values().copied().filter(|c| c.measured().is_some()));
+    let counts = format!(
+        "{} measured in the base, {} in the head",
+        of_base.clone().count(),
+        of_head.clone().count()
+    );
+    let same_name =
+        of_base.cartesian_product(of_head).find(|(base, head)| name(base) == name(head));
+    same_name.map_or(counts.clone(), |(base, head)| {
+        format!("{counts}; they differ, such as {} in {}", name(head), redefinition(base, head))
+    })
 }
 
 fn name(cell: &Cell) -> String {

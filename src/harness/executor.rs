@@ -36,6 +36,8 @@ use fathom_record::{
     PictureScale, Record, RecordError, Run, SampleLine, SetUp,
 };
 
+/// Kept for the last records and the end of the process, seconds.
+const LAST_STEPS_S: f64 = 0.2;
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
 /// on lavapipe than of one.
 const SOFTWARE_CODE_BYTES: u64 = 20 << 20;
@@ -172,8 +174,21 @@ impl Output<'_> {
 
     /// Writes the record of a cell that is done before anything is said of it.
     pub fn finish(&mut self, cell: Cell) -> Result<(), RecordError> {
-        self.progress.finished(&cell);
-        self.write(Record::Cell(Box::new(cell)))
+        self.finish_all(vec![cell])
+    }
+
+    /// The same of several, in one piece.
+    pub fn finish_all(&mut self, cells: Vec<Cell>) -> Result<(), RecordError> {
+        cells.iter().for_each(|cell| self.progress.finished(cell));
+        let records = cells.into_iter().map(|cell| Record::Cell(Box::new(cell))).collect_vec();
+        self.held.writer.write_all(&records)?;
+        self.records.extend(records);
+        Ok(())
+    }
+
+    /// When no further step begins but the last report.
+    pub fn deadline_s(&self) -> f64 {
+        self.reports.budget_s - self.reports.reserve_s() - LAST_STEPS_S
     }
 
     pub fn now_s(&self) -> f64 {
@@ -253,14 +268,6 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
-        let PlannedCell { plan, subject, .. } = &self.cells[cell];
-        let Session { gpu, timer, hosts, .. } = &mut *self.session;
-        let first = hosts.get(&plan.pipeline);
-        if let Some((_, made)) = first.filter(|(first, _)| *first == (self.number, cell)) {
-            let costs = host::costs(gpu, timer, (subject, pipeline), *made);
-            let failure = "what it costs the CPU not measured";
-            findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
-        }
         let start = self.session.spent.since(start, SetUp::Quantities);
         let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
             findings.errors = judged.errors;
@@ -272,31 +279,19 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         self.compared(cell, pipeline, &mut findings);
         let start = self.session.spent.since(start, SetUp::Comparisons);
         self.pictures(cell, pipeline, views, &mut findings);
-        self.session.spent.since(start, SetUp::Pictures);
+        let start = self.session.spent.since(start, SetUp::Pictures);
+        let is_late = self.now_s() >= self.output.deadline_s();
+        let PlannedCell { plan, subject, .. } = &self.cells[cell];
+        let Session { gpu, timer, hosts, spent, .. } = &mut *self.session;
+        let first = hosts.get(&plan.pipeline).filter(|(first, _)| *first == (self.number, cell));
+        // A resumed run measures it with the first cell that it builds.
+        if let Some((_, made)) = first.filter(|_| !is_late) {
+            let costs = host::costs(gpu, timer, (subject, pipeline), *made);
+            let failure = "what it costs the CPU not measured";
+            findings.host = findings.noted(NoteKind::NotComputed, failure, costs);
+        }
+        spent.since(start, SetUp::Quantities);
         findings
-    }
-
-    /// The record of a cell from what was sampled of it up to now. None where its pipeline is gone.
-    fn record(&mut self, cell: usize, samples: &Samples) -> Option<Cell> {
-        let built = self.built.remove(&cell)?;
-        let pipeline = built.pipeline.as_ref();
-        let start = Instant::now();
-        let found = match self.known.findings.get(&cell) {
-            Some(found) => found.clone(),
-            None => self.find(cell, pipeline),
-        };
-        if self.session.gpu.lost().is_some() {
-            // What could not be found then is not missing for ever.
-            return None;
-        }
-        if !self.known.findings.contains_key(&cell) {
-            self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
-            self.known.findings.insert(cell, found.clone());
-        }
-        let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
-        let measured = measured(samples, pipeline, counters, found, self.schedule.precision);
-        self.built.insert(cell, built);
-        Some(self.cells[cell].record(Outcome::Measured(Box::new(measured))))
     }
 
     fn judge(&mut self, cell: usize) -> Judge<'_> {
@@ -390,11 +385,22 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
 
     /// The record of a cell that is finished, with its stages' shares of their ceilings.
     fn sampled(&mut self, cell: usize, samples: &Samples) -> Result<Cell, String> {
-        let record = self.record(cell, samples);
+        let built = self.built.remove(&cell).ok_or("its pipeline is gone")?;
+        let (pipeline, start) = (built.pipeline.as_ref(), Instant::now());
+        let known = self.known.findings.get(&cell).cloned();
+        let (is_new, found) = (known.is_none(), known.unwrap_or_else(|| self.find(cell, pipeline)));
         if let Some(reason) = self.session.gpu.lost() {
+            // What could not be found then is not missing for ever.
             return Err(sample::device_lost(&reason));
         }
-        let mut record = record.ok_or("its pipeline is gone")?;
+        if is_new {
+            self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
+            self.known.findings.insert(cell, found.clone());
+        }
+        let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
+        let measured = measured(samples, pipeline, counters, found, self.schedule.precision);
+        self.built.insert(cell, built);
+        let mut record = self.cells[cell].record(Outcome::Measured(Box::new(measured)));
         let Session { gpu, plan, ceilings, .. } = &mut *self.session;
         if let Some(measured) = record.measured_mut() {
             let again = |limit| gpu::measure(gpu, *plan, limit);
@@ -499,17 +505,8 @@ impl Executor for CellExecutor<'_, '_> {
         self.output.journal.keep(&self.names[cell], added)
     }
 
-    fn end_round(&mut self, live: &[(usize, &Samples)]) -> Result<(), RecordError> {
-        self.output.journal.write()?;
-        if self.output.reports.is_due() {
-            let sampled = live.iter().filter(|(_, samples)| samples.pairs() > 0);
-            let records = sampled.filter_map(|(cell, samples)| self.record(*cell, samples));
-            let provisional: Vec<Cell> = records.collect();
-            self.output.report(provisional, self.schedule);
-            // Its error will show at the next frame.
-            let _ = self.wake();
-        }
-        Ok(())
+    fn end_round(&mut self) -> Result<(), RecordError> {
+        self.output.journal.write()
     }
 
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), RecordError> {

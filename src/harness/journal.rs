@@ -1,15 +1,12 @@
 //! The file of samples of a run: what was taken of cells that have no record yet, so that a killed run goes on from there.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use fathom_base::folder;
 use fathom_clock::Samples;
-use fathom_record::{
-    Addition, Clocks, LineWriter, Outcome, Record, RecordError, Run, SAMPLES_SCHEMA, SampleLine,
-    read_lines,
-};
+use fathom_record::{Addition, Clocks, LineWriter, RecordError, SAMPLES_SCHEMA, SampleLine};
 
 /// A round that takes longer is written visit by visit.
 const LONGEST_UNWRITTEN: Duration = Duration::from_millis(200);
@@ -196,34 +193,6 @@ fn by_cell(lines: Vec<SampleLine>) -> Cells {
 /// Ends what came before.
 fn ended() -> Addition {
     Addition { afresh: true, ..Addition::default() }
-}
-
-/// Pairs of frames of each cell of a folder that has samples and no record, for those who only read.
-pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<usize>, RecordError> {
-    if !folder::is_there(path) {
-        return Ok(Vec::new());
-    }
-    let mut cells = by_cell(read_lines(path)?.records);
-    for id in recorded(records) {
-        cells.remove(&id);
-    }
-    Ok(cells.values().map(Taken::pairs).collect())
-}
-
-/// Ids of the cells that were measured.
-fn recorded(records: &[Record]) -> BTreeSet<String> {
-    let mut run: Option<&Run> = None;
-    let mut ids = BTreeSet::new();
-    for record in records {
-        match (record, run) {
-            (Record::Run(header), _) => run = Some(header),
-            (Record::Cell(cell), Some(run)) if matches!(cell.outcome, Outcome::Measured(_)) => {
-                ids.insert(SampleLine::id(run, &cell.resume_key()));
-            }
-            _ => {}
-        }
-    }
-    ids
 }
 
 #[cfg(test)]

@@ -11,7 +11,9 @@ use itertools::Itertools as _;
 
 use fathom_base::folder::Folder;
 use fathom_record::output::{FolderKind, OutputFolder, PICTURES, Taken, picture_path};
-use fathom_record::{Adapter, Cell, Note, NoteKind, Part, Picture, Reading, Record, Run};
+use fathom_record::{
+    Adapter, Cell, FolderLock, Note, NoteKind, Part, Picture, Reading, Record, Run,
+};
 
 /// A picture is no larger.
 const MAX_PICTURE_BYTES: u64 = 64 << 20;
@@ -30,6 +32,8 @@ pub struct Merged {
     pub absent: Vec<Part>,
     /// What was left out, a line each.
     pub notes: Vec<String>,
+    /// Of the folder, which further files are written to.
+    pub lock: FolderLock,
 }
 
 /// Writes the records and pictures of the shards in `folders` into `out`, in order of their numbers.
@@ -59,7 +63,7 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged> {
     }
     // In one piece: a merge that fails on the way does not pass for one of fewer shards.
     held.writer.write_all(&merged_records)?;
-    Ok(Merged { absent, notes })
+    Ok(Merged { absent, notes, lock: held.lock })
 }
 
 /// Every page of the merged run says so.
@@ -198,7 +202,7 @@ mod tests {
         std::fs::write(&records, text + "{\"rec").unwrap();
 
         let out = place.path().join("merged");
-        let Merged { absent, notes } = merge(&folders, &out).unwrap();
+        let Merged { absent, notes, .. } = merge(&folders, &out).unwrap();
         assert_eq!(absent, [Part { number: 2, of: 3 }]);
         assert_eq!(notes.len(), 4, "{notes:?}");
         let read = fathom_record::read(&out.join(RECORDS)).unwrap();

@@ -133,13 +133,14 @@ pub fn expand(
     Ok(expanded)
 }
 
-/// Expands and resolves `experiments` and holds each cell against what the adapter can take.
+/// Expands and resolves `experiments` and holds each cell against what the adapter can take. `in_time` is asked before each cell; its
+/// error ends this.
 pub fn plan(
     experiments: Vec<Experiment>,
     request: &Request,
     profile: Profile,
-    capacity: &Capacity,
-    catalog: &Catalog,
+    (capacity, catalog): (&Capacity, &Catalog),
+    in_time: &dyn Fn() -> Result<()>,
 ) -> Result<Vec<PlannedExperiment>> {
     let mut subjects = Subjects::of(catalog).within(capacity);
     let mut expanded = expand(&experiments, request, profile)?;
@@ -149,7 +150,10 @@ pub fn plan(
     let mut planned = Vec::new();
     for (experiment, plans) in experiments.into_iter().zip(expanded) {
         let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
-        let cell = |plan| planned_cell(&mut subjects, plan, turns_deg, capacity);
+        let cell = |plan| {
+            in_time()?;
+            planned_cell(&mut subjects, plan, turns_deg, capacity)
+        };
         let cells: Vec<_> = plans.into_iter().map(cell).collect::<Result<_>>()?;
         if request.cells.is_empty() || !cells.is_empty() {
             planned.push(PlannedExperiment { experiment, cells });

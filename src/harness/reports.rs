@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::executor::Output;
 use super::schedule::Schedule;
-use fathom_record::{Cell, Record, Standing};
+use fathom_record::{Record, Standing};
 
 /// Reports are written no more often than this,
 const INTERVAL: Duration = Duration::from_secs(30);
@@ -22,7 +22,7 @@ pub type Report<'r> = &'r mut dyn FnMut(&Path, &[Record], Standing);
 /// When reports are made.
 pub struct Reports<'r> {
     report: Report<'r>,
-    budget_s: f64,
+    pub budget_s: f64,
     /// The end of the latest, and how long it took.
     latest: Option<(Instant, Duration)>,
     /// All together, seconds.
@@ -52,25 +52,16 @@ impl<'r> Reports<'r> {
 }
 
 impl Output<'_> {
-    /// Makes a report of all records and these provisional ones.
-    pub fn report(&mut self, provisional: Vec<Cell>, schedule: &Schedule) {
+    /// Makes a report of all records.
+    pub fn report(&mut self, schedule: &Schedule) {
         let start = Instant::now();
-        let lacks_record = |cell: &Cell| {
-            let is_of =
-                |known: &Cell| (&known.experiment, &known.cell) == (&cell.experiment, &cell.cell);
-            !self.records.iter().filter_map(Record::try_as_cell_ref).any(|known| is_of(known))
-        };
-        let recorded = schedule.all().filter(|cell| cell.recorded).count();
         let standing = Standing {
             used_s: self.now_s(),
             budget_s: self.reports.budget_s,
-            reached: recorded + provisional.iter().filter(|cell| lacks_record(cell)).count(),
+            reached: schedule.all().filter(|cell| cell.recorded).count(),
             cells: schedule.all().count(),
         };
-        let known = self.records.len();
-        self.records.extend(provisional.into_iter().map(|cell| Record::Cell(Box::new(cell))));
         (self.reports.report)(&self.held.output.folder, &self.records, standing);
-        self.records.truncate(known);
         let took = start.elapsed();
         self.reports.latest = Some((Instant::now(), took));
         self.reports.spent_s += took.as_secs_f64();

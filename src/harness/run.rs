@@ -26,8 +26,8 @@ use fathom_record as record;
 use fathom_record::calendar;
 use fathom_record::output::Held;
 use fathom_record::{
-    Cell, Conditions, Definition, End, Note, NoteKind, Outcome, Part, PassKind, Profile, Record,
-    RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks,
+    Cell, Conditions, Definition, End, FolderLock, Note, NoteKind, Outcome, Part, PassKind,
+    Profile, Record, RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -39,8 +39,6 @@ const GPU_GROUP_BYTES: u64 = 2 << 30;
 const LEAST_BUDGET_OF_CEILINGS_S: f64 = 60.0;
 /// What a default budget has for set-up beside the time of its cells.
 const SET_UP_S: f64 = 30.0;
-/// Kept for the last records and the end of the process.
-const LAST_STEPS_S: f64 = 0.2;
 
 /// What to run and how. `None` means the profile's own value.
 #[derive(Clone, Debug, Default)]
@@ -65,9 +63,11 @@ pub struct Options {
 }
 
 /// What came of a run.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Summary {
     pub out: PathBuf,
+    /// Of the folder, which reports are written to.
+    pub lock: FolderLock,
     pub counts: Counts,
     /// Why the first skipped cell was.
     pub skip_reason: Option<String>,
@@ -97,8 +97,19 @@ pub fn run(
     if let Some(held) = &resumed {
         check_same_shard(held, part)?;
     }
+    let in_time = || match options
+        .budget_s
+        .filter(|budget_s| start.elapsed().as_secs_f64() >= *budget_s)
+    {
+        None => Ok(()),
+        Some(budget_s) => bail!(
+            "the time budget of {budget_s} s was over before a cell could be begun: give a longer --budget"
+        ),
+    };
+    let (request, catalog) = (&options.request, &options.catalog);
     let mut planned =
-        plan::plan(experiments, &options.request, profile, &gpu.capacity, &options.catalog)?;
+        plan::plan(experiments, request, profile, (&gpu.capacity, catalog), &in_time)?;
+    in_time()?;
     let held = match resumed {
         Some(held) => held,
         None => Held::create(options.out.as_deref(), &gpu.adapter.title(), profile)?,
@@ -108,7 +119,7 @@ pub fn run(
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard: part, ..header(options, &gpu, &audit, profile, seed) };
-    header.loop_turns = Some(gpu::loop_turns(&gpu)?);
+    header.loop_turns = in_time().is_ok().then(|| gpu::loop_turns(&gpu)).transpose()?;
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
     let mut finished = record::finished(&held.before, &header);
     let recorded = finished.clone();
@@ -120,7 +131,7 @@ pub fn run(
     let limits = limits(options, profile, &planned);
     let now = Instant::now();
     if !options.no_ceilings {
-        let is_short = limits.budget_s < LEAST_BUDGET_OF_CEILINGS_S;
+        let is_short = limits.budget_s < LEAST_BUDGET_OF_CEILINGS_S || in_time().is_err();
         measure_limits((&gpu, plan), &mut header, &held.before, is_short)?;
     }
     spent.since(now, SetUp::Ceilings);
@@ -148,7 +159,7 @@ pub fn run(
         interrupted,
     };
     measurement.begin(damage, &ids)?;
-    deadly.into_iter().try_for_each(|cell| measurement.output.finish(cell))?;
+    measurement.output.finish_all(deadly)?;
     measurement.measure()?;
     measurement.end(kept)
 }
@@ -407,7 +418,7 @@ impl Measurement<'_> {
         }
         (0..planned.len()).try_for_each(|experiment| self.look(experiment))?;
         while !self.interrupted.load(Ordering::Relaxed) {
-            let deadline_s = self.limits.budget_s - self.output.reports.reserve_s() - LAST_STEPS_S;
+            let deadline_s = self.output.deadline_s();
             let Some(batch) = self.schedule.next(deadline_s - self.output.now_s()) else { break };
             if self.report_if_due(&batch) {
                 continue;
@@ -431,7 +442,7 @@ impl Measurement<'_> {
         let is_first = next.goal != Goal::FirstVisits && self.output.reports.may_begin();
         let is_due = is_first || self.output.reports.is_due();
         if is_due {
-            self.output.report(Vec::new(), &self.schedule);
+            self.output.report(&self.schedule);
         }
         is_due
     }
@@ -454,7 +465,7 @@ impl Measurement<'_> {
             let reason = cell.skip.clone()?;
             Some(cell.record(Outcome::Skipped { reason }))
         });
-        skipped.collect::<Vec<_>>().into_iter().try_for_each(|cell| self.output.finish(cell))
+        self.output.finish_all(skipped.collect())
     }
 
     fn sample(&mut self, batch: &Batch, deadline_s: f64) -> Result<()> {
@@ -499,13 +510,9 @@ impl Measurement<'_> {
 
     /// Records the cells that the budget left.
     fn tell_not_run(&mut self) -> Result<(), RecordError> {
-        for (planned, states) in self.planned.iter().zip(&self.schedule.cells) {
-            let left = planned.cells.iter().zip(states).filter(|(_, state)| !state.recorded);
-            for (cell, _) in left {
-                self.output.finish(cell.record(Outcome::OverBudget))?;
-            }
-        }
-        Ok(())
+        let cells = self.planned.iter().flat_map(|planned| &planned.cells);
+        let states = cells.zip(self.schedule.all()).filter(|(_, state)| !state.recorded);
+        self.output.finish_all(states.map(|(cell, _)| cell.record(Outcome::OverBudget)).collect())
     }
 
     fn end(mut self, kept: usize) -> Result<Summary> {
@@ -525,12 +532,17 @@ impl Measurement<'_> {
         let Output { held, journal, .. } = self.output;
         journal.end()?;
         let records = record::read(&held.output.records())?.records;
-        Ok(summary(held.output.folder, &records, end, kept))
+        Ok(summary((held.output.folder, held.lock), &records, end, kept))
     }
 }
 
 /// Counts the cells after the last header.
-fn summary(out: PathBuf, records: &[Record], end: End, kept: usize) -> Summary {
+fn summary(
+    (out, lock): (PathBuf, FolderLock),
+    records: &[Record],
+    end: End,
+    kept: usize,
+) -> Summary {
     let since = records.iter().rposition(|record| record.try_as_run_ref().is_some()).unwrap_or(0);
     // Of a cell that was sampled on the latest.
     let cells = records[since..].iter().filter_map(Record::try_as_cell_ref);
@@ -540,5 +552,5 @@ fn summary(out: PathBuf, records: &[Record], end: End, kept: usize) -> Summary {
         Outcome::Skipped { reason } => Some(reason.clone()),
         _ => None,
     });
-    Summary { out, counts: Counts::of(cells.into_values()), skip_reason, kept, end }
+    Summary { out, lock, counts: Counts::of(cells.into_values()), skip_reason, kept, end }
 }

@@ -9,7 +9,8 @@
 //! (`harness::schedule`). A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow
 //! for that many looks. Cells whose times nobody asks for render one frame.
 //!
-//! Before each preparation and each visit the scheduler asks whether what is foreseen for it still fits before the deadline.
+//! Before each preparation and each visit the scheduler asks whether what is foreseen for it still fits before the deadline. What was
+//! foreseen may be wrong: once the deadline is over no further step begins, be it a frame or the reading of a cell's figures.
 //!
 //! What each visit added is handed to [`Executor::keep`], so that a run that ends at any moment can be gone on with:
 //! a cell begins with what [`Executor::earlier`] has of it.
@@ -69,8 +70,8 @@ pub trait Executor {
     fn earlier(&mut self, cell: usize) -> Samples;
     /// Keeps what a visit added to a cell's samples.
     fn keep(&mut self, cell: usize, added: Addition) -> Result<(), Self::Fatal>;
-    /// All cells were visited: what was kept must outlive this process from now on. `live` are the cells with what they have.
-    fn end_round(&mut self, live: &[(usize, &Samples)]) -> Result<(), Self::Fatal>;
+    /// All cells were visited: what was kept must outlive this process from now on.
+    fn end_round(&mut self) -> Result<(), Self::Fatal>;
     /// Its times are not asked for: one frame is rendered, untimed.
     fn untimed_only(&self, cell: usize) -> bool;
     /// What the cell's next steps will take.
@@ -139,7 +140,7 @@ pub struct Settings {
     pub precision: f64,
     /// Nothing is begun that is not foreseen to be over by then, on the executor's clock, seconds.
     pub deadline_s: f64,
-    /// One pair of frames is taken of the first cell even if the time is over.
+    /// The first pair of frames is begun whatever is foreseen for it.
     pub at_least_one: bool,
     /// Memory that cells prepared at the same time should take together, in bytes. A group is closed
     /// once another cell as large as its largest would exceed this.
@@ -266,7 +267,7 @@ struct Sampler<'a, X: Executor> {
     /// By the number of the cell.
     live: BTreeMap<usize, Live>,
     round: u32,
-    /// The first pair of frames is still to be taken, whatever the time.
+    /// The first pair of frames is still to be taken, whatever is foreseen for it.
     owes_one: bool,
     /// A visit did not fit before the deadline.
     late: bool,
@@ -280,7 +281,16 @@ impl<X: Executor> Sampler<'_, X> {
     }
 
     fn has_to_end(&self) -> bool {
-        self.late || self.interrupted()
+        self.late || self.is_over()
+    }
+
+    /// No further step is begun.
+    fn is_over(&self) -> bool {
+        self.interrupted() || self.is_too_late()
+    }
+
+    fn is_too_late(&self) -> bool {
+        self.executor.now_s() >= self.settings.deadline_s
     }
 
     /// Whether a step of this length, and the rest of all prepared cells after it, fits before the deadline.
@@ -296,7 +306,7 @@ impl<X: Executor> Sampler<'_, X> {
         for (done, &cell) in waiting.iter().enumerate() {
             let full = used.saturating_add(largest) > self.settings.group_bytes;
             let foreseen = self.executor.foreseen(cell);
-            if self.interrupted() || (done > 0 && full) || !self.fits(foreseen.visit_s(1)) {
+            if self.is_over() || (done > 0 && full) || !self.fits(foreseen.visit_s(1)) {
                 prepared = done;
                 break;
             }
@@ -307,7 +317,7 @@ impl<X: Executor> Sampler<'_, X> {
                 bytes = sampler.executor.prepare(cell)?;
                 Ok(())
             })?;
-            if self.executor.untimed_only(cell) {
+            if self.executor.untimed_only(cell) && !self.is_over() {
                 self.attempt(cell, |sampler| sampler.executor.untimed(cell).map(drop))?;
                 self.close_sampled(cell)?;
                 self.owes_one = false;
@@ -325,7 +335,7 @@ impl<X: Executor> Sampler<'_, X> {
 
     fn sample_group(&mut self) -> Result<(), X::Fatal> {
         let goal = self.settings.goal;
-        if let Some(cell) = self.live.keys().next().copied() {
+        if let Some(cell) = self.live.keys().next().copied().filter(|_| !self.is_over()) {
             self.attempt(cell, |sampler| sampler.executor.wake())?;
         }
         while !self.has_to_end() {
@@ -340,9 +350,7 @@ impl<X: Executor> Sampler<'_, X> {
                 self.visit(&frames)?;
             }
             self.round += 1;
-            let live: Vec<(usize, &Samples)> =
-                self.live.iter().map(|(cell, live)| (*cell, &live.samples)).collect();
-            self.executor.end_round(&live)?;
+            self.executor.end_round()?;
         }
         self.finish_rest()
     }
@@ -368,7 +376,7 @@ impl<X: Executor> Sampler<'_, X> {
         }
         for Frame { cell, timed } in frames.iter().copied() {
             // After the loss of the device the survivors are prepared anew, and warm up in their next visit.
-            if self.interrupted() || !self.live.get(&cell).is_some_and(|live| live.warm) {
+            if self.is_over() || !self.live.get(&cell).is_some_and(|live| live.warm) {
                 continue;
             }
             let start_s = self.executor.now_s();
@@ -403,7 +411,7 @@ impl<X: Executor> Sampler<'_, X> {
             return Ok(());
         }
         let mut warm_up = WarmUp::default();
-        while !warm_up.is_over() && !self.interrupted() {
+        while !warm_up.is_over() && !self.is_over() {
             warm_up.add(if warm_up.is_timed() {
                 self.executor.timed(cell)?.envelope_ns
             } else {
@@ -516,11 +524,11 @@ impl<X: Executor> Sampler<'_, X> {
         }
     }
 
-    /// Hands over what the group's cells have. What rendered nothing has no figures, and stays for later. What has rendered on a
+    /// Hands over what the group's cells have. What rendered nothing, or comes too late, stays for later. What has rendered on a
     /// device that is lost renders once more, so that its figures can be read.
     fn finish_rest(&mut self) -> Result<(), X::Fatal> {
         while let Some((&cell, live)) = self.live.first_key_value() {
-            let too_little = self.interrupted() && !live.suffices();
+            let too_little = self.is_too_late() || self.interrupted() && !live.suffices();
             let rendered = live.warm || live.pair_s.is_some();
             if too_little || !rendered || live.samples.pairs() == 0 {
                 self.live.remove(&cell);

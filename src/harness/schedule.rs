@@ -98,9 +98,9 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// The next batch that fits into the time. A run that has measured nothing takes any time.
+    /// The next batch that fits into the time. A run that has measured nothing begins one whatever is foreseen, if there is any time.
     pub fn next(&self, left_s: f64) -> Option<Batch> {
-        let left_s = if self.has_measured() { left_s } else { f64::INFINITY };
+        let left_s = if self.has_measured() || left_s <= 0.0 { left_s } else { f64::INFINITY };
         let fits = |(cost_s, _): &(f64, Batch)| *cost_s <= left_s;
         let passes: [&dyn Fn() -> Option<(f64, Batch)>; 6] = [
             &|| cheapest(self.first_visits().filter(fits)),

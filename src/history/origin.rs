@@ -1,12 +1,11 @@
 //! Where a run comes from: commit, branch and machine, from options, the job's environment, or git.
 
-use std::process::Command;
+use std::path::Path;
 
-use anyhow::{Context, Error};
+use anyhow::{Context, Error, bail};
 
-use fathom_base::private;
-use fathom_base::process;
 use fathom_base::text::check_length;
+use fathom_base::{private, process};
 
 /// What the user says. The rest is found out.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -47,18 +46,28 @@ impl Origin {
 const COMMIT_VARIABLES: [&str; 2] = ["GITHUB_SHA", "CI_COMMIT_SHA"];
 const BRANCH_VARIABLES: [&str; 2] = ["GITHUB_REF_NAME", "CI_COMMIT_REF_NAME"];
 
+/// Digits of the shortest hash that git takes, and of a whole one.
+const SHORTEST_HASH: usize = 4;
+const WHOLE_HASH: usize = 40;
+
 /// The first that there is: what was said, the job's variables, git's HEAD of the current folder.
 pub fn origin(said: Said) -> anyhow::Result<Origin> {
     let named = said.commit.or_else(|| variable(COMMIT_VARIABLES));
-    let commit = match named {
-        // A branch, a tag or a short hash is written out where git knows it.
-        Some(name) => resolved(&name).unwrap_or(name),
-        None => resolved("HEAD").context(
-            "of which commit is this run? There is no --commit, no GITHUB_SHA or CI_COMMIT_SHA, and no git repository here",
-        )?,
+    let name = named.as_deref().unwrap_or("HEAD");
+    // A branch, a tag or a short hash is written out where git knows it.
+    let asked = format!("{name}^{{commit}}");
+    let commit = match git(&["rev-parse", "--verify", "--end-of-options", &asked]) {
+        Ok(commit) => commit,
+        Err(_) if is_hash(name, SHORTEST_HASH) => name.to_owned(),
+        Err(reason) if named.is_none() => bail!(
+            "of which commit is this run? There is no --commit, no GITHUB_SHA or CI_COMMIT_SHA, and git has no HEAD here: {reason}"
+        ),
+        Err(reason) => {
+            bail!("`{name}` is no hash of a commit, and git does not know it here: {reason}")
+        }
     };
     let branch = said.branch.or_else(|| variable(BRANCH_VARIABLES));
-    let branch = branch.or_else(|| git(&["symbolic-ref", "--quiet", "--short", "HEAD"]));
+    let branch = branch.or_else(|| git(&["symbolic-ref", "--quiet", "--short", "HEAD"]).ok());
     let names = [
         ("commit", Some(&commit)),
         ("branch", branch.as_ref()),
@@ -82,18 +91,16 @@ fn variable(names: [&str; 2]) -> Option<String> {
     names.iter().find_map(|name| std::env::var(name).ok().filter(|value| !value.is_empty()))
 }
 
-fn resolved(name: &str) -> Option<String> {
-    let commit = format!("{name}^{{commit}}");
-    git(&["rev-parse", "--verify", "--quiet", "--end-of-options", &commit])
+/// It may be the hash of a commit, or the beginning of one with so many digits or more.
+fn is_hash(name: &str, digits: usize) -> bool {
+    name.len() >= digits && name.bytes().all(|byte| byte.is_ascii_hexdigit())
 }
 
 fn committed_at(commit: &str) -> Option<i64> {
-    let is_hash = commit.len() >= 40 && commit.bytes().all(|byte| byte.is_ascii_hexdigit());
-    is_hash.then(|| git(&["show", "--no-patch", "--format=%ct", commit]))??.parse().ok()
+    let is_whole = is_hash(commit, WHOLE_HASH);
+    is_whole.then(|| git(&["show", "--no-patch", "--format=%ct", commit]).ok())??.parse().ok()
 }
 
-/// What git prints in the current folder; none where it fails or is absent.
-fn git(arguments: &[&str]) -> Option<String> {
-    let text = process::printed(Command::new("git").args(arguments)).ok()?;
-    (!text.is_empty()).then_some(text)
+fn git(arguments: &[&str]) -> Result<String, String> {
+    process::git(Path::new("."), arguments)
 }

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 
 use fathom_base::folder::{self, Folder};
 
+use super::calendar;
+
 /// Name of the locked file. The system releases the lock when its process ends, however that ends, so a file that a killed
 /// process left behind blocks nobody.
 pub const LOCK: &str = ".lock";
@@ -14,16 +16,13 @@ const MAX_HOLDER_BYTES: u64 = 1_000;
 
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
-    #[error(
-        "{} is in use by {holder}: wait until that ends, or choose another folder with --out",
-        folder.display()
-    )]
+    #[error("{} is in use by {holder}: wait until that ends, or choose another folder", folder.display())]
     InUse { folder: PathBuf, holder: String },
-    #[error("cannot write to {}: {source}; choose another folder with --out", folder.display())]
+    #[error("cannot write to {}: {source}; choose another folder", folder.display())]
     Unwritable { folder: PathBuf, source: io::Error },
 }
 
-/// The right to write to a folder, until this is dropped.
+/// The right to write to a folder, until this is dropped. Every command that writes a folder holds it.
 #[derive(Debug)]
 pub struct FolderLock {
     file: File,
@@ -33,8 +32,8 @@ pub struct FolderLock {
 }
 
 impl FolderLock {
-    /// Takes the lock of a folder, which is made if it is not there. `holder` tells another process who holds it.
-    pub fn take(path: &Path, holder: &str) -> Result<Self, LockError> {
+    /// Takes the lock of a folder, which is made if it is not there. Another process is told who holds it.
+    pub fn take(path: &Path) -> Result<Self, LockError> {
         let unwritable = |source| LockError::Unwritable { folder: path.to_owned(), source };
         let made_folder = !folder::is_there(path);
         let mut file =
@@ -43,7 +42,7 @@ impl FolderLock {
             // Its last holder removed the file after it was opened here.
             Ok(()) if !folder::is_there(&path.join(LOCK)) => {}
             Ok(()) => {
-                let written = file.set_len(0).and_then(|()| file.write_all(holder.as_bytes()));
+                let written = file.set_len(0).and_then(|()| file.write_all(holder().as_bytes()));
                 written.map_err(unwritable)?;
                 return Ok(Self { file, folder: path.to_owned(), made_folder });
             }
@@ -66,6 +65,14 @@ impl Drop for FolderLock {
     }
 }
 
+/// What this process says of itself to another that wants the same folder. Of its command line only the command: the rest may
+/// hold secrets.
+fn holder() -> String {
+    let mut words = std::env::args().skip(1);
+    let command = words.find(|word| !word.starts_with('-')).unwrap_or_default();
+    format!("process {} (`fathom {command}`, since {})", std::process::id(), calendar::now())
+}
+
 /// One line. On some systems nobody but its holder reads a locked file.
 fn read_holder(file: &File) -> String {
     let mut text = Vec::new();
@@ -83,22 +90,25 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         // Of a process that was killed.
         fs::write(folder.path().join(LOCK), format!("process 0 {}", "x".repeat(5_000))).unwrap();
-        let first = FolderLock::take(folder.path(), "process 1 (`fathom run`)").unwrap();
-        let told = FolderLock::take(folder.path(), "process 2").unwrap_err().to_string();
-        assert!(told.contains("in use by process 1 (`fathom run`): wait"), "{told}");
+        let first = FolderLock::take(folder.path()).unwrap();
+        let told = FolderLock::take(folder.path()).unwrap_err().to_string();
+        let me = format!("in use by process {} (`fathom ", std::process::id());
+        assert!(told.contains(&me) && told.contains("): wait until"), "{told}");
         drop(first);
-        FolderLock::take(folder.path(), "process 2").unwrap();
+        FolderLock::take(folder.path()).unwrap();
     }
 
     #[test]
     fn a_folder_made_for_the_lock_goes_with_it_unless_it_was_used() {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("new");
-        drop(FolderLock::take(&folder, "me").unwrap());
+        drop(FolderLock::take(&folder).unwrap());
         assert!(!folder.exists());
-        let held = FolderLock::take(&folder, "me").unwrap();
+        let held = FolderLock::take(&folder).unwrap();
         fs::write(folder.join("kept"), "").unwrap();
         drop(held);
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "only the lock goes");
+        let told = FolderLock::take(&folder.join("kept")).unwrap_err().to_string();
+        assert!(told.starts_with("cannot write to "), "{told}");
     }
 }

@@ -115,7 +115,7 @@ impl OutputFolder {
     }
 }
 
-/// A folder that no other process writes to while this is held. Nothing is written yet.
+/// A folder that no other process writes to while this is held. Nothing is written yet, and where nothing will be, a new folder goes.
 #[derive(Debug)]
 pub struct Taken {
     output: OutputFolder,
@@ -130,6 +130,12 @@ impl Taken {
             return Err(OutputError::Occupied { path: folder.to_owned() });
         }
         Ok(taken)
+    }
+
+    /// Takes the folder that is asked for, else one in [`DEFAULT_FOLDER`] that is named after this and the time.
+    pub fn asked(folder: Option<&Path>, name: &str) -> Result<Self, OutputError> {
+        let fresh = || format!("{name}-{}", calendar::compact(Timestamp::now()));
+        Self::free(&folder.map_or_else(|| Path::new(DEFAULT_FOLDER).join(fresh()), Path::to_owned))
     }
 
     /// Takes a folder whose measurement is to be continued.
@@ -147,7 +153,7 @@ impl Taken {
         if path != output.records() {
             return Err(OutputError::Packed { path });
         }
-        Ok(Self { lock: FolderLock::take(folder, &holder())?, output })
+        Ok(Self { lock: FolderLock::take(folder)?, output })
     }
 
     /// Opens the records.
@@ -155,7 +161,11 @@ impl Taken {
         let path = self.output.records();
         let (writer, read) = Writer::open(&path, |read| kind.check(&path, read))?;
         let damage = read.damaged.notice(&path);
-        Ok(Held { output: self.output, writer, before: read.records, damage, _lock: self.lock })
+        Ok(Held { output: self.output, writer, before: read.records, damage, lock: self.lock })
+    }
+
+    pub fn folder(&self) -> &Path {
+        &self.output.folder
     }
 }
 
@@ -168,8 +178,7 @@ pub struct Held {
     pub before: Vec<Record>,
     /// Damage that was found in them.
     pub damage: Option<String>,
-    /// Held for its release.
-    _lock: FolderLock,
+    pub lock: FolderLock,
 }
 
 impl Held {
@@ -180,11 +189,7 @@ impl Held {
         adapter: &str,
         profile: Profile,
     ) -> Result<Self, OutputError> {
-        let folder = match asked {
-            Some(folder) => folder.to_owned(),
-            None => unused(&fresh(adapter, profile))?,
-        };
-        Self::of_run(Taken::free(&folder)?)
+        Self::of_run(Taken::asked(asked, &name(adapter, profile))?)
     }
 
     /// The folder of the run to resume: `asked`, or the latest under [`DEFAULT_FOLDER`].
@@ -215,12 +220,6 @@ pub fn picture_path(experiment: &str, cell: &str, shows: PictureKind) -> String 
     format!("{PICTURES}/{experiment}_{cell}{ending}.png")
 }
 
-/// What this process says of itself to another that wants the same folder.
-pub fn holder() -> String {
-    let command = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).join(" ");
-    format!("process {} (`{command}`, since {})", std::process::id(), calendar::now())
-}
-
 /// Makes the folder of pictures and writes a file the size of several records, which leaves nothing.
 fn probe(output: &OutputFolder) -> std::io::Result<()> {
     let folder = Folder::make(&output.folder)?;
@@ -230,32 +229,14 @@ fn probe(output: &OutputFolder) -> std::io::Result<()> {
     file.sync_all()
 }
 
-/// Makes a folder that was not there: of this name, or with a number added to it.
-pub fn unused(folder: &Path) -> Result<PathBuf, OutputError> {
-    let unwritable = |source| OutputError::Unwritable { path: folder.to_owned(), source };
-    if let Some(parent) = folder.parent() {
-        std::fs::create_dir_all(parent).map_err(unwritable)?;
-    }
-    let name = folder.file_name().unwrap_or_default().to_string_lossy();
-    let numbered = (2..).map(|number| folder.with_file_name(format!("{name}-{number}")));
-    for candidate in std::iter::once(folder.to_owned()).chain(numbered) {
-        match std::fs::create_dir(&candidate) {
-            Ok(()) => return Ok(candidate),
-            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
-            Err(source) => return Err(unwritable(source)),
-        }
-    }
-    unreachable!("numbers do not end")
-}
-
-fn fresh(adapter: &str, profile: Profile) -> PathBuf {
+/// Beginning of the name of a run's folder.
+fn name(adapter: &str, profile: Profile) -> String {
     let word = |c: char| {
         if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { ' ' }
     };
     let plain: String = adapter.chars().map(word).collect();
     let words: Vec<&str> = plain.split_whitespace().take(3).collect();
-    let time = calendar::compact(Timestamp::now());
-    Path::new(DEFAULT_FOLDER).join(format!("{}-{profile}-{time}", words.join("-")))
+    format!("{}-{profile}", words.join("-"))
 }
 
 /// The folder of the run whose records were changed last.
@@ -351,38 +332,13 @@ mod tests {
             std::fs::create_dir(&out).unwrap();
             let target = if name == PICTURES { precious.clone() } else { precious.join("a") };
             std::os::unix::fs::symlink(target, out.join(name)).unwrap();
-            let begun = create(&out).unwrap_err().to_string();
-            let resumed = Held::resume(Some(&out)).and_then(|held| {
-                let samples = held.output.samples();
-                crate::LineWriter::<crate::SampleLine>::open(&samples, |_| {
-                    Ok::<(), RecordError>(())
-                })?;
-                Ok::<(), OutputError>(())
-            });
-            let resumed = resumed.unwrap_err().to_string();
-            assert_eq!(
-                [begun.as_str(), &resumed].map(|told| told.lines().count()),
-                [1, 1],
-                "{name}"
-            );
-            assert!(name != LOCK || begun.contains("symbolic link"), "{begun}");
+            create(&out).unwrap_err();
+            let resumed = Held::resume(Some(&out));
+            assert_eq!(resumed.is_ok(), name == SAMPLES, "the journal refuses a link itself");
             assert!(out.join(name).is_symlink(), "{name}");
         }
         assert_eq!(files(&precious), ["a"]);
         assert_eq!(std::fs::read_to_string(precious.join("a")).unwrap(), END);
-    }
-
-    #[test]
-    fn folders_that_are_named_alike_get_numbers_and_a_file_in_the_way_is_told() {
-        let parent = tempfile::tempdir().unwrap();
-        let name = parent.path().join("runs/one");
-        let made = [unused(&name).unwrap(), unused(&name).unwrap()];
-        assert_eq!(made, [name.clone(), parent.path().join("runs/one-2")]);
-        let file = parent.path().join("taken");
-        std::fs::write(&file, "").unwrap();
-        let error = create(&file).unwrap_err().to_string();
-        assert!(error.starts_with("cannot write to "), "{error}");
-        assert_eq!(error.lines().count(), 1);
     }
 
     #[test]
@@ -410,8 +366,7 @@ mod tests {
 
     #[test]
     fn fresh_folders_bear_adapter_and_profile() {
-        let name = fresh("llvmpipe (LLVM 15.0.6, 256 bits)", Profile::Quick);
-        let name = name.file_name().unwrap().to_string_lossy().into_owned();
-        assert!(name.starts_with("llvmpipe-llvm-15-quick-2"), "{name}");
+        let name = name("llvmpipe (LLVM 15.0.6, 256 bits)", Profile::Quick);
+        assert_eq!(name, "llvmpipe-llvm-15-quick");
     }
 }

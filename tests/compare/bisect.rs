@@ -156,7 +156,14 @@ fn a_program_of_another_language_is_searched_in_its_checkouts() {
     assert!((answer["change"].as_f64().unwrap() - 0.05).abs() < 1e-3, "{found}");
     let left = std::fs::read_dir(history.0.path("out/checkouts")).unwrap().count();
     assert_eq!(left, 0, "checkouts are removed in the end");
+    let settings = history.0.read("out/settings.json");
+    assert!(!settings.contains("--counted"), "a command may hold secrets: {settings}");
+    // What a search leaves that is killed.
+    history.git(&["worktree", "add", "--quiet", "--detach", "out/checkouts/left", "HEAD"]);
     assert_eq!(command.arg("--resume").ends(0).json(), found);
+    let mut worktrees = Command::new("git");
+    let worktrees = worktrees.args(["worktree", "list"]).current_dir(history.0.path("")).answer();
+    assert_eq!(worktrees.lines().count(), 1, "{worktrees}");
 }
 
 #[test]
@@ -214,4 +221,50 @@ fn a_base_of_another_commit_is_refused_and_one_that_does_not_say_is_noted() {
     let other = build(r#""build":{"commit":"0123","dirty":true},"#);
     let reason = "the base build: it was built of 0123 with changed files and not of ";
     other.0.fathom(compare).ends(2).error(reason);
+}
+
+#[test]
+fn what_keeps_git_from_a_revision_is_told_in_its_words() {
+    let history = History::of(2, |place, number| drop(place.write("a", number.to_string())));
+    let here = format!("file://{}", history.0.path("").display());
+    history.git(&["clone", "--quiet", "--depth", "1", &here, "clone"]);
+    for (folder, name, value, reason) in [
+        ("", "GIT_TEST_ASSUME_DIFFERENT_OWNER", "1", "fatal: detected dubious ownership in"),
+        ("", "PATH", "/nowhere", "git: it cannot be started: "),
+        ("", "GIT_DIR", "/nowhere", "fatal: not a git repository: '/nowhere'"),
+        ("clone", "A", "", ": fatal: "),
+    ] {
+        for words in ["compare --base", "bisect --good", "history add a --branch b --commit"] {
+            let mut command = history.0.fathom(format!("{words} HEAD~1"));
+            command.env("GIT_CONFIG_GLOBAL", "/dev/null").env(name, value);
+            let told = command.current_dir(history.0.path(folder)).refused(reason);
+            let is_shallow = folder == "clone" && !words.starts_with("history");
+            assert_eq!(told.contains("the clone is shallow: "), is_shallow, "{told}");
+        }
+    }
+}
+
+#[test]
+fn checkouts_have_their_submodules() {
+    let worker =
+        |place: &Place, _: usize| drop(Script::default().write(&place.path(""), "worker.sh"));
+    let module = History::of(1, worker);
+    let history = History::of(1, |place, _| drop(place.write("cells.toml", CELLS)));
+    let from = format!("file://{}", module.0.path("").display());
+    history.git(&[
+        "-c",
+        "protocol.file.allow=always",
+        "submodule",
+        "--quiet",
+        "add",
+        &from,
+        "module",
+    ]);
+    history.commit(1, &["."]);
+    history.commit(2, &["."]);
+    let words = "bisect --good HEAD~1 --gates exact --cells-file cells.toml --out out --build-cmd : --cmd ./module/worker.sh";
+    let mut command = history.0.fathom(words);
+    let allowed = [("COUNT", "1"), ("KEY_0", "protocol.file.allow"), ("VALUE_0", "always")];
+    command.envs(allowed.map(|(name, value)| (format!("GIT_CONFIG_{name}"), value)));
+    holds(&command.ends(1).out, &["nothing to find"]);
 }

@@ -2,7 +2,7 @@
 
 use super::bisect::History;
 use super::builds::{Builds, spawned};
-use super::common::{Place, names, signal};
+use super::common::{Ends, Place, names, signal};
 use super::script::Script;
 
 #[test]
@@ -56,6 +56,8 @@ fn a_termination_during_the_build_ends_it_and_leaves_no_worktree() {
     let mut compare = place.fathom("compare --base HEAD --out out");
     let (mut child, mut told) = spawned(&mut compare);
     told.find(|line| line.contains("Compiling fathom")).unwrap();
+    let in_use = format!("out is in use by process {} (`fathom compare`, since ", child.id());
+    place.fathom("compare --base HEAD --out out").refused(&in_use);
     signal("-TERM", child.id());
     let rest: Vec<String> = told.collect();
     assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:?}");

@@ -184,7 +184,7 @@ fn a_doctor_without_an_adapter_says_what_to_install() {
 #[test]
 fn a_base_outside_a_repository_is_refused_before_anything_is_made() {
     let place = Place::new();
-    place.fathom("compare --base HEAD").refused("is in no git repository");
+    place.fathom("compare --base HEAD").refused("fatal: not a git repository");
     assert!(names(&place.path("")).is_empty());
 }
 

@@ -7,10 +7,12 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use crate::common::{
-    Ends, Place, SMALL, Told, cells, ended, holds, measured, records, repetitions, signal,
-    skipped_cell, wait_until, write_records,
+    Ends, Place, SMALL, Told, cells, ended, failing_beyond, holds, measured, names, records,
+    repetitions, signal, skipped_cell, wait_until, write_records,
 };
-use fathom::record::{self, Addition, Cell, FramePair, Outcome, Record, Run, SCHEMA, SampleLine};
+use fathom::record::{
+    self, Addition, Cell, FolderLock, FramePair, Outcome, Record, Run, SCHEMA, SampleLine,
+};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -80,7 +82,7 @@ fn a_kill_at_any_moment_loses_no_sample_and_one_of_two_processes_goes_on() {
             continue;
         }
         let before = kept(&place);
-        holds(&place.fathom("report out").ends(0).err, &[" have no record yet; "]);
+        place.fathom("report out").ends(0);
         holds(&one_of_two(&place, "--resume"), &["continuing from "]);
         goes_on(&before, &cells(out));
         assert!(!out.join("samples.jsonl").exists());
@@ -175,38 +177,50 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
     place.fathom("report").arg(&out).ends(0);
 }
 
-/// A run of one small cell that is killed as soon as it has begun it; whether nothing was sampled of it yet.
-fn killed_in_its_cell(place: &Place, options: &str) -> bool {
-    let begun = || {
-        let text = fs::read_to_string(place.path("out/records.jsonl")).unwrap_or_default();
-        text.matches(r#"{"record":"begun""#).count()
-    };
-    let before = begun();
-    let run = RUN.replace("0.0,0.1", "0.1");
-    let mut command = place.fathom(format!("{run} {SMALL} --out out --budget 600 {options}"));
-    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    wait_until("a cell that is begun", || {
-        assert_eq!(child.try_wait().unwrap(), None, "it ended before it began a cell");
-        begun() > before
-    });
-    child.kill().unwrap();
-    child.wait().unwrap();
-    kept(place).is_empty()
-}
-
 #[test]
 fn a_cell_in_which_two_processes_ended_is_failed_named_and_passed_over() {
-    let place = loop {
-        let place = Place::new();
-        if killed_in_its_cell(&place, "") && killed_in_its_cell(&place, "--resume") {
-            break place;
-        }
-    };
-    let rest = RUN.replace("1e-9", "1");
-    let told = place.fathom(format!("{rest} {SMALL} --out out --resume --budget 10m")).ends(1);
+    let place = Place::new();
+    let run = format!("{} {SMALL} --budget 10m", RUN.replace("1e-9", "1"));
+    place.fathom(format!("{run} --out whole")).ends(0);
+    // What a process leaves that ends in the second cell.
+    let left = records(&place.path("whole")).into_iter().filter(|record| match record {
+        Record::Begun(begun) => begun.cell.ends_with("=0.1"),
+        record => matches!(record, Record::Run(_)),
+    });
+    let left: Vec<Record> = left.collect();
+    write_records(&place.path("out"), &[left.clone(), left].concat());
+    let told = place.fathom(format!("{run} --out out --resume")).ends(1);
     holds(&told.err, &["water.amplitude_m=0.1: failed: two processes ended while they built it"]);
     let cells = cells(&place.path("out"));
     let failed = |cell: &&Cell| matches!(&cell.outcome, Outcome::Failed { .. });
     assert_eq!((cells.len(), cells.iter().filter(failed).count()), (2, 1), "{cells:?}");
     assert!(cells.iter().any(|cell| cell.measured().is_some()));
+}
+
+/// `merge`, `compare --replay` and `history show` take the lock by the same calls.
+#[test]
+fn a_folder_in_use_is_left_alone_by_every_command_that_writes_one() {
+    let place = Place::new();
+    recorded(&place);
+    let _lock = FolderLock::take(&place.path("out")).unwrap();
+    for words in [
+        &format!("run uw-default --cell base --no-ceilings {SMALL} --out out"),
+        "compare --base-cmd true --head-cmd true --out out",
+        "bisect --good HEAD --out out",
+        "report out",
+        "report out --out out",
+        "export csv out -o out",
+        "render --figure uw -o out",
+        &format!("dump caustics/trace {SMALL} -o out"),
+    ] {
+        place.fathom(words).refused(&format!("is in use by process {} (", std::process::id()));
+    }
+    assert_eq!(names(&place.path("out")), [".lock", "records.jsonl"]);
+}
+
+#[test]
+fn a_limit_of_the_size_of_files_is_an_error_like_a_full_disk() {
+    let place = Place::new();
+    recorded(&place);
+    failing_beyond(1, &place.fathom("report out")).refused("File too large");
 }

@@ -143,7 +143,7 @@ fn a_history_shows_hostile_names_as_text() {
     place.write("run/records.jsonl", lines(sound));
     let sql = "x'); DROP TABLE fathom_run; --\" ../../up \u{1b}[31m";
     let mut add = place.fathom("history add run --db history.sqlite");
-    add.args(["--branch", sql, "--machine", sql, "--commit", sql]).ends(0);
+    add.args(["--branch", sql, "--machine", sql, "--commit", "c0ffee"]).ends(0);
     for words in ["list", "changes", "show --out page"] {
         plain(words, &place.fathom(format!("history {words} --db history.sqlite")).answer());
     }

@@ -102,10 +102,10 @@ fn measure(test: &Cli, workshop: &Workshop, trial: &Trial) -> Result<()> {
             env_values: false,
             settings: GateSettings { gates, seed, ..GateSettings::default() },
             resume: folder.join(RECORDS).metadata().is_ok_and(|lines| lines.len() > 0),
-            out: Some(folder),
             checkout: None,
         };
-        flow::measure(&options, &INTERRUPT, &|text| tell::note(text)).map(drop)
+        let taken = flow::taken(Some(&folder), "", options.resume)?;
+        flow::measure(&options, taken, &INTERRUPT, &|text| tell::note(text)).map(drop)
     })
 }
 

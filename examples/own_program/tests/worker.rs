@@ -23,12 +23,12 @@ fn the_program_is_compared_with_itself() {
         filter: None,
         env_values: false,
         settings: GateSettings { launches: 2, pairs: 2, ..GateSettings::default() },
-        out: Some(folder.path().join("out")),
         resume: false,
         checkout: None,
     };
-    let out = flow::measure(&options, &AtomicBool::new(false), &|_| ()).expect("it is compared");
-    let stored = StoredComparison::read(&out).unwrap();
+    let out = flow::taken(Some(&folder.path().join("out")), "", false).unwrap();
+    let held = flow::measure(&options, out, &AtomicBool::new(false), &|_| ());
+    let stored = StoredComparison::read(&held.expect("it is compared").output.folder).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
     let skipped: Vec<Gate> = stored.header.skipped.iter().map(|skip| skip.gate).collect();
     assert_eq!(skipped, [Gate::Exact, Gate::Instructions]);

@@ -62,7 +62,7 @@ impl<'a> Cells<'a> {
 }
 
 /// What of a cell's definition differs: `view.width 800 → 400`.
-fn redefinition(base: &Cell, head: &Cell) -> String {
+pub fn redefinition(base: &Cell, head: &Cell) -> String {
     let [before, after] = [base, head].map(|cell| {
         let of_cell = [("pipeline", &cell.pipeline), ("scene", &cell.scene)];
         let of_cell = of_cell.map(|(name, value)| (name.to_owned(), value.clone()));

@@ -40,7 +40,7 @@ fn failed() -> Outcome {
     Outcome::Failed { reason: "device lost".to_owned() }
 }
 
-fn compared(base: &[Record], head: &[Record]) -> StoredComparison {
+fn compared(base: &[Record], head: &[Record]) -> anyhow::Result<StoredComparison> {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, records: &[Record]| {
         let lines = records.iter().map(|record| serde_json::to_string(record).unwrap() + "\n");
@@ -50,7 +50,23 @@ fn compared(base: &[Record], head: &[Record]) -> StoredComparison {
     };
     let [base, head] = [("base", base), ("head", head)]
         .map(|(name, records)| RunFile::read(&write(name, records)).unwrap());
-    SameCells::of([&base, &head]).unwrap().comparison
+    Ok(SameCells::of([&base, &head])?.comparison)
+}
+
+#[test]
+fn files_without_a_common_cell_are_told_with_their_counts_and_what_differs() {
+    let whole = || measured(&["s"], 1.0);
+    let left = || cell("x=3", 1, Outcome::OverBudget);
+    let base = [run("a"), cell("x=1", 1, whole()), cell("x=2", 1, whole()), left()];
+    let of_both = "no measured cell in common: 2 measured in the base, 1 in the head";
+    for (head, reason) in [
+        (cell("x=2", 5, whole()), "; they differ, such as e:x=2 in quality 1 → 5"),
+        (cell("y=2", 5, whole()), ""),
+    ] {
+        let head = [run("a"), left(), head];
+        let told = compared(&base, &head).unwrap_err().to_string();
+        assert!(told.ends_with(&format!("{of_both}{reason}")), "{told}");
+    }
 }
 
 #[test]
@@ -63,7 +79,7 @@ fn a_cell_or_stage_that_the_head_lacks_fails() {
         (&base, &head, [failed, failed, same, failed]),
         (&head, &base, [failed, failed, same, CellVerdict::New]),
     ] {
-        let comparison = compared(base, head);
+        let comparison = compared(base, head).unwrap();
         let verdicts = Verdicts::of(&comparison);
         assert_eq!(verdicts.status, Status::CouldNotMeasure);
         let cells = verdicts.cells.iter().map(|cell| cell.verdict);
@@ -76,7 +92,7 @@ fn cells_of_an_earlier_run_on_another_adapter_do_not_count() {
     let one = |name| cell(name, 1, measured(&["s"], 1.0));
     let base = [run("a"), one("x=1"), run("b"), one("x=2")];
     let head = [run("b"), one("x=1"), one("x=2")];
-    let comparison = compared(&base, &head);
+    let comparison = compared(&base, &head).unwrap();
     assert_eq!(comparison.header.cells, [CellId::new("e:x=2", "s")]);
     assert!(comparison.header.notes[0].contains("only its last run counts"));
 }
@@ -85,7 +101,7 @@ fn cells_of_an_earlier_run_on_another_adapter_do_not_count() {
 fn cells_of_one_name_and_other_parameters_are_numbered() {
     let twice = [1, 2].map(|quality| cell("x=1", quality, measured(&["s"], 1.0)));
     let records: Vec<Record> = std::iter::once(run("a")).chain(twice).collect();
-    let comparison = compared(&records, &records);
+    let comparison = compared(&records, &records).unwrap();
     let expected = ["e:x=1", "e:x=1 (2)"].map(|id| CellId::new(id, "s"));
     assert_eq!(comparison.header.cells, expected);
 }

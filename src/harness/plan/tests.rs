@@ -42,7 +42,22 @@ fn request(sets: &[(&str, Value)]) -> Request {
 
 fn planned(request: &Request) -> Result<Vec<PlannedExperiment>> {
     let profile = fathom_record::Profile::Quick;
-    plan(experiments(), request, profile, &wgpu::Limits::default().into(), &Catalog::builtin())
+    let adapter = (&wgpu::Limits::default().into(), &Catalog::builtin());
+    plan(experiments(), request, profile, adapter, &|| Ok(()))
+}
+
+#[test]
+fn planning_ends_with_the_time_budget() {
+    let adapter = (&wgpu::Limits::default().into(), &Catalog::builtin());
+    let asked = std::cell::Cell::new(0);
+    let in_time = || {
+        asked.set(asked.get() + 1);
+        anyhow::ensure!(asked.get() < 2, "over");
+        Ok(())
+    };
+    let profile = fathom_record::Profile::Quick;
+    let ended = plan(experiments(), &request(&[]), profile, adapter, &in_time);
+    assert_eq!((ended.err().unwrap().to_string(), asked.get()), ("over".to_owned(), 2));
 }
 
 #[test]
@@ -114,7 +129,8 @@ fn every_view_is_seen_from_within_its_scene() {
     let limits = wgpu::Limits::default().into();
     for profile in [fathom_record::Profile::Quick, fathom_record::Profile::Paper] {
         let request = Request::default();
-        let planned = plan(with_views.clone(), &request, profile, &limits, &catalog).unwrap();
+        let planned =
+            plan(with_views.clone(), &request, profile, (&limits, &catalog), &|| Ok(())).unwrap();
         for (experiment, cell) in
             planned.iter().flat_map(|e| e.cells.iter().map(|c| (&e.experiment, c)))
         {

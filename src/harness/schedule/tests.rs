@@ -123,8 +123,10 @@ fn open_claims_come_before_wide_cells_and_all_ends_when_nothing_is_open() {
 }
 
 #[test]
-fn one_cell_is_measured_however_short_the_time() {
-    let model = Model::of(vec![vec![USUAL; 2], vec![USUAL]], &[1, 1]).run(0.0);
+fn one_cell_is_begun_however_short_the_time_if_there_is_any() {
+    let model = || Model::of(vec![vec![USUAL; 2], vec![USUAL]], &[1, 1]);
+    assert!(model().run(0.0).done.is_empty());
+    let model = model().run(1e-3);
     assert_eq!(model.done.len(), 1, "{:?}", model.done);
     assert_eq!((model.done[0].cells.len(), model.done[0].goal), (1, Goal::FirstVisits));
 }
