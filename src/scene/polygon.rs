@@ -4,6 +4,9 @@ use earcut::Earcut;
 use glam::{DVec3, Vec3};
 use itertools::Itertools;
 
+/// A triangle that lies outside by less than this share of the polygon's area may do so by rounding: three corners stand in a line.
+const ROUNDING: f64 = 1e-6;
+
 /// Rotates the corners of a polygon, so that they begin at the same one wherever its file begins: the smallest of all rotations.
 /// Triangles stay as they are.
 pub fn rotate_to_first<T: Ord>(corners: &mut [T]) {
@@ -29,14 +32,18 @@ pub fn triangles(positions: &[[f32; 3]], corners: Vec<u32>, counts: &[u32]) -> V
     indices
 }
 
-/// Adds the triangles of one polygon, cut in its plane. One without area becomes a fan.
+/// Adds the triangles of one polygon: a fan where none of its triangles lies outside, as in all convex ones, else cut in its plane. One
+/// without area becomes a fan.
 fn cut(positions: &[[f32; 3]], face: &[u32], indices: &mut Vec<u32>) {
     let at = |corner: &u32| Vec3::from(positions[*corner as usize]).as_dvec3();
     let local: Vec<DVec3> = face.iter().map(|corner| at(corner) - at(&face[0])).collect();
     // Newell's normal.
     let normal: DVec3 = local.iter().circular_tuple_windows().map(|(a, b)| a.cross(*b)).sum();
+    let is_outside =
+        |(a, b): (&DVec3, &DVec3)| a.cross(*b).dot(normal) < -ROUNDING * normal.length_squared();
     let mut cut: Vec<u32> = Vec::new();
-    if let Some(normal) = normal.try_normalize().filter(|_| face.len() > 3) {
+    let is_fan = !local.iter().tuple_windows().any(is_outside);
+    if let Some(normal) = normal.try_normalize().filter(|_| !is_fan) {
         let (u, v) = normal.any_orthonormal_pair();
         let plane = local.iter().map(|point| [point.dot(u), point.dot(v)]);
         Earcut::new().earcut(plane, &[], &mut cut);

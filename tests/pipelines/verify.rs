@@ -81,7 +81,7 @@ fn checks_are_sound_with_the_default_limits() {
     let options = Options { limits, mask: Mask { without }, ..Options::default() };
     let gpu = Gpu::open(&options).unwrap();
     let sums = ["sum of many", "transmission of lines", "pool off the centre: texel"];
-    let voxels = ["voxel/slicemap", "voxel/slice the", "voxel/alpha", "voxel/mips"];
+    let voxels = ["voxel/slicemap", "the slices' voxels", "voxel/alpha", "voxel/mips"];
     for part in [&sums[..], &voxels, &["hsao", "scene/deform"]].concat() {
         assert_eq!(sound(&gpu, Some(part)).skipped.len(), 0, "{part}");
     }

@@ -226,8 +226,8 @@ fn a_place_that_is_no_file_is_not_shown() {
         ("PASSWORD = s3cret", "list"),
         ("pwd=s3cret", "changes"),
         ("u:p@h/s3cret", "show --out page"),
-        ("u:s3cret@h/x", &add("run", "c")),
-        (&long, &add("run", "c")),
+        ("u:s3cret@h/x", &add("run", "c0ffee")),
+        (&long, &add("run", "c0ffee")),
     ] {
         let told = history(&place.path(""), db, words).refused("--db");
         assert!(!told.contains("s3cret"), "{db:.40}: {told}");
@@ -240,7 +240,7 @@ fn names_that_are_too_long_are_refused() {
     let long = "b".repeat(70_000);
     for name in ["commit", "branch", "machine"] {
         let other = ["commit", "branch"].into_iter().filter(|other| *other != name);
-        let others: String = other.map(|other| format!(" --{other} x")).collect();
+        let others: String = other.map(|other| format!(" --{other} c0ffee")).collect();
         let mut told = history(&format!("add run --{name} {long}{others}"));
         told.refused(&format!("the {name} has 70000 characters; the most are 250"));
     }
