@@ -76,7 +76,9 @@ impl Comparison {
             Some(interval) if has_own_bound && self.is_near(interval) => Verdict::NearBound,
             _ if widened.is_some_and(outside) => Verdict::Contradicted,
             Some(interval) if inside(interval) => Verdict::Supported,
-            _ if has_own_bound && widened.is_some() => Verdict::NearBound,
+            Some(interval) if has_own_bound && outside(interval) && widened.is_some() => {
+                Verdict::NearBound
+            }
             _ => Verdict::Inconclusive,
         }
     }
@@ -84,9 +86,11 @@ impl Comparison {
     /// The interval holds a bound, or the figure has none and lies within a tenth of one.
     fn is_near(&self, Interval { low, high }: Interval) -> bool {
         let is_exact = matches!(self.figure, Figure::Reading(Reading::Exact(_)));
+        let room = |bound: f64| NEAR * bound.abs() * (1.0 + 1e-9);
         let near = |bound: f64| {
-            let room = if is_exact { NEAR * bound.abs() * (1.0 + 1e-9) } else { 0.0 };
-            low - room <= bound && bound <= high + room
+            // No rate lies below 0, which is no bound.
+            let is_close = bound != 0.0 && (low - bound).abs() <= room(bound);
+            if is_exact { is_close } else { low < bound && bound < high }
         };
         [self.band.low, self.band.high].into_iter().any(|bound| bound.is_finite() && near(bound))
     }

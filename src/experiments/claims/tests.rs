@@ -190,6 +190,8 @@ fn figures_at_a_bound_are_near_it_unless_the_bound_is_printed() {
         assert_eq!((verdict, in_words), (ours, [ours; 2]), "{test} of {value}");
         assert_eq!([by_range, by_share], [by_print; 2], "{test} of {value}");
     }
+    let none = swept(&[2.0], |_| 0.0);
+    all_ruled(&exact.replace("low = 1.0", "low = 0.0"), [("none", none, Supported, "")]);
 }
 
 #[test]
