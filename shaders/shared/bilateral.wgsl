@@ -19,10 +19,11 @@ struct Filter {
     sigma_px: f32,
     // Standard deviation of a tap's distance from the pixel's tangent plane along the view, over the pixel's view depth.
     depth_sigma: f32,
-    // Standard deviation of the distance between the unit normals of a tap and of the pixel.
+    // Standard deviation of the distance between the unit normals of a tap and of the pixel; from NO_NORMALS on they are not read.
     normal_sigma: f32,
 }
 
+const NO_NORMALS: f32 = 1000.0;
 // Weight below which the taps say nothing: the one nearest in depth is taken.
 const LEAST_WEIGHT: f32 = 1e-4;
 
@@ -103,7 +104,10 @@ fn filtered(
         }
         let across = (center - middle) / settings.sigma_px;
         let along = off_m / (settings.depth_sigma * view_m);
-        let turned = (normalize(textureLoad(normals, seen, 0).xyz) - normal) / settings.normal_sigma;
+        var turned = vec3(0.0);
+        if settings.normal_sigma < NO_NORMALS {
+            turned = (normalize(textureLoad(normals, seen, 0).xyz) - normal) / settings.normal_sigma;
+        }
         let weight = exp(-0.5 * (dot(across, across) + along * along + dot(turned, turned)));
         sum += weight * value;
         weights += weight;

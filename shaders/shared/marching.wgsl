@@ -1,7 +1,7 @@
 // Occlusion of a surface point by marching rays through a volume. VAO §3 step 3, §5.1. Host twin: src/stages/marching.rs.
 //
 // Lengths are in voxels, places are in voxels from the grid's origin. Definitions choose the code:
-//   UNIFORM   1: directions uniform over the hemisphere, weighted by the cosine; 0: cosine-distributed, not weighted
+//   UNIFORM   1: directions uniform over the hemisphere, weighted by the cosine; 2: by twice the cosine; 0: cosine-distributed, not weighted
 //   RANDOM    1: independent directions; 0: a lattice, shifted by the seed
 //   HARD      1: ρ = 1; 0: ρ = 1 − d / r_max
 //   GUARD     1: guard distance over the cosine (Eq. 2); 0: constant
@@ -26,6 +26,8 @@ struct March {
     guard: f32,
     // From the surface along its normal to where rays begin.
     offset: f32,
+    // Look-ups of the volume are moved by this along each of its axes.
+    shift: f32,
     // Above 1 no sample ends a ray.
     threshold: f32,
     rays: u32,
@@ -78,10 +80,10 @@ fn point(ray: u32, seed: u32) -> vec2<f32> {
 
 // Direction around +z for a ray.
 fn local_direction(ray: u32, seed: u32) -> vec3<f32> {
-#if UNIFORM == 1
-    return hemisphere_direction(point(ray, seed));
-#else
+#if UNIFORM == 0
     return cosine_direction(point(ray, seed));
+#else
+    return hemisphere_direction(point(ray, seed));
 #endif
 }
 
@@ -255,10 +257,10 @@ fn gathered(position_m: vec3<f32>, normal: vec3<f32>, seed: u32, first_ray: u32,
     let surface = to_cells(grid, position_m);
     let beyond = max(-surface, surface - vec3<f32>(grid.cells));
     // Rays begin at the offset, and may do so nearer to the volume.
-    if max(max(beyond.x, beyond.y), beyond.z) > march.r_max + march.offset {
+    if max(max(beyond.x, beyond.y), beyond.z) > march.r_max + march.offset + abs(march.shift) {
         return 0.0;
     }
-    let origin = surface + march.offset * normal;
+    let origin = surface + march.offset * normal + march.shift;
     let rotation = tangent_frame(normal);
 #if OPACITY == 1
     let v0 = density(origin);
@@ -272,10 +274,10 @@ fn gathered(position_m: vec3<f32>, normal: vec3<f32>, seed: u32, first_ray: u32,
         let across = rotation * local;
         let direction = select(across, vec3(LEAST), abs(across) < vec3(LEAST));
         let rho = obscurity(origin, direction, first_sample(local.z, ray, seed), v0);
-#if UNIFORM == 1
-        sum += local.z * rho;
-#else
+#if UNIFORM == 0
         sum += rho;
+#else
+        sum += local.z * rho;
 #endif
     }
     return sum;
@@ -296,5 +298,9 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32, index: u32) ->
 #else
     let sum = gathered(position_m, normal, seed, 0u, march.rays);
 #endif
+#if UNIFORM == 2
+    return 2.0 * sum / f32(march.rays);
+#else
     return sum / f32(march.rays);
+#endif
 }

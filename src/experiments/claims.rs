@@ -1,4 +1,4 @@
-//! Claims against records: *supported*, *contradicted*, *inconclusive* or *not run*.
+//! Claims against records: *supported*, *contradicted*, *near the bound*, *inconclusive* or *not run*.
 //!
 //! There is one rule of evidence. A test breaks a claim down into comparisons: figures, each with the band that it must lie in.
 //! Figures of two cells are compared visit by visit. An exact figure (a count, an error over all pixels) lies in its band or
@@ -7,7 +7,9 @@
 //! - *Supported*: the interval of every comparison lies inside its band.
 //! - *Contradicted*: the interval of some comparison lies outside its band. This interval is widened for the number of
 //!   comparisons (Bonferroni), because one of many misses more often than one alone.
-//! - *Inconclusive*: neither. The reason names the number of samples that would settle it.
+//! - *Near the bound*: the publication prints no number, so that the bound is our own, and some figure is not told from it: its
+//!   interval holds the bound, or it has none and lies within a tenth of the bound.
+//! - *Inconclusive*: none of these. The reason names the number of samples that would settle it.
 //! - *Not run*: a figure is missing, or the sizes or the adapter do not allow the test.
 //!
 //! A run looks at its samples up to [`LOOKS`] times before it stops to sample (`harness::sample`), and each look may end the
@@ -50,10 +52,18 @@ pub fn least_samples() -> usize {
 #[strum(serialize_all = "lowercase")]
 pub enum Verdict {
     Contradicted,
+    #[strum(to_string = "near the bound")]
+    NearBound,
     Inconclusive,
     #[strum(to_string = "not run")]
     NotRun,
     Supported,
+}
+
+impl Verdict {
+    pub fn is_settled(self) -> bool {
+        matches!(self, Verdict::Supported | Verdict::Contradicted)
+    }
 }
 
 /// Whose sentence a claim is.
@@ -85,6 +95,10 @@ pub struct Ruling {
     pub text: String,
     pub whose: Whose,
     pub verdict: Verdict,
+    /// The publication prints no number that the figures are held against.
+    pub has_own_bound: bool,
+    /// Of a run at the sizes of the quick profile, which are smaller than the publication's.
+    pub is_quick: bool,
     /// The figures that decided, with their intervals; why it was not run; or what would settle it.
     pub reason: String,
     /// The fewest samples of a figure. None where all are exact or there is none.
@@ -107,6 +121,8 @@ impl Ruling {
             text: claim.text.clone(),
             whose: claim.whose(),
             verdict: Verdict::NotRun,
+            has_own_bound: !claim.has_printed_bound(),
+            is_quick: false,
             reason,
             n: None,
             deciding: Vec::new(),
@@ -114,6 +130,21 @@ impl Ruling {
             published: claim.published(),
             scale: None,
         }
+    }
+
+    /// Whose bound and which sizes gave the verdict, behind it or behind the claim: ` (our bound, quick profile)`.
+    pub fn mark(&self) -> String {
+        let marks = [(self.has_own_bound, "our bound"), (self.is_quick, "quick profile")];
+        let marks: Vec<&str> = marks.iter().filter(|(is, _)| *is).map(|(_, mark)| *mark).collect();
+        if marks.is_empty() || self.verdict == Verdict::NotRun {
+            return String::new();
+        }
+        format!(" ({})", marks.join(", "))
+    }
+
+    /// The verdict with its mark.
+    pub fn marked(&self) -> String {
+        format!("{}{}", self.verdict, self.mark())
     }
 }
 
@@ -135,12 +166,12 @@ impl Experiment {
         for claim in &self.claim {
             let ruling = self.rule(claim, cells, software);
             match ruling.verdict {
-                Verdict::Supported | Verdict::Contradicted => standing.settled += 1,
-                Verdict::Inconclusive if ruling.n.is_some() => {
+                verdict if verdict.is_settled() => standing.settled += 1,
+                verdict if verdict < Verdict::NotRun && ruling.n.is_some() => {
                     let cells = concerned(claim, cells).into_iter();
                     standing.open.push(cells.map(|cell| cell.cell.as_str()).collect());
                 }
-                Verdict::Inconclusive | Verdict::NotRun => {}
+                _ => {}
             }
         }
         standing
@@ -219,7 +250,7 @@ impl Experiment {
             }
         }
         let n = comparisons.iter().filter_map(Comparison::n).min();
-        match comparison::judge(&comparisons) {
+        match comparison::judge(&comparisons, !claim.has_printed_bound()) {
             Some(Judgement { verdict, reason, deciding, others })
                 if not_run.is_empty() || verdict < Verdict::NotRun =>
             {
@@ -330,11 +361,16 @@ fn test_group(test: &Test, cells: &[&Cell], software: bool) -> Tested {
     }
 }
 
-/// The value in a cell, where it was measured and is positive.
-fn read_positive(y: &Measure, cell: &Cell) -> Option<Reading> {
+/// The value in a cell, where it was measured and is not negative: a rate may be 0.
+fn read(y: &Measure, cell: &Cell) -> Option<Reading> {
     let reading = y.read(cell, cell.measured()?)?;
     let median = reading.median();
-    (median > 0.0 && median.is_finite()).then_some(reading)
+    (median >= 0.0 && median.is_finite()).then_some(reading)
+}
+
+/// The same where it is positive.
+fn read_positive(y: &Measure, cell: &Cell) -> Option<Reading> {
+    read(y, cell).filter(|reading| reading.median() > 0.0)
 }
 
 fn in_ms(ns: f64) -> String {

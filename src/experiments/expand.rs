@@ -387,7 +387,9 @@ impl Experiment {
         };
         let scene = chosen("scene", &self.scene);
         let pipeline = chosen("pipeline", &self.pipeline);
-        let overrides: Vec<(String, Value)> = params.into_iter().collect();
+        let starts_from_method = self.starts_from_method && pipeline == self.pipeline;
+        let method = if starts_from_method { flatten(&self.method) } else { Vec::new() };
+        let overrides = last_of_each(method.into_iter().chain(params).collect());
         CellPlan {
             experiment: self.id.clone(),
             cell: if key.is_empty() { "base".to_owned() } else { key.join(",") },

@@ -67,6 +67,9 @@ pub struct Experiment {
     /// the cell's pipeline has. This project's own methods are other cells.
     #[serde(default)]
     pub method: Map<String, Value>,
+    /// Whether cells of the experiment's own pipeline begin with the method's values: `params` and axes change them.
+    #[serde(default)]
+    pub starts_from_method: bool,
     #[serde(default)]
     pub balance: Vec<PublishedSizes>,
     #[serde(default, deserialize_with = "tables")]

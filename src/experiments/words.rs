@@ -140,6 +140,7 @@ fn read(name: &str) -> Label {
 /// Quantities and errors of the built-in pipelines and experiments.
 const FIGURES: &[Entry] = &[
     ("ao_bias", "mean error of occlusion", One),
+    ("ao_false_positive_rate", "points occluded by more than they should be", Percent),
     ("ao_filtered_bias", "mean error of occlusion, filtered", One),
     ("ao_filtered_rmse", "RMS error of occlusion, filtered", One),
     ("ao_mean", "mean occlusion", One),
@@ -238,10 +239,12 @@ const FIGURES: &[Entry] = &[
 
 /// Parameters and axes of the built-in experiments. A single word stands for itself.
 const PARAMETERS: &[Entry] = &[
+    ("ao.estimator", "directions of rays", One),
     ("ao.guard", "guard band", One),
     ("ao.offset_voxels", "offset of the first sample", Voxels),
     ("ao.rays", "rays per pixel", One),
     ("ao.samples", "samples per ray", One),
+    ("ao.shift_voxels", "offset of the look-ups", Voxels),
     ("ao.skipping", "skipping of empty space", One),
     ("ao.step_voxels", "step of the march", Voxels),
     ("ao.threshold", "threshold of occupancy", One),

@@ -231,7 +231,7 @@ fn noise_words(views: [&ReportView<'_>; 2], times: &Times<'_>) -> Option<String>
 fn claims_block(views: [&ReportView<'_>; 2]) -> Block {
     let (count, changed) = claims::changed(views);
     let row = |claim: &ClaimChange<'_>| {
-        let [from, to] = claim.verdicts();
+        let [from, to] = [claim.rulings[0].verdict.to_string(), claim.rulings[1].marked()];
         let text = claim.rulings[1].text.clone();
         [format!("{from} → {to}"), claim.experiment.to_owned(), text, claim.figures()]
     };

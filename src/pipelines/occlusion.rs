@@ -26,6 +26,9 @@ const RAYS: u32 = 256;
 /// The same for a picture.
 const PICTURE_POINTS: usize = 10_000;
 const PICTURE_RAYS: u32 = 96;
+/// Occlusion beyond that of the reference from which a point counts as falsely occluded: three standard deviations of 50 rays are 0.21 at
+/// most.
+const FALSE_POSITIVE: f64 = 0.2;
 /// Error that a picture shows in full colour.
 const PICTURE_FULL: f64 = 0.25;
 /// Greatest difference between the depth buffer and the ray cast through the pixel's centre, share of the distance: where it is
@@ -102,18 +105,22 @@ impl OcclusionBuffers {
     }
 
     /// Errors `ao_rmse` and `ao_bias` of the buffer as computed, `ao_filtered_rmse` and `ao_filtered_bias` after the filter
-    /// where there is one, and the means `ao_mean` and `ao_reference_mean`. All in units of A, 0 open to 1 closed, over points
+    /// where there is one, the means `ao_mean` and `ao_reference_mean`, and the share of points that are falsely occluded. All in units of A, 0 open to 1 closed, over points
     /// of opaque surfaces, against rays that are cast by the same model.
     pub(super) fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         let (question, points) = self.points(judge, MOST_POINTS, RAYS)?;
         let errors_of = |texture: &wgpu::Texture| -> Result<Vec<f64>, JudgeError> {
             Ok(errors(&question, &points, &read_texture(judge.gpu, texture)?))
         };
-        let raw = figures("ao", self.raw.0, &errors_of(&self.raw.1)?);
+        let errors = errors_of(&self.raw.1)?;
+        let false_positives = errors.iter().filter(|error| **error > FALSE_POSITIVE).count();
+        let raw = figures("ao", self.raw.0, &errors);
         let mean = points.iter().map(|point| point.occlusion).sum::<f64>() / points.len() as f64;
         let mut judged = Judged::default();
         judged.quantities.insert("ao_mean".to_owned(), mean + raw[1].value);
         judged.quantities.insert("ao_reference_mean".to_owned(), mean);
+        let rate = false_positives as f64 / points.len() as f64;
+        judged.quantities.insert("ao_false_positive_rate".to_owned(), rate);
         if let Some((stage, texture)) = &self.filtered {
             let filtered = figures("ao_filtered", stage, &errors_of(texture)?).into_iter();
             let with_before = filtered.zip(&raw).map(|(error, raw)| error.after(&raw.name));

@@ -55,8 +55,10 @@ pub struct March {
     /// Each ray's samples are moved along it by a random share of a step.
     pub jitter: bool,
     pub attenuation: Attenuation,
-    /// Mean of (n·r) ρ over uniform directions, in place of ρ over cosine-distributed ones: VAO §3 step 3c.
-    pub paper_estimator: bool,
+    /// Mean of (n·r) ρ over uniform directions times this, in place of ρ over cosine-distributed ones: 1 in VAO §3 step 3c.
+    pub uniform: Option<f64>,
+    /// Look-ups of the volume are moved by this along each of its axes.
+    pub shift: f64,
     /// Directions of their own for every ray, in place of a shifted lattice.
     pub random: bool,
     /// Samples are opacities: VAO Eq. 7.
@@ -86,7 +88,7 @@ impl March {
     /// Marches from a point with a unit normal in the world; `index` seeds the directions: that of the point in a query, or
     /// x + 65536 y of a pixel.
     pub fn from(&self, volume: &HostVolume, position: DVec3, normal: DVec3, index: u32) -> Marched {
-        let origin = volume.grid.to_cells(position) + normal * self.offset;
+        let origin = volume.grid.to_cells(position) + normal * self.offset + self.shift;
         let frame = tangent_frame(normal);
         let seed = pcg(index);
         // A ray's beginning is sampled once for all.
@@ -94,11 +96,12 @@ impl March {
         let sum: f64 = (0..self.rays)
             .map(|ray| {
                 let point = self.point(ray, seed);
-                let (local, weight) = if self.paper_estimator {
-                    let local = uniform_direction(point);
-                    (local, local.z)
-                } else {
-                    (cosine_direction(point), 1.0)
+                let (local, weight) = match self.uniform {
+                    Some(factor) => {
+                        let local = uniform_direction(point);
+                        (local, factor * local.z)
+                    }
+                    None => (cosine_direction(point), 1.0),
                 };
                 let first = self.first_sample(local.z, ray, seed);
                 weight * self.obscurity(volume, (origin, frame * local), first, &taken)

@@ -41,7 +41,8 @@ fn export(view: &ReportView<'_>) -> String {
     let mut text = "# Claims of the papers\n\n\
         `fathom export claims RUN` writes this page from the records of a run. A claim of a paper is tested only on cells that run the \
         paper's own method. Where its balance counts, it is tested only where triangles, pixels, voxels and photons are to each other as in \
-        the paper, within a factor of 2.\n"
+        the paper, within a factor of 2. *Our bound*: the paper prints no number, so that the band is this project's choice; a figure that \
+        is not told from it is *near the bound*.\n"
         .to_owned();
     if let Some(run) = view.run() {
         text += &format!(
@@ -106,9 +107,9 @@ fn table(rows: &[Row<'_, '_>]) -> Table {
 fn verdict(ruling: &Ruling) -> String {
     match ruling.deciding.first() {
         Some(figure) => {
-            format!("{}: {} where {} is asked", ruling.verdict, figure.text(), figure.asked())
+            format!("{}: {} where {} is asked", ruling.marked(), figure.text(), figure.asked())
         }
-        None => format!("{}: {}", ruling.verdict, ruling.reason),
+        None => format!("{}: {}", ruling.marked(), ruling.reason),
     }
 }
 

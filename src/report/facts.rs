@@ -21,16 +21,16 @@ use fathom_record::{
 const SHORT_HASH: usize = 12;
 
 /// How many claims have each verdict.
-pub fn tally(view: &ReportView<'_>, whose: Whose) -> [(Verdict, usize); 4] {
+pub fn tally(view: &ReportView<'_>, whose: Whose) -> [(Verdict, usize); 5] {
     let rulings = view.sections.iter().flat_map(Section::rulings);
     let counts = rulings.filter(|ruling| ruling.whose == whose).counts_by(|ruling| ruling.verdict);
-    let verdicts =
-        [Verdict::Supported, Verdict::Contradicted, Verdict::Inconclusive, Verdict::NotRun];
+    use Verdict::{Contradicted, Inconclusive, NearBound, NotRun, Supported};
+    let verdicts = [Supported, Contradicted, NearBound, Inconclusive, NotRun];
     verdicts.map(|verdict| (verdict, counts.get(&verdict).copied().unwrap_or(0)))
 }
 
 /// The tallies of the papers' claims and of own hypotheses, each where there are any.
-pub fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, [(Verdict, usize); 4])> {
+pub fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, [(Verdict, usize); 5])> {
     let tallies = Whose::ALL.map(|whose| (whose, tally(view, whose)));
     tallies.into_iter().filter(|(_, counts)| counts.iter().any(|(_, count)| *count > 0))
 }
@@ -49,7 +49,7 @@ impl RuledClaim<'_, '_> {
     }
 }
 
-/// All claims: the contradicted ones first and of these the furthest from its band, then those that are inconclusive, not run and
+/// All claims: the contradicted ones first and of these the furthest from its band, then those that are near the bound, inconclusive, not run and
 /// supported, in the order of the plan.
 pub fn claims<'v, 'a>(view: &'v ReportView<'a>) -> Vec<RuledClaim<'v, 'a>> {
     let of_section = |section: &'v Section<'a>| {
@@ -197,9 +197,8 @@ pub fn still_open(view: &ReportView<'_>) -> Vec<String> {
             view.entries().count()
         ));
     }
-    let is_open = |verdict: &Verdict| matches!(verdict, Verdict::Inconclusive | Verdict::NotRun);
     let counts = tallies(view).flat_map(|(_, counts)| counts);
-    let claims: usize = counts.filter(|(verdict, _)| is_open(verdict)).map(|(_, n)| n).sum();
+    let claims: usize = counts.filter(|(verdict, _)| !verdict.is_settled()).map(|(_, n)| n).sum();
     if !open.is_empty() && claims > 0 {
         open.push(format!("{claims} claims are open."));
     }
@@ -328,8 +327,9 @@ pub fn claims_finding(view: &ReportView<'_>) -> Option<String> {
     let furthest = first.ruling.deciding.first().filter(|_| contradicted > 0);
     if let Some(figure) = furthest {
         sentence += &format!(
-            " and {contradicted} contradicted, the furthest of them “{}” ({}): {} where {} is asked",
+            " and {contradicted} contradicted, the furthest of them “{}”{} ({}): {} where {} is asked",
             first.ruling.text,
+            first.ruling.mark(),
             first.section.id,
             figure.text(),
             figure.asked()
@@ -363,7 +363,7 @@ mod tests {
         let counts = Whose::ALL.map(|whose| tally(&view, whose).map(|(_, count)| count));
         assert_eq!(counts.as_flattened().iter().sum::<usize>(), claims(&view).len());
         let some = |verdict: usize| counts.iter().any(|counts| counts[verdict] > 0);
-        assert!([0, 1, 3].into_iter().all(some), "{counts:?}");
+        assert!([0, 1, 4].into_iter().all(some), "{counts:?}");
     }
 
     #[test]

@@ -17,7 +17,7 @@ use fathom_base::folder::Folder;
 use fathom_base::private;
 use fathom_experiments as experiments;
 use fathom_experiments::{Experiment, Ruling, label_text};
-use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Record, Run, Standing};
+use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Profile, Record, Run, Standing};
 
 #[derive(Default)]
 pub struct ReportView<'a> {
@@ -228,6 +228,8 @@ impl<'a> Section<'a> {
         self.rulings.get_or_init(|| match &self.experiment {
             Some(experiment) => {
                 let mut rulings = experiment.rulings(&self.cells(), self.software());
+                let is_quick = self.run.is_some_and(|run| run.profile == Profile::Quick);
+                rulings.iter_mut().for_each(|ruling| ruling.is_quick = is_quick);
                 self.rule_out_several_machines(experiment, &mut rulings);
                 rulings
             }

@@ -7,6 +7,9 @@ use crate::prelude::*;
 /// Format of ambient-occlusion buffers: visibility 1 − A, 1 where nothing was drawn.
 pub const VISIBILITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
 
+/// The same as in `shaders/shared/bilateral.wgsl`.
+const NO_NORMALS: f32 = 1000.0;
+
 shader_struct! {
     /// `Filter` in `shaders/shared/bilateral.wgsl`.
     pub struct BilateralUniforms {
@@ -35,8 +38,9 @@ pub fn new(
     let (groups, targets) = ([&shared.group, &own], [kit::opaque(VISIBILITY_FORMAT)]);
     let spec = RenderSpec::new(info.name, &groups, &targets);
     let pass = Pass::new(resources, &spec, kit::size_px(depth), wgpu::Color::WHITE)?;
-    // The pixel's normal, its depth and its four neighbours'; depth, normal and visibility at each tap.
-    let work = pass.work(6 + 3 * u64::from(settings.taps), 2);
+    // The pixel's normal, its depth and its four neighbours'; depth, visibility and, where they count, normal at each tap.
+    let of_tap = if settings.normal_sigma < NO_NORMALS { 3 } else { 2 };
+    let work = pass.work(6 + of_tap * u64::from(settings.taps), 2);
     // The background is not filtered.
     let least = pass.work(1, 2);
     Ok(visible(pass.stage(info, work).at_least(least), "filtered"))

@@ -26,6 +26,8 @@ pub enum Estimator {
     Unbiased,
     /// Mean of (n·r) ρ over directions uniform in the hemisphere: VAO §3 step 3c, half of Eq. 1.
     Paper,
+    /// Twice that: the paper's directions, and Eq. 1 without bias.
+    Uniform,
 }
 
 /// Where the first sample of a ray lies. VAO §5.1, Fig. 3.
@@ -114,10 +116,13 @@ settings! {
         /// Step where `step` is `voxel`. At more than one, rays pass through walls of one voxel. The default was chosen from the map of
         /// errors, by the worst orientation and scene: docs/volume-ao.md.
         step_voxels: f64 = 1.0 => 0.01 ..= 100.0, "voxels";
-        /// How far along its normal a surface's rays begin: VAO §6.1's small offset. It keeps coarse or curved surfaces from
-        /// occluding themselves at low thresholds. VAO §5.1 has none: 0. The default was chosen from the map of errors, by the worst
+        /// How far along its normal a surface's rays begin. It keeps coarse or curved surfaces from
+        /// occluding themselves at low thresholds. VAO has none: 0. The default was chosen from the map of errors, by the worst
         /// orientation and scene: docs/volume-ao.md.
         offset_voxels: f64 = 0.1 => 0.0 ..= 100.0, "voxels";
+        /// How far look-ups of the volume are moved along each of its axes: VAO §6.1's small offset to the texture indexing, whose length
+        /// and direction are not told.
+        shift_voxels: f64 = 0.0 => -1.0 ..= 1.0, "voxels";
         /// Where a hit is taken to lie. The default was chosen from the map of errors, by the worst orientation and scene:
         /// docs/volume-ao.md.
         hit: Hit = Hit::Peak;
@@ -143,6 +148,7 @@ shader_struct! {
         pub step: f32,
         pub guard: f32,
         pub offset: f32,
+        pub shift: f32,
         pub threshold: f32,
         pub rays: u32,
         pub seed: u32,
@@ -197,6 +203,7 @@ impl Marching {
             step: self.step_in(grid) as f32,
             guard: self.guard.voxels() as f32,
             offset: self.offset_voxels as f32,
+            shift: self.shift_voxels as f32,
             threshold: self.threshold as f32,
             rays: self.rays,
             seed: self.seed,
@@ -206,7 +213,6 @@ impl Marching {
     /// The definitions that choose the shader's code.
     pub fn defs(&self) -> Vec<(&'static str, i32)> {
         let chosen = [
-            ("UNIFORM", self.estimator == Estimator::Paper),
             ("RANDOM", self.sampling == Sampling::Random),
             ("HARD", self.attenuation == Attenuation::Hard),
             ("GUARD", self.guard == Guard::Variable),
@@ -215,7 +221,13 @@ impl Marching {
             ("PEAK", self.hit == Hit::Peak),
             ("JITTER", self.jitter),
         ];
-        chosen.map(|(name, on)| (name, i32::from(on))).to_vec()
+        let weight = match self.estimator {
+            Estimator::Unbiased => 0,
+            Estimator::Paper => 1,
+            Estimator::Uniform => 2,
+        };
+        let chosen = chosen.map(|(name, on)| (name, i32::from(on)));
+        [("UNIFORM", weight)].into_iter().chain(chosen).collect()
     }
 
     /// The passes of the marching stages over so many points.

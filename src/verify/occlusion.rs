@@ -103,7 +103,12 @@ fn twin(marching: &Marching, grid: &Grid) -> March {
             _ => TwinGuard::Along(guard),
         },
         attenuation: exact(marching.attenuation),
-        paper_estimator: marching.estimator == Estimator::Paper,
+        uniform: match marching.estimator {
+            Estimator::Unbiased => None,
+            Estimator::Paper => Some(1.0),
+            Estimator::Uniform => Some(2.0),
+        },
+        shift: marching.shift_voxels,
         random: marching.sampling == Sampling::Random,
         opacity: marching.occluder == Occluder::Opacity,
         exponent: marching.step_in(grid),

@@ -9,6 +9,9 @@ const MOST_NAMED: usize = 3;
 /// Samples beyond which none is asked for: the figure lies at the bound.
 const MOST_SAMPLES: f64 = 1e4;
 
+/// A figure without an interval is not told from a bound of our own within this share of it.
+const NEAR: f64 = 0.1;
+
 /// A figure and the band that it must lie in.
 #[derive(Clone, Debug)]
 pub(super) struct Comparison {
@@ -64,17 +67,32 @@ impl Comparison {
         }
     }
 
-    /// As one of so many comparisons.
-    fn verdict(&self, of: usize) -> Verdict {
+    /// As one of so many comparisons with printed bounds or our own.
+    fn verdict(&self, of: usize, has_own_bound: bool) -> Verdict {
         let inside = |i: Interval| i.low >= self.band.low && i.high <= self.band.high;
         let outside = |i: Interval| i.high < self.band.low || i.low > self.band.high;
-        if self.figure.interval(ALPHA / of as f64).is_some_and(outside) {
-            Verdict::Contradicted
-        } else if self.figure.interval(ALPHA).is_some_and(inside) {
-            Verdict::Supported
-        } else {
-            Verdict::Inconclusive
+        let [alone, widened] = [1, of].map(|of| self.figure.interval(ALPHA / of as f64));
+        match alone {
+            Some(interval) if has_own_bound && self.is_near(interval) => Verdict::NearBound,
+            _ if widened.is_some_and(outside) => Verdict::Contradicted,
+            Some(interval) if inside(interval) => Verdict::Supported,
+            Some(interval) if has_own_bound && outside(interval) && widened.is_some() => {
+                Verdict::NearBound
+            }
+            _ => Verdict::Inconclusive,
         }
+    }
+
+    /// The interval holds a bound, or the figure has none and lies within a tenth of one.
+    fn is_near(&self, Interval { low, high }: Interval) -> bool {
+        let is_exact = matches!(self.figure, Figure::Reading(Reading::Exact(_)));
+        let room = |bound: f64| NEAR * bound.abs() * (1.0 + 1e-9);
+        let near = |bound: f64| {
+            // No rate lies below 0, which is no bound.
+            let is_close = bound != 0.0 && (low - bound).abs() <= room(bound);
+            if is_exact { is_close } else { low < bound && bound < high }
+        };
+        [self.band.low, self.band.high].into_iter().any(|bound| bound.is_finite() && near(bound))
     }
 
     /// As one of so many comparisons: with the interval that gave the verdict.
@@ -118,7 +136,10 @@ impl Comparison {
     /// widened for their number.
     fn settled_by(&self, of: usize) -> String {
         let Some(n) = self.n() else {
-            return "its spread over the cells straddles the bound".to_owned();
+            let is_exact = matches!(self.figure, Figure::Reading(_));
+            let why =
+                if is_exact { "within a tenth of" } else { "its spread over the cells straddles" };
+            return format!("{why} the bound");
         };
         let of = if self.inside() < 0.0 { of } else { 1 };
         let least = statistics::least_samples(ALPHA / of as f64);
@@ -213,8 +234,9 @@ pub(super) struct Judgement {
 }
 
 /// The verdict on all comparisons of a claim, and the figures that decided; none where there is nothing to compare.
-pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judgement> {
-    let verdicts = comparisons.iter().map(|comparison| comparison.verdict(comparisons.len()));
+pub(super) fn judge(comparisons: &[Comparison], has_own_bound: bool) -> Option<Judgement> {
+    let of = comparisons.len();
+    let verdicts = comparisons.iter().map(|comparison| comparison.verdict(of, has_own_bound));
     let verdict = verdicts.clone().min()?;
     let (deciding, others): (Vec<_>, Vec<_>) =
         comparisons.iter().zip(verdicts).partition(|(_, v)| *v == verdict);
@@ -224,7 +246,7 @@ pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judgement> {
     let told = deciding.iter().take(named).map(|comparison| {
         let told = comparison.text(verdict, comparisons.len());
         match verdict {
-            Verdict::Inconclusive => {
+            Verdict::NearBound | Verdict::Inconclusive => {
                 format!("{told}: {}", comparison.settled_by(comparisons.len()))
             }
             _ => told,

@@ -4,7 +4,7 @@ use itertools::Itertools;
 use serde_json::{Map, Value};
 
 use super::comparison::Comparison;
-use super::{Tested, read_positive, too_few};
+use super::{Tested, read, read_positive, too_few};
 use crate::expand::label_text;
 use crate::measure::{self, Measure, Reading};
 use crate::schema::Direction;
@@ -30,20 +30,21 @@ pub(super) fn ratio(
     band: [f64; 2],
     cells: &[&Cell],
 ) -> Tested {
-    let readings = labelled(y, over, cells);
-    let [numerator, denominator] =
-        sides.map(|wanted| readings.iter().find(|(label, _)| measure::same(label, wanted)));
+    let [numerator, denominator] = sides.map(|wanted| {
+        let is_side = |cell: &&&Cell| cell.axes.get(over).is_some_and(|l| measure::same(l, wanted));
+        Some((wanted.clone(), read(y, cells.iter().find(is_side)?)?))
+    });
+    let denominator = denominator.filter(|(_, reading)| reading.median() > 0.0);
     let (Some(numerator), Some(denominator)) = (numerator, denominator) else {
         let [over, under] = sides.map(label_text);
         return Err(format!("`{over}` and `{under}` were not both measured"));
     };
-    Ok(vec![quotient(numerator, denominator, band)])
+    Ok(vec![quotient(&numerator, &denominator, band)])
 }
 
 /// A figure of each cell.
 pub(super) fn each(y: &Measure, band: [f64; 2], cells: &[&Cell], software: bool) -> Tested {
-    let readings =
-        cells.iter().filter_map(|cell| Some((cell.cell.as_str(), read_positive(y, cell)?)));
+    let readings = cells.iter().filter_map(|cell| Some((cell.cell.as_str(), read(y, cell)?)));
     let readings: Vec<(&str, Reading)> = readings.collect();
     if readings.is_empty() {
         return Err("no cell was measured at the size the claim speaks of".to_owned());

@@ -4,7 +4,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde_json::{Map, Value, json};
 
-use super::Verdict::{Contradicted, Inconclusive, NotRun, Supported};
+use super::Verdict::{Contradicted, Inconclusive, NearBound, NotRun, Supported};
 use super::*;
 use crate::fixtures::{noisy, timed};
 use fathom_base::statistics;
@@ -155,10 +155,43 @@ fn ratios_lie_within_their_band_or_do_not() {
             ("inside", at(1.5), Supported, ""),
             ("below", at(0.9), Contradicted, ""),
             ("above", at(2.4), Contradicted, ""),
-            ("at the edge", at(1.05), Inconclusive, "the bound"),
+            ("at the edge", at(1.05), NearBound, "the bound"),
             ("one cell", at(1.5)[..1].to_vec(), NotRun, ""),
         ],
     );
+}
+
+/// Exact figures within a tenth of a bound that is ours, and sampled ones whose interval holds it.
+#[test]
+fn figures_at_a_bound_are_near_it_unless_the_bound_is_printed() {
+    let exact = r#"within = { y = "quantity:error", low = 1.0, high = 2.0 }"#;
+    let sampled = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.0, high = 2.0 }"#;
+    let printed = |words: &str| format!("\nsource = \"UW §1\"\nprinted = \"{words}\"");
+    for (test, value, ours, by_print) in [
+        (exact, 0.8999, Contradicted, Contradicted),
+        (exact, 0.9, NearBound, Contradicted),
+        (exact, 1.1, NearBound, Supported),
+        (exact, 1.1001, Supported, Supported),
+        (exact, 1.7999, Supported, Supported),
+        (exact, 1.8, NearBound, Supported),
+        (exact, 2.2, NearBound, Contradicted),
+        (exact, 2.2001, Contradicted, Contradicted),
+        // The interval of 3 % noise counts, not the tenth.
+        (sampled, 2.0, NearBound, Inconclusive),
+        (sampled, 1.9, Supported, Supported),
+        (sampled, 2.1, Contradicted, Contradicted),
+    ] {
+        let cells =
+            swept(&[1.0, 2.0][usize::from(test == exact)..], |n| if n > 1.0 { value } else { 1.0 });
+        let words = ["small", "as in a 3D texture", "1 to 2, or 60+", "(95%)"].map(printed);
+        let [verdict, in_words @ .., by_range, by_share] =
+            ["", &words[0], &words[1], &words[2], &words[3]]
+                .map(|words| ruled(&format!("{test}{words}"), &cells, true).0);
+        assert_eq!((verdict, in_words), (ours, [ours; 2]), "{test} of {value}");
+        assert_eq!([by_range, by_share], [by_print; 2], "{test} of {value}");
+    }
+    let none = swept(&[2.0], |_| 0.0);
+    all_ruled(&exact.replace("low = 1.0", "low = 0.0"), [("none", none, Supported, "")]);
 }
 
 #[test]
@@ -288,9 +321,7 @@ fn the_least_value_lies_within_a_band_or_does_not() {
     );
     // Times of 3 % noise that do not differ.
     let timed = test.replace("quantity:error", "stage:s");
-    let cells = swept(&values, |_| 5.0);
-    let (verdict, reason) = ruled(&timed, &cells, true);
-    assert_eq!(verdict, Inconclusive, "{reason}");
+    all_ruled(&timed, [("alike", swept(&values, |_| 5.0), NearBound, "")]);
 }
 
 #[test]
@@ -351,7 +382,7 @@ fn a_time_below_the_clock_s_resolution_is_no_figure() {
 #[test]
 fn a_claim_that_cannot_be_decided_here_is_not_run_whatever_was_measured() {
     let cells = swept(&[1.0, 2.0], |n| 8.0 * n);
-    let within = r#"within = { y = "quantity:error per axis:n", low = 7.9, high = 8.1 }"#;
+    let within = r#"within = { y = "quantity:error per axis:n", low = 7.0, high = 9.0 }"#;
     all_ruled(within, [("decided", cells.clone(), Supported, "")]);
     let undecided = format!("{within}\nnot_run = \"another method\"");
     all_ruled(&undecided, [("not decided", cells, NotRun, "^another method$")]);
@@ -359,7 +390,7 @@ fn a_claim_that_cannot_be_decided_here_is_not_run_whatever_was_measured() {
 
 #[test]
 fn quotients_of_a_cell_lie_within_a_band_or_do_not() {
-    let test = r#"within = { y = "quantity:error per axis:n", low = 7.9, high = 8.1 }"#;
+    let test = r#"within = { y = "quantity:error per axis:n", low = 7.0, high = 9.0 }"#;
     let eight = swept(&[1.0, 2.0, 5.0], |n| 8.0 * n);
     let other = but(1, 2.0, 10.0, eight.clone());
     let timed = r#"within = { y = "stage:s per axis:n", low = 1.0, high = 2.0 }"#;
@@ -367,7 +398,8 @@ fn quotients_of_a_cell_lie_within_a_band_or_do_not() {
     all_ruled(
         test,
         [
-            ("inside", eight, Supported, "8.000 against 7.900 – 8.100"),
+            ("inside", eight, Supported, "8.000 against 7.000 – 9.000"),
+            ("none", swept(&[1.0, 2.0], |_| 0.0), Contradicted, "0.000 against 7.000 – 9.000"),
             ("one outside", other, Contradicted, ""),
         ],
     );
@@ -514,7 +546,7 @@ fn noise_supports_a_claim_no_more_often_than_the_stated_rate() {
             }
             ruled(test, &cells, true).0
         };
-        match [12, 24, 48, 96, 192].iter().map(look).find(|verdict| *verdict != Inconclusive) {
+        match [12, 24, 48, 96, 192].iter().map(look).find(|verdict| verdict.is_settled()) {
             Some(Supported) => supported += 1,
             Some(_) => contradicted += 1,
             None => {}
@@ -540,7 +572,7 @@ fn more_samples_than_there_are_settle_what_is_open() {
         for (test, cells) in [(least, below), (RISING, falling)] {
             let (verdict, reason) = ruled(test, &cells, true);
             let number = reason.split_once("; about ").and_then(|(_, rest)| rest.split(' ').next());
-            if let Some(number) = number.filter(|_| verdict == Inconclusive) {
+            if let Some(number) = number.filter(|_| !verdict.is_settled()) {
                 assert!(number.parse::<u32>().unwrap() > rounds, "{reason}");
                 told += 1;
             }
@@ -578,10 +610,9 @@ fn unsettled_cells_are_those_whose_samples_could_settle_a_claim() {
     let rulings = experiment.rulings(&cells, true);
     assert_eq!(rulings[1].verdict, Supported, "{rulings:?}");
     assert_eq!(rulings[2].n, None);
-    assert_eq!(rulings[0].verdict, Inconclusive, "{rulings:?}");
+    assert_eq!(rulings[0].verdict, NearBound, "{rulings:?}");
     assert_eq!(standing.open, [["n=1.0", "n=2.0"]]);
-    let is_settled = |ruling: &&Ruling| matches!(ruling.verdict, Supported | Contradicted);
-    assert_eq!(standing.settled, rulings.iter().filter(is_settled).count());
+    assert_eq!(standing.settled, rulings.iter().filter(|r| r.verdict.is_settled()).count());
 }
 
 /// Claims on cells at two triangle counts, tested with the publication's method and at its balance.

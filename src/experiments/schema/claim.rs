@@ -14,7 +14,7 @@ pub struct Claim {
     pub text: String,
     /// Whose sentence it is: publication, section and item, such as `SPT §4, Table 1`. None: a hypothesis of this project, or of the user.
     pub source: Option<String>,
-    /// The figure as the publication prints it; none where it prints none.
+    /// The publication's words. Where they hold no number, the bound is our own.
     pub printed: Option<String>,
     /// The same in the unit of what is tested, such as the ratio of two times.
     pub published: Option<f64>,
@@ -81,13 +81,24 @@ impl Claim {
         if self.source.is_some() { Whose::Publication } else { Whose::Own }
     }
 
+    /// Whether the publication prints a number that the figure is held against. Otherwise the bound is our own.
+    pub fn has_printed_bound(&self) -> bool {
+        let is_number = |word: &str| {
+            let word = word.trim_matches(|c: char| !c.is_ascii_alphanumeric());
+            word.starts_with(|c: char| c.is_ascii_digit()) && word.parse::<f64>().is_ok()
+        };
+        let printed = self.printed.as_deref().unwrap_or_default();
+        let prints_number = self.published.is_some() || printed.split([' ', '/']).any(is_number);
+        self.source.is_some() && prints_number
+    }
+
     /// The publication's value of the figure that is tested.
     pub fn published(&self) -> Option<f64> {
         self.source.as_ref()?;
         self.published.or(match &self.test {
             Test::Slope { expected, .. } => Some(*expected),
             Test::Independent { .. } => Some(1.0),
-            Test::AtLeast { value, .. } => Some(*value),
+            Test::AtLeast { value, .. } if self.has_printed_bound() => Some(*value),
             _ => None,
         })
     }

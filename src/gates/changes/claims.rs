@@ -35,8 +35,7 @@ impl ClaimChange<'_> {
 
     /// Verdicts that contradict each other first, then those that are no longer settled, then those that now are.
     fn rank(&self) -> usize {
-        let is_settled = |v: Verdict| matches!(v, Verdict::Supported | Verdict::Contradicted);
-        match self.verdicts().map(is_settled) {
+        match self.verdicts().map(Verdict::is_settled) {
             [true, true] => 0,
             [true, false] => 1,
             [false, true] => 2,

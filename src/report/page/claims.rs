@@ -61,8 +61,8 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     let published = rows.iter().any(|row| row.claim.published.is_some());
     Some(html! {
         p.lead {
-            "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, and "
-            "otherwise inconclusive. The dot is the measured figure, the line its interval, the shaded part the claim's band"
+            "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, near the "
+            "bound if the bound is our own and the figure is not told from it, and otherwise inconclusive. The dot is the measured figure, the line its interval, the shaded part the claim's band"
             @if published { ", the diamond the published figure" }
             ". The interval for the claim is wider than the 95 % interval of the same figure in plots and other tables: a run looks at its "
             "samples up to " (LOOKS) " times, and a claim that compares several figures could fail by chance in each. "
@@ -126,7 +126,7 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
     html! {
         @for (index, (place, ruling)) in row.rulings.iter().enumerate() {
             tr data-verdict=(ruling.verdict.to_string()) {
-                td { (chip(ruling.verdict)) }
+                td { (ruled(ruling)) }
                 td.claim {
                     @if index == 0 {
                         (claim.text)
@@ -180,6 +180,11 @@ fn comparisons(ruling: &Ruling) -> Markup {
 /// A verdict, told by a word, a mark and a colour.
 pub fn chip(verdict: Verdict) -> Markup {
     Tone::of(verdict).chip(&verdict.to_string())
+}
+
+/// The same with its mark.
+pub fn ruled(ruling: &Ruling) -> Markup {
+    Tone::of(ruling.verdict).chip(&ruling.marked())
 }
 
 /// `1.38 (1.30 – 1.46)`

@@ -53,7 +53,7 @@ impl Tone {
     pub fn of(verdict: Verdict) -> Tone {
         match verdict {
             Verdict::Contradicted => Tone::Bad,
-            Verdict::Inconclusive => Tone::Open,
+            Verdict::NearBound | Verdict::Inconclusive => Tone::Open,
             Verdict::NotRun => Tone::Neutral,
             Verdict::Supported => Tone::Good,
         }

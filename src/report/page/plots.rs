@@ -3,7 +3,7 @@
 use indexmap::{IndexMap, IndexSet};
 use maud::{Markup, html};
 
-use super::claims::chip;
+use super::claims::{chip, ruled};
 use super::{Fold, Page, PageRun, PageSection};
 use crate::{Section, plots};
 use fathom_base::text;
@@ -93,7 +93,7 @@ fn outcome(page: &Page<'_>, part: &Part<'_>) -> Markup {
 fn claims(section: &Section<'_>) -> Markup {
     html! {
         @if !section.rulings().is_empty() {
-            ul.claims { @for ruling in section.rulings() { li { (chip(ruling.verdict)) " " (ruling.text) } } }
+            ul.claims { @for ruling in section.rulings() { li { (ruled(ruling)) " " (ruling.text) } } }
         }
     }
 }

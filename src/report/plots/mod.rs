@@ -211,7 +211,7 @@ fn verdicts(plot: &Plot, input: &PlotInput<'_>, section: &Section<'_>) -> Vec<St
     });
     let lines = about.flat_map(|(_, ruling)| {
         let mark = Tone::of(ruling.verdict).mark();
-        style::wrap(&format!("{mark} {}: {}", ruling.verdict, ruling.text), LINE_CHARACTERS)
+        style::wrap(&format!("{mark} {}: {}", ruling.marked(), ruling.text), LINE_CHARACTERS)
     });
     lines.collect()
 }
@@ -315,7 +315,9 @@ mod tests {
     fn every_panel_of_a_claim_has_its_verdict_as_a_word() {
         let svgs = svgs(&fixtures::run());
         let has_word = |svg: &str| {
-            ["supported:", "contradicted:", "inconclusive:"].iter().any(|word| svg.contains(word))
+            ["supported", "contradicted", "near the bound", "inconclusive"]
+                .iter()
+                .any(|word| svg.contains(word))
         };
         for name in ["uw-photons.svg", "vao-skipping.svg", "vao-resolution.svg"] {
             assert!(has_word(&svgs[name]), "{name}");

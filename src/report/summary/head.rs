@@ -11,7 +11,7 @@ use super::super::noise::RunVerdict;
 use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
 use fathom_base::text;
-use fathom_experiments::Whose;
+use fathom_experiments::{Ruling, Whose};
 use fathom_record::{OVER_BUDGET, Outcome, Run};
 
 /// Pipelines whose slowest stage the first screen names.
@@ -103,12 +103,17 @@ fn cells(view: &ReportView<'_>) -> String {
     format!("{measured} measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}")
 }
 
-/// `65 supported, 19 contradicted, 2 inconclusive, 10 not run, of 96`
+/// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96; 30 (our bound)`
 pub fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, String)> {
     facts::tallies(view).map(|(whose, counts)| {
         let each = counts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
         let all: usize = counts.iter().map(|(_, count)| count).sum();
-        (whose, format!("{each}, of {all}"))
+        let rulings = view.sections.iter().flat_map(Section::rulings);
+        let marks = rulings.filter(|ruling| ruling.whose == whose).map(Ruling::mark).counts();
+        let marks = marks.into_iter().filter(|(mark, _)| !mark.is_empty()).sorted();
+        let marks = marks.map(|(mark, count)| format!("{count}{mark}")).join(", ");
+        let marks = if marks.is_empty() { marks } else { format!("; {marks}") };
+        (whose, format!("{each}, of {all}{marks}"))
     })
 }
 

@@ -7,10 +7,11 @@ use super::super::format::{self, Table, percent, si};
 use super::super::{ReportView, Section, plots};
 use super::{cut, link};
 use fathom_base::text;
-use fathom_experiments::{RuledFigure, Verdict, Whose};
+use fathom_experiments::{RuledFigure, Ruling, Verdict, Whose};
 
 /// Rows for the claims of each verdict.
 const MOST_CONTRADICTED: usize = 16;
+const MOST_NEAR_BOUND: usize = 8;
 const MOST_INCONCLUSIVE: usize = 4;
 const MOST_NOT_RUN: usize = 4;
 /// Experiments whose supported claims are named.
@@ -58,7 +59,7 @@ pub fn claims(view: &ReportView<'_>, text: &mut String) {
             let figure = ruling.deciding.first();
             let told = figure.map_or_else(|| ruling.reason.clone(), RuledFigure::text);
             let [claimed, told] = [&ruling.text, &told].map(|told| text::markdown(told));
-            Some([ruling.verdict.to_string(), claimed, plot(claim.section), told])
+            Some([ruling.marked(), claimed, plot(claim.section), told])
         });
     }
 }
@@ -72,6 +73,7 @@ fn by_verdict(claims: &[RuledClaim<'_, '_>], whose: Whose, text: &mut String) {
     };
     let head = ["claim", "plot", "figure", "measured (interval)", "asked for", "published"];
     add(text, "Contradicted", head, (of(Verdict::Contradicted), MOST_CONTRADICTED), measured);
+    add(text, "Near the bound", head, (of(Verdict::NearBound), MOST_NEAR_BOUND), measured);
     add(text, "Inconclusive", head, (of(Verdict::Inconclusive), MOST_INCONCLUSIVE), measured);
     let not_run = (of(Verdict::NotRun), MOST_NOT_RUN);
     add(text, "Not run", ["claim", "plot", "reason"], not_run, |claim| {
@@ -82,7 +84,7 @@ fn by_verdict(claims: &[RuledClaim<'_, '_>], whose: Whose, text: &mut String) {
     let supported = of(Verdict::Supported);
     let supported = supported.chunk_by(|a, b| a.section.id == b.section.id).collect();
     add(text, "Supported", ["plot", "claims"], (supported, MOST_SUPPORTED), |claims| {
-        let each = claims.iter().map(|claim| text::markdown(&claim.ruling.text)).join("; ");
+        let each = claims.iter().map(|claim| text::markdown(&marked_text(claim.ruling))).join("; ");
         Some([plot(claims[0].section), each])
     });
 }
@@ -92,9 +94,14 @@ fn measured(RuledClaim { section, ruling }: RuledClaim<'_, '_>) -> Option<[Strin
     let figure = ruling.deciding.first()?;
     let published = ruling.published.map_or_else(|| "–".to_owned(), |value| value.to_string());
     let [claim, name, measured, asked] =
-        [&ruling.text, &figure.name, &figure.text(), &figure.asked()]
+        [&marked_text(ruling), &figure.name, &figure.text(), &figure.asked()]
             .map(|told| text::markdown(told));
     Some([claim, plot(section), name, measured, asked, published])
+}
+
+/// The claim with the mark of its verdict, which the table's heading tells.
+fn marked_text(ruling: &Ruling) -> String {
+    format!("{}{}", ruling.text, ruling.mark())
 }
 
 /// The experiment's name, linked to its plot where it has one.

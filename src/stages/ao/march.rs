@@ -79,7 +79,7 @@ fn build(
     let mut drawn = Vec::new();
     for (groups, voxels) in passes.volumes.iter().zip(volumes) {
         let rasters = groups.iter().map(raster).collect::<Result<_, _>>()?;
-        let offset_m = marching.offset_voxels * voxels.grid.voxel_m;
+        let offset_m = (marching.offset_voxels + marching.shift_voxels.abs()) * voxels.grid.voxel_m;
         let reach = grown(&voxels.grid.bounds(), marching.r_max_m + offset_m);
         let Some(scissor) = rectangle(&view_projection, &reach, size_px) else { continue };
         drawn.push(Drawn { rasters, scissor, samples: marching.samples_in(&voxels.grid) as u64 });

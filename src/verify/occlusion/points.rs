@@ -14,9 +14,11 @@ const GLASS: u8 = 90;
 type Change = fn(&mut Marching);
 
 /// What the shader's definitions choose between.
-const VARIANTS: [(&str, Change); 11] = [
+const VARIANTS: [(&str, Change); 13] = [
     ("defaults", |_| ()),
     ("settings of VAO §5.1", paper),
+    ("uniform directions, doubled", |m| m.estimator = Estimator::Uniform),
+    ("look-ups moved", |m| m.shift_voxels = -0.3),
     ("guard none", |m| m.guard = Guard::None),
     ("guard of a voxel", |m| m.guard = Guard::Voxel),
     ("guard of seven voxels", |m| m.guard = Guard::SevenVoxels),

@@ -153,7 +153,8 @@ fn points_out_of_reach_see_nothing() {
             let normal = (0.3 * draw.vector() - toward).normalize().as_vec3();
             draw.points[point] = SurfacePoint { position_m: place.as_vec3(), normal };
         }
-        let set = format!("ao.offset_voxels={offset} ao.r_max_m={r_max_m}");
+        let shift = draw.between(-1.0, 1.0);
+        let set = format!("ao.offset_voxels={offset} ao.shift_voxels={shift} ao.r_max_m={r_max_m}");
         let run = |side| draw.occlusion(&gpu, ([side; 3], voxel_m), &set);
         let own = run(side);
         let larger = run(side + 2 * ((r_max_m / voxel_m + offset) as u32 + 2));
