@@ -4,8 +4,12 @@ use earcut::Earcut;
 use glam::{DVec3, Vec3};
 use itertools::Itertools;
 
-/// A triangle that lies outside by less than this share of the polygon's area may do so by rounding: three corners stand in a line.
-const ROUNDING: f64 = 1e-6;
+/// Polygons of more corners are never fans.
+const MOST_FAN_CORNERS: usize = 8;
+
+/// The smallest triangle of a fan has at least this share of the polygon's area: the length of a sliver without area costs as much as
+/// that of any triangle.
+const LEAST_FAN_SHARE: f64 = 1e-6;
 
 /// Rotates the corners of a polygon, so that they begin at the same one wherever its file begins: the smallest of all rotations.
 /// Triangles stay as they are.
@@ -32,24 +36,34 @@ pub fn triangles(positions: &[[f32; 3]], corners: Vec<u32>, counts: &[u32]) -> V
     indices
 }
 
-/// Adds the triangles of one polygon: a fan where none of its triangles lies outside, as in all convex ones, else cut in its plane. One
-/// without area becomes a fan.
+/// Adds the triangles of one polygon: of all fans that whose smallest triangle is largest, or where some triangle of each lies outside or
+/// has no area the polygon cut in its plane.
 fn cut(positions: &[[f32; 3]], face: &[u32], indices: &mut Vec<u32>) {
+    let count = face.len();
     let at = |corner: &u32| Vec3::from(positions[*corner as usize]).as_dvec3();
     let local: Vec<DVec3> = face.iter().map(|corner| at(corner) - at(&face[0])).collect();
     // Newell's normal.
     let normal: DVec3 = local.iter().circular_tuple_windows().map(|(a, b)| a.cross(*b)).sum();
-    let is_outside =
-        |(a, b): (&DVec3, &DVec3)| a.cross(*b).dot(normal) < -ROUNDING * normal.length_squared();
+    let fan = |first: usize| (2..count).map(move |n| [0, n - 1, n].map(|n| (first + n) % count));
+    let smallest = |first: &usize| {
+        let areas = fan(*first).map(|triangle| {
+            let [a, b, c] = triangle.map(|corner| local[corner]);
+            (b - a).cross(c - a).dot(normal)
+        });
+        areas.fold(f64::INFINITY, f64::min)
+    };
+    let firsts = (0..count.min(MOST_FAN_CORNERS)).rev();
+    let first = firsts.max_by(|a, b| smallest(a).total_cmp(&smallest(b))).unwrap_or(0);
+    let is_fan =
+        count <= MOST_FAN_CORNERS && smallest(&first) >= LEAST_FAN_SHARE * normal.length_squared();
     let mut cut: Vec<u32> = Vec::new();
-    let is_fan = !local.iter().tuple_windows().any(is_outside);
     if let Some(normal) = normal.try_normalize().filter(|_| !is_fan) {
         let (u, v) = normal.any_orthonormal_pair();
         let plane = local.iter().map(|point| [point.dot(u), point.dot(v)]);
         Earcut::new().earcut(plane, &[], &mut cut);
     }
     if cut.is_empty() {
-        cut.extend((2..face.len() as u32).flat_map(|last| [0, last - 1, last]));
+        cut.extend(fan(first).flatten().map(|corner| corner as u32));
     }
     indices.extend(cut.iter().map(|corner| face[*corner as usize]));
 }
