@@ -12,7 +12,7 @@ use fathom_scene::SceneFile;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::Photons;
-use fathom_stages::screen_ray::{HitTest, Rays, Walking};
+use fathom_stages::screen_ray::{HitTest, LayerTest, Rays, Walking};
 use fathom_stages::transfer::bounce;
 use fathom_stages::transfer::map::{self, Map};
 use fathom_stages::uniforms::Shared;
@@ -63,8 +63,9 @@ settings! {
         /// What counts as a hit. `tolerance` is the paper's, and loses rays whose depth changes by more than twice the tolerance
         /// from pixel to pixel.
         test: HitTest = HitTest::Crossing;
-        /// Distance that counts as a hit with the test `tolerance`. SPT §5: 0.01, of an unknown unit. A share of the scene, 1 cm in scene tank.
-        tolerance_m: f64 = 0.01 * file.times_tank() => 1e-6 ..= 1e3, "m";
+        /// Distance that counts as a hit with the test `tolerance`. SPT §5: 0.01, of an unknown unit. Read as a share of the scene's view depth,
+        /// its camera's far plane: `spt-tolerance` and `spt-shadows` have the reading as metres beside it.
+        tolerance_m: f64 = 0.01 * file.camera.z_far_m => 1e-6 ..= 1e3, "m";
         /// Nothing is hit nearer to a ray's start than this.
         start_m: f64 = 0.0 => 0.0 ..= 1e3, "m";
         /// Fewest pixels of a ray's line. SPT §2.1 enforces a minimum and does not give it.
@@ -75,7 +76,7 @@ settings! {
 }
 
 /// Most rows by default: 8192 × 801 texels are 25 MiB.
-const ROWS: u32 = 8192;
+pub(super) const ROWS: u32 = 8192;
 
 /// Most tiles: each is two passes of a frame, of which 2,048 are timed.
 const MOST_TILES: u64 = 1024;
@@ -85,12 +86,13 @@ impl RaySettings {
     pub fn walking(&self, gpu: &Gpu, ways: u32) -> Walking {
         let most_rows = gpu.limits.max_texture_dimension_2d;
         Walking {
-            test: self.test,
+            test: LayerTest::Hit(self.test),
             tolerance_m: self.tolerance_m,
             start_m: self.start_m,
             least: self.least_px,
             rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
             ways,
+            within_px: None,
         }
     }
     /// Refuses more tiles than a frame can time; `sizes` names what gives the number of rays.
@@ -99,14 +101,22 @@ impl RaySettings {
     /// One line that names the parameters.
     pub fn fits(&self, rays: u32, ways: u32, sizes: &str) -> Result<(), ParamError> {
         let rows = if self.rows == 0 { ROWS } else { self.rows };
-        let tiles = u64::from(rays.div_ceil(rows)) * u64::from(ways);
-        if self.method == Method::Lines && tiles > MOST_TILES {
-            return Err(ParamError::Unfit(format!(
-                "{sizes} and rays.rows give {tiles} tiles of rays: at most {MOST_TILES} are drawn"
-            )));
+        match self.method {
+            Method::Lines => fit_tiles(rays, rows, ways, &format!("{sizes} and rays.rows")),
+            Method::March => Ok(()),
         }
-        Ok(())
     }
+}
+
+/// Refuses more tiles of so many rows than a frame can time.
+pub(super) fn fit_tiles(rays: u32, rows: u32, ways: u32, sizes: &str) -> Result<(), ParamError> {
+    let tiles = u64::from(rays.div_ceil(rows)) * u64::from(ways);
+    if tiles > MOST_TILES {
+        return Err(ParamError::Unfit(format!(
+            "{sizes} give {tiles} tiles of rays: at most {MOST_TILES} are drawn"
+        )));
+    }
+    Ok(())
 }
 
 /// Pushes the stages that find where photons enter the water: the light's depth, of `shadow_px` texels a side, the mask of the water, drawn

@@ -26,6 +26,18 @@ shader_struct! {
     }
 }
 
+/// How caustics come into the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CausticsBlend {
+    /// As light on what is seen: times its albedo, and behind the water before it.
+    Lit,
+    /// As they are in their buffer, over the picture: as a white surface next to the camera would show them.
+    Added,
+}
+
+fathom_base::choices!(CausticsBlend);
+
 /// The buffers that are composed.
 pub struct Composed<'a> {
     pub gbuffer: &'a GbufferTextures,
@@ -41,11 +53,15 @@ pub fn new(
     shared: &Shared,
     composed: &Composed<'_>,
     settings: &ComposeUniforms,
-    conserving: bool,
+    (conserving, blend): (bool, CausticsBlend),
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let occlusion = i32::from(settings.occlusion_taps > 0);
-    let defs =
-        [("CONSERVING", i32::from(conserving)), ("OCCLUSION", occlusion), shared.water_def()];
+    let defs = [
+        ("ADDED", i32::from(blend == CausticsBlend::Added)),
+        ("CONSERVING", i32::from(conserving)),
+        ("OCCLUSION", occlusion),
+        shared.water_def(),
+    ];
     let uniforms = resources.loop_settings(INFO.name, settings);
     let sampler = resources.linear_sampler(INFO.name);
     let Composed { gbuffer, caustics, godrays, reflection, refraction } = *composed;

@@ -114,10 +114,20 @@ pub enum HitTest {
 
 fathom_base::choices!(HitTest);
 
+/// What rays are held against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LayerTest {
+    Hit(HitTest),
+    /// Rays in glass, against the two layers that one texel holds: SPT §4.
+    Pair,
+    /// The same, against all layers.
+    All,
+}
+
 /// How rays are walked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Walking {
-    pub test: HitTest,
+    pub test: LayerTest,
     pub tolerance_m: f64,
     pub start_m: f64,
     /// Fewest steps of a ray: SPT §2.1 enforces a minimum and does not say which.
@@ -126,6 +136,8 @@ pub struct Walking {
     pub rows: u32,
     /// Ways of a photon: one, and one behind each mirror or surface of glass. SPT §2.3.
     pub ways: u32,
+    /// Pixels along each axis of the rectangle that holds the rays on the screen; none: all.
+    pub within_px: Option<[u32; 2]>,
 }
 
 shader_struct! {
@@ -203,7 +215,8 @@ impl Rays<'_> {
 
     /// Most pixels that a ray covers along one axis of the screen.
     pub fn most(&self) -> u32 {
-        most_steps(self.layers.size_px(), self.walking.least)
+        let within_px = self.walking.within_px.unwrap_or(self.layers.size_px());
+        most_steps(within_px, self.walking.least)
     }
 
     pub fn uniforms(&self) -> WalkUniforms {
@@ -211,6 +224,7 @@ impl Rays<'_> {
             tolerance_m: self.walking.tolerance_m as f32,
             start_m: self.walking.start_m as f32,
             photons: self.transfers.count,
+            most: self.most(),
             rows: self.rows(),
             ..walk_uniforms(self.layers, self.bounds, self.walking.least)
         }
@@ -219,9 +233,11 @@ impl Rays<'_> {
     /// What shaders that walk rays are compiled with.
     pub fn defs(&self) -> [(&'static str, i32); 1] {
         let test = match self.walking.test {
-            HitTest::Tolerance => 0,
-            HitTest::Crossing => 1,
-            HitTest::InOut => 2,
+            LayerTest::Hit(HitTest::Tolerance) => 0,
+            LayerTest::Hit(HitTest::Crossing) => 1,
+            LayerTest::Hit(HitTest::InOut) => 2,
+            LayerTest::Pair => 3,
+            LayerTest::All => 4,
         };
         [("TEST", test)]
     }

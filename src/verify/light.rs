@@ -41,7 +41,21 @@ fn look_at(rig: &Rig<'_>) -> Checks {
             .within((1e-5, "rad"), off(0.5))
             .control("middle taken at 0.55 of the frustum", off(0.55))
     };
-    Ok(rig::LIGHTS.map(check).into())
+    let mut checks: Vec<Check> = rig::LIGHTS.map(check).into();
+    let off = |photons_fitted: bool| {
+        let scene = Scene::load(SHADED_SCENE)?;
+        let frame = View { photons_fitted, ..rig::view(&scene, VIEW) }.uniforms();
+        let corners = [Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, -1.0, 1.0), Vec3::ONE];
+        let places = |of: glam::Mat4| corners.map(|corner| of.project_point3(corner));
+        let pairs = places(frame.photon_grid).into_iter().zip(places(frame.light_inverse));
+        Ok::<f64, VerifyError>(pairs.map(|(a, b)| f64::from(a.distance(b))).fold(0.0, f64::max))
+    };
+    checks.push(
+        Check::of(rig, "photons of the whole frustum: largest distance of their corners from its corners")
+            .within((0.0, "m"), off(false)?)
+            .control("photons of the fitted rectangle", off(true)?),
+    );
+    Ok(checks)
 }
 
 fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {

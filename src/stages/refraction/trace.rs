@@ -17,25 +17,13 @@ shader_struct! {
     }
 }
 
-/// What a ray inside is held against.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Surface {
-    /// The depths of the texels behind which it is: SPT §4.
-    Depth,
-    /// The tangent planes of the surfaces in these texels.
-    Plane,
-}
-
-fathom_base::choices!(Surface);
-
 /// Through `layers` of what refracts, at most `refractions` times.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     layers: &Layers,
     walk: &WalkUniforms,
-    (refractions, surface): (u32, Surface),
+    refractions: u32,
 ) -> Result<Stage<Exits>, GpuError> {
     let turns = u64::from(refractions) * (walk_turns(walk.most, 0) + 2) + 1;
     resources.turns("refractions × view", turns);
@@ -43,9 +31,8 @@ pub fn new(
     let settings = resources.uniform(INFO.name, &TraceUniforms { refractions });
     let own = Group::new(&[&walked, &settings, &layers.depths, &layers.surfaces]);
     let groups = [&shared.group, &own];
-    let defs = [("SURFACE", i32::from(surface == Surface::Plane))];
     let targets = [FORMAT; 2].map(kit::opaque);
-    let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
+    let spec = RenderSpec::new(INFO.name, &groups, &targets);
     let pass = Pass::new(resources, &spec, layers.size_px(), wgpu::Color::TRANSPARENT)?;
     let exits = Exits::of(&pass);
     // At most: each ray as long as the picture.
