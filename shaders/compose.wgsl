@@ -144,11 +144,11 @@ fn scene_radiance(uv: vec2<f32>, texel: vec2<i32>, position_m: vec3<f32>) -> vec
     let color = textureLoad(albedo, texel, 0).xyz;
     let ambient = shading::ambient(-position_m.y, normal) * openness(uv, position_m, normal);
 #if ADDED == 1
-    return shading::lambert(color, vec3(ambient + shading::direct(position_m, normal)));
+    let caustic = vec3(0.0);
 #else
     let caustic = caustic_irradiance(uv, position_m, normal) * shading::WATER_TINT;
-    return shading::lambert(color, caustic + ambient + shading::direct(position_m, normal));
 #endif
+    return shading::lambert(color, caustic + ambient + shading::direct(position_m, normal));
 }
 
 // What caustics add to the picture's radiance.

@@ -1,11 +1,14 @@
-// defs: TEST=1, WATER=0
-// Lines of sight through glass, refracted several times: SPT §4, with other means than `transfer/sight` and `rays/*`. A ray is walked
-// pixel by pixel. The surfaces of all layers are planes, each by itself, and of those that the ray passes it takes the nearest: solids that
-// are not convex are not met in the order of the layers. It is exact but where a ray leaves through a face that no pixel's middle shows, or
-// where faces meet whose texels show others: with solids 30 pixels wide up to 1 % of the exits, none of index 1.
+// defs: ENDS=0, TEST=1, WATER=0
+// Lines of sight through glass, refracted several times: SPT §4.
+//
+// Defs: ENDS 1 takes the ends of lines that others have drawn, as in the paper. ENDS 0 walks each ray pixel by pixel: the surfaces of all
+// layers are planes, each by itself, and of those that it passes it takes the nearest, since solids that are not convex are not met in the
+// order of the layers. It is exact but where a ray leaves through a face that no pixel's middle shows, or where faces meet whose texels show
+// others: with solids 30 pixels wide up to 1 % of the exits, none of index 1.
 #import fathom::uniforms::{frame, world_at}
-#import fathom::layers::{NO_SURFACE, surface_at}
+#import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
+#import fathom::photon::{Photon}
 #import fathom::refraction::{Exit, NO_EXIT}
 #import fathom::screen
 #import fathom::screen_ray::{Segment, Walk, distance_at, place_px, segment, smoothed}
@@ -15,12 +18,18 @@
 struct Trace {
     // Surfaces that refract a ray.
     refractions: u32,
+    // ENDS 1: the rectangle of pixels that have lines.
+    first: vec2<u32>,
+    count: vec2<u32>,
 }
 
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<uniform> settings: Trace;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
 @group(1) @binding(3) var surfaces: texture_2d_array<u32>;
+#if ENDS == 1
+@group(1) @binding(4) var<storage, read> ends: array<Photon>;
+#endif
 
 // Where a ray ends that has started on a surface.
 struct End {
@@ -37,6 +46,19 @@ fn texel_in(place: vec2<f32>) -> vec2<i32> {
     return vec2<i32>(clamp(floor(place), vec2(0.0), walk.size_px - 1.0));
 }
 
+#if ENDS == 1
+// "The normal at this point is fetched from the depth image."
+fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
+    let at = pixel - settings.first;
+    let end = ends[at.x + at.y * settings.count.x];
+    if end.residual_m < 0.0 {
+        return NOWHERE;
+    }
+    let clip = frame.camera_view_projection * vec4(end.hit_m, 1.0);
+    let surface = surface_near(depths, surfaces, walk.layers, texel_in(place_px(walk, clip)), clip.w);
+    return End(end.distance_m, surface, vec3(0.0));
+}
+#else
 // Where a ray passes the plane of a layer; nowhere where it cannot, from within glass or from outside.
 fn passes(ray: Transfer, inside: bool, texel: vec2<i32>, layer: u32) -> End {
     let surface = surface_at(surfaces, texel, layer);
@@ -118,7 +140,7 @@ const EXACT_PX: f32 = 0.01;
 
 // Of the surfaces around an end that meet there, the one that the ray passes: where they form a ridge the first, where a groove the last,
 // and the other way round from outside.
-fn end_of(ray: Transfer, inside: bool) -> End {
+fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
     var best = roughly(ray, inside);
     let end_px = px_at(ray.position_m + best.at_m * ray.direction);
     if best.at_m >= NO_HIT || distance(end_px, px_at(best.place_m)) < EXACT_PX {
@@ -141,6 +163,7 @@ fn end_of(ray: Transfer, inside: bool) -> End {
     }
     return best;
 }
+#endif
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
@@ -162,13 +185,15 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> Exit {
     var inside = dot(ray.direction, surface.geometric_normal) > 0.0;
     for (var number = 0u; number < settings.refractions; number++) {
         if number > 0u {
-            let end = end_of(ray, inside);
+            let end = end_of(ray, inside, vec2<u32>(texel));
             if end.at_m >= NO_HIT {
                 break;
             }
             ray.position_m += end.at_m * ray.direction;
             surface = end.surface;
+#if ENDS == 0
             surface.shading_normal = smoothed(walk, depths, surfaces, ray.position_m, surface);
+#endif
         }
         let index = optics::refractive_index(surface.optics);
         let normal = surface.shading_normal;

@@ -23,7 +23,7 @@ use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
 use fathom_stages::refraction::trace;
 use fathom_stages::refraction::two_interface;
-use fathom_stages::screen_ray::{LayerTest, Layers, Rays, Walking, WalkUniforms, walk_uniforms};
+use fathom_stages::screen_ray::{HitTest, Layers, Rays, Surface, WalkUniforms, Walking, walk_uniforms};
 use fathom_stages::transfer::sight::{self, SightUniforms};
 use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{ldi, refraction, scene};
@@ -37,19 +37,7 @@ pub enum Method {
     TwoInterface,
 }
 
-/// What a ray inside is held against.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Surface {
-    /// The depths of the layer that it starts on and of the next, by lines, a row of pixels each: SPT §4. Two refractions.
-    Depth,
-    /// The same, of all layers: what the paper saves.
-    AllDepths,
-    /// The tangent planes of the surfaces in the pixels that it passes, by an invocation each.
-    Plane,
-}
-
-choices!(Method, Surface);
+choices!(Method);
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -173,7 +161,6 @@ impl Drawing for ScreenRefraction {
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         let mut angles_deg = self.angles_deg(&self.found(judge.gpu)?, judge.scene)?;
         let stage = match self.params.refraction.method {
-            Method::Trace if self.params.refraction.by_lines() => &refraction::exit::INFO,
             Method::Trace => &trace::INFO,
             Method::TwoInterface => &two_interface::INFO,
         };
@@ -207,11 +194,10 @@ fn traced(
     let Refraction { count, surface, least_px, .. } = params.refraction;
     let bounds = scene.solid_bounds();
     if params.refraction.by_lines() {
-        let all = surface == Surface::AllDepths;
-        return by_lines(of_view, (view, shared), &layers, bounds, (all, least_px));
+        return by_lines(of_view, (view, shared), &layers, bounds, (surface, least_px));
     }
     let walk: WalkUniforms = walk_uniforms(&layers, bounds, least_px);
-    Ok(of_view.push(trace::new(of_view, shared, &layers, &walk, count)?))
+    Ok(of_view.push(trace::new(of_view, shared, &layers, &walk, (count, None))?))
 }
 
 /// Pushes the stages that trace lines of sight through glass as lines of pixels, refracted twice: SPT §4. They are held against the first
@@ -221,14 +207,15 @@ pub fn by_lines(
     (view, shared): (&View, &Shared),
     layers: &Layers,
     bounds: Bounds,
-    (all, least_px): (bool, u32),
+    (surface, least_px): (Surface, u32),
 ) -> Result<Exits, GpuError> {
     let size_px = view.size_px.as_vec2();
     let (first, end) = shown_px(view, bounds);
     let sight = SightUniforms { size_px, first, count: end - first };
     let (transfers, pairs) = of_view.push(sight::new(of_view, shared, layers, &sight)?);
     let walking = Walking {
-        test: if all { LayerTest::All } else { LayerTest::Pair },
+        test: HitTest::Crossing,
+        in_glass: Some(surface),
         tolerance_m: 0.0,
         start_m: 0.0,
         least: least_px,
@@ -236,12 +223,12 @@ pub fn by_lines(
         ways: 1,
         within_px: Some(sight.count.to_array()),
     };
-    let held = if all { layers } else { &pairs };
+    let held = if surface == Surface::AllDepths { layers } else { &pairs };
     let traced = Rays { transfers: &transfers, layers: held, bounds, walking };
     let ends = screen_tracing::trace(of_view, shared, &traced, screen_tracing::Method::Lines)?;
     let walk = walk_uniforms(layers, bounds, least_px);
-    let rays = (&transfers, &ends);
-    Ok(of_view.push(refraction::exit::new(of_view, shared, (layers, &walk), rays, &sight)?))
+    let lines = Some(trace::Lines { sight: &sight, ends: &ends });
+    Ok(of_view.push(trace::new(of_view, shared, layers, &walk, (2, lines))?))
 }
 
 /// The rectangle of pixels that holds what lies in a box: its first, and the one behind its last.

@@ -12,7 +12,7 @@ use fathom_scene::SceneFile;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::photon::Photons;
-use fathom_stages::screen_ray::{HitTest, LayerTest, Rays, Walking};
+use fathom_stages::screen_ray::{HitTest, Rays, Walking};
 use fathom_stages::transfer::bounce;
 use fathom_stages::transfer::map::{self, Map};
 use fathom_stages::uniforms::Shared;
@@ -86,7 +86,8 @@ impl RaySettings {
     pub fn walking(&self, gpu: &Gpu, ways: u32) -> Walking {
         let most_rows = gpu.limits.max_texture_dimension_2d;
         Walking {
-            test: LayerTest::Hit(self.test),
+            test: self.test,
+            in_glass: None,
             tolerance_m: self.tolerance_m,
             start_m: self.start_m,
             least: self.least_px,

@@ -102,7 +102,7 @@ impl Pipeline for Underwater {
             refraction: &refraction,
         };
         let flux = params.caustics.intensity == Intensity::Conserving;
-        let rules = (flux, params.compose.caustics);
+        let rules = (flux, params.compose.add_caustics);
         let compose = compose::new(of_view, shared, &composed, &plan.compose, rules)?;
         let image = of_view.push(compose);
         Ok(Self { params: params.clone(), view, caustics, godrays, image, plan })

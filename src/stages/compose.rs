@@ -26,18 +26,6 @@ shader_struct! {
     }
 }
 
-/// How caustics come into the picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CausticsBlend {
-    /// As light on what is seen: times its albedo, and behind the water before it.
-    Lit,
-    /// As they are in their buffer, over the picture: as a white surface next to the camera would show them.
-    Added,
-}
-
-fathom_base::choices!(CausticsBlend);
-
 /// The buffers that are composed.
 pub struct Composed<'a> {
     pub gbuffer: &'a GbufferTextures,
@@ -47,17 +35,17 @@ pub struct Composed<'a> {
     pub refraction: &'a wgpu::Texture,
 }
 
-/// The stage leaves the picture.
+/// The stage leaves the picture. Caustics light what is seen, or are `added` as they are.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     composed: &Composed<'_>,
     settings: &ComposeUniforms,
-    (conserving, blend): (bool, CausticsBlend),
+    (conserving, added): (bool, bool),
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let occlusion = i32::from(settings.occlusion_taps > 0);
     let defs = [
-        ("ADDED", i32::from(blend == CausticsBlend::Added)),
+        ("ADDED", i32::from(added)),
         ("CONSERVING", i32::from(conserving)),
         ("OCCLUSION", occlusion),
         shared.water_def(),

@@ -92,7 +92,6 @@ pub const REGISTRY: &[StageInfo] = &[
     shadow::compose::INFO,
     refraction::surface::INFO,
     refraction::trace::INFO,
-    refraction::exit::INFO,
     refraction::two_interface::INFO,
     refraction::compose::INFO,
     planar::points::INFO,

@@ -112,22 +112,26 @@ pub enum HitTest {
     Crossing,
 }
 
-fathom_base::choices!(HitTest);
-
-/// What rays are held against.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LayerTest {
-    Hit(HitTest),
-    /// Rays in glass, against the two layers that one texel holds: SPT §4.
-    Pair,
-    /// The same, against all layers.
-    All,
+/// What a line of sight in glass is held against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Surface {
+    /// The depths of the layer that it starts on and of the next, by lines, a row of pixels each: SPT §4. Two refractions.
+    Depth,
+    /// The same, of all layers: what the paper saves.
+    AllDepths,
+    /// The tangent planes of the surfaces in the pixels that it passes, by an invocation each.
+    Plane,
 }
+
+fathom_base::choices!(HitTest, Surface);
 
 /// How rays are walked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Walking {
-    pub test: LayerTest,
+    pub test: HitTest,
+    /// Rays in glass, which end where they are out, in place of `test`: SPT §4.
+    pub in_glass: Option<Surface>,
     pub tolerance_m: f64,
     pub start_m: f64,
     /// Fewest steps of a ray: SPT §2.1 enforces a minimum and does not say which.
@@ -232,12 +236,12 @@ impl Rays<'_> {
 
     /// What shaders that walk rays are compiled with.
     pub fn defs(&self) -> [(&'static str, i32); 1] {
-        let test = match self.walking.test {
-            LayerTest::Hit(HitTest::Tolerance) => 0,
-            LayerTest::Hit(HitTest::Crossing) => 1,
-            LayerTest::Hit(HitTest::InOut) => 2,
-            LayerTest::Pair => 3,
-            LayerTest::All => 4,
+        let test = match (self.walking.in_glass, self.walking.test) {
+            (None, HitTest::Tolerance) => 0,
+            (None, HitTest::Crossing) => 1,
+            (None, HitTest::InOut) => 2,
+            (Some(Surface::AllDepths), _) => 4,
+            (Some(_), _) => 3,
         };
         [("TEST", test)]
     }

@@ -58,7 +58,6 @@ mod tests {
         ("rays/march", "told in `march`"),
         ("rays/rasterize", "64 layers"),
         ("refraction/compose", "two ways of at most 16,384 pixels"),
-        ("refraction/exit", "64 layers"),
         ("refraction/surface", "told in `surface`"),
         ("refraction/trace", "told in `trace`"),
         ("scalar/direct", "slices of steps"),

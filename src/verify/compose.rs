@@ -2,7 +2,7 @@
 
 use crate::prelude::*;
 use fathom_reference::openness::Openness;
-use fathom_stages::compose::{self, CausticsBlend, ComposeUniforms, Composed};
+use fathom_stages::compose::{self, ComposeUniforms, Composed};
 
 const STAGE: &str = "compose";
 const SIZE: [u32; 2] = [96, 64];
@@ -43,9 +43,9 @@ pub fn cases() -> Vec<Case> {
 type Bands = [[f64; 3]; 2];
 
 fn known_inputs(rig: &Rig<'_>) -> Checks {
-    let clear = wall(rig, 0.0, CausticsBlend::Lit)?;
-    let water = wall(rig, GAMMA_PER_M, CausticsBlend::Lit)?;
-    let added = wall(rig, GAMMA_PER_M, CausticsBlend::Added)?;
+    let clear = wall(rig, 0.0, false)?;
+    let water = wall(rig, GAMMA_PER_M, false)?;
+    let added = wall(rig, GAMMA_PER_M, true)?;
     let [low, middle, high] = water[0];
     let (rays, both) = (water[1][0] - low, water[1][2] - low);
     let through = (high - low) / (clear[0][2] - clear[0][0]);
@@ -79,7 +79,7 @@ struct Known {
     caustics: Image,
     /// A pixel's extent at 1 m, where caustics are flux and not irradiance.
     pixel_tangent: Option<f64>,
-    blend: CausticsBlend,
+    added: bool,
     godrays: Image,
     reflection: f32,
     exposure: f64,
@@ -96,7 +96,7 @@ impl Known {
             occlusion: Openness { taps: 0, radius_m: 0.5 },
             caustics: nothing.clone(),
             pixel_tangent: None,
-            blend: CausticsBlend::Lit,
+            added: false,
             godrays: nothing,
             reflection: 0.0,
             exposure,
@@ -127,7 +127,7 @@ impl Known {
             water_cells: 64,
             depth_share: DEPTH_SHARE as f32,
         };
-        let rules = (self.pixel_tangent.is_some(), self.blend);
+        let rules = (self.pixel_tangent.is_some(), self.added);
         let stage = compose::new(rig, &Shared::new(rig, view), &inputs, &settings, rules)?;
         let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
         Ok(shown.map(|value| radiance_of(value, self.exposure)))
@@ -148,7 +148,7 @@ impl Known {
 }
 
 /// A wall across a narrow view under water, with the bands upon it: white where they light it, grey where they are added.
-fn wall(rig: &Rig<'_>, gamma_per_m: f64, blend: CausticsBlend) -> Result<Bands> {
+fn wall(rig: &Rig<'_>, gamma_per_m: f64, added: bool) -> Result<Bands> {
     let mut view = rig::synthetic_view(SIZE, gamma_per_m)?;
     // So narrow that the path through the water is the same for all pixels.
     view.camera.fov_y_deg = 1.0;
@@ -163,8 +163,8 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64, blend: CausticsBlend) -> Result<Bands> 
     let known = Known {
         caustics: Image::of(SIZE, caustics),
         godrays: Image::of(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
-        albedo: if blend == CausticsBlend::Added { 0.3 } else { 1.0 },
-        blend,
+        albedo: if added { 0.3 } else { 1.0 },
+        added,
         ..Known::unlit(rig.depth(SIZE, rig::depth_ahead(&view, WALL_M))?, 0.4)
     };
     let image = known.radiance(rig, &view)?;

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use crate::prelude::*;
 use fathom_reference::specular::{Ray, Surfaces};
 use fathom_scene::generators;
-use fathom_pipelines::refraction::{Surface, by_lines};
+use fathom_pipelines::refraction::by_lines;
 use fathom_stages::kit::Resources;
 use fathom_stages::refraction::trace;
 use fathom_stages::refraction::two_interface;
-use fathom_stages::refraction::{Exits, compose, exit, surface};
+use fathom_stages::refraction::{Exits, compose, surface};
 
 const SIZE: [u32; 2] = [240, 180];
 const INDEX: f64 = 1.4;
@@ -30,11 +30,11 @@ pub fn cases() -> Vec<Case> {
         Case::new(trace::INFO.name, "a sphere, off-centre", |rig| {
             sphere(rig, (Surface::Plane, LEAST), [2e-3, 0.2])
         }),
-        Case::new(exit::INFO.name, "a sphere, off-centre", |rig| {
-            sphere(rig, (Surface::Depth, 64), [0.05, 5.0])
+        Case::new(trace::INFO.name, "a sphere by lines", |rig| {
+            sphere(rig, (Surface::Depth, 64), [0.03, 2.0])
         }),
-        Case::new(exit::INFO.name, "a sphere by all layers", |rig| {
-            sphere(rig, (Surface::AllDepths, 64), [0.05, 5.0])
+        Case::new(trace::INFO.name, "a sphere by lines against all layers", |rig| {
+            sphere(rig, (Surface::AllDepths, 64), [0.03, 2.0])
         }),
         Case::new(trace::INFO.name, "a knot", knot),
         Case::new(trace::INFO.name, "random solids", random_solids),
@@ -99,10 +99,9 @@ fn traced(rig: &Rig<'_>, stand: &Stand, surface: Surface, least: u32) -> Result<
     let resources = Resources::new(rig.gpu);
     let exits = if surface == Surface::Plane {
         let walk = walk_uniforms(&peel, bounds, least);
-        resources.push(trace::new(&resources, shared, &peel, &walk, 2)?)
+        resources.push(trace::new(&resources, shared, &peel, &walk, (2, None))?)
     } else {
-        let all = surface == Surface::AllDepths;
-        by_lines(&resources, (&stand.view, shared), &peel, bounds, (all, least))?
+        by_lines(&resources, (&stand.view, shared), &peel, bounds, (surface, least))?
     };
     let stages = resources.into_parts().stages;
     rig.gpu.run(&stages.iter().map(AsRef::as_ref).collect::<Vec<&Stage>>())?;
@@ -418,7 +417,7 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Stand, Vec<Found>, [Vec<DV
     let gbuffer = rig.gbuffer(&stand)?;
     let peel = peel::new(rig, shared, (geometry, Part::Glass), SIZE, LAYERS)?;
     let walk = walk_uniforms(&peel, scene.solid_bounds(), LEAST);
-    let trace = trace::new(rig, shared, &peel, &walk, 2)?;
+    let trace = trace::new(rig, shared, &peel, &walk, (2, None))?;
     rig.run(&[&peel, &trace])?;
     let none = rig.constant(SIZE, [0.0; 4])?;
     let none = Exits { positions: none.clone(), directions: none };

@@ -131,7 +131,8 @@ fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Re
     let setup = Setup::new(rig, name, kind)?;
     let Stand { shared, scene, tracer, .. } = &setup.stand;
     let walking = Walking {
-        test: LayerTest::Hit(HitTest::Crossing),
+        test: HitTest::Crossing,
+        in_glass: None,
         tolerance_m: TOLERANCE_M,
         start_m: START_M,
         least: 8,

@@ -12,7 +12,6 @@ use fathom_base::settings;
 use fathom_gpu::StageInfo;
 use fathom_scene::{Camera, Light, SceneFile, Water};
 use fathom_stages::caustics::splat::{PointSize, SplatCoverage};
-use fathom_stages::compose::CausticsBlend;
 use fathom_stages::photon::PhotonEstimator;
 use fathom_stages::{caustics, godrays};
 
@@ -96,8 +95,8 @@ settings! {
         /// Radiance is mapped by 1 − exp(−exposure × radiance). With 0.4, white in full light of 9.2 W/sr (UW §4.1) is shown at
         /// 85 % and focused light stands above it.
         exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
-        /// How caustics come into the picture. UW §3.3 and §3.5: `added`.
-        caustics: CausticsBlend = CausticsBlend::Lit;
+        /// Whether caustics are added to the picture as they are in their buffer: UW §3.3 and §3.5. Else they light what is seen.
+        add_caustics: bool = false;
         /// Taps of the optional screen-space ambient occlusion; 0 turns it off.
         occlusion_taps: u32 = 0 => 0 ..= 256, "1";
         /// Radius of the taps' disc at the surface: a share of the scene, 50 cm in scene tank.

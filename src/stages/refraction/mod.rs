@@ -1,7 +1,6 @@
 //! Lines of sight through glass. Krüger, Bürger and Westermann (SPT) §4.
 
 pub mod compose;
-pub mod exit;
 pub mod surface;
 pub mod trace;
 pub mod two_interface;

@@ -15,7 +15,7 @@ pub const INFO: StageInfo = StageInfo {
 const WORKGROUP: u32 = 8;
 
 shader_struct! {
-    /// `Sight` in `shaders/transfer/sight.wgsl` and `shaders/refraction/exit.wgsl`.
+    /// `Sight` in `shaders/transfer/sight.wgsl`.
     pub struct SightUniforms {
         pub size_px: Vec2,
         pub first: UVec2,
