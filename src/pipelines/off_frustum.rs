@@ -21,7 +21,11 @@ pub struct Frustum<'a> {
 impl<'a> Frustum<'a> {
     /// `times` is the scene's size, in times of scene tank.
     pub fn new(tracer: &'a Tracer, view: &View, times: f64) -> Self {
-        Self { tracer, view_projection: view.camera.view_projection(view.aspect()), beyond_m: BEYOND_M * times }
+        Self {
+            tracer,
+            view_projection: view.camera.view_projection(view.aspect()),
+            beyond_m: BEYOND_M * times,
+        }
     }
 
     pub fn holds(&self, place: DVec3) -> bool {

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3, DVec4, UVec2, Vec4Swizzles};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::screen_tracing::{self, Composition, LayeredDepth, ROWS};
+use super::screen_tracing::{self, Composition, LayeredDepth, MOST_TILES, ROWS};
 use super::settings::{self, VIEWPORT};
 use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
 use super::{even_step, named, objects_of, share};
@@ -23,8 +23,10 @@ use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
 use fathom_stages::refraction::trace;
 use fathom_stages::refraction::two_interface;
-use fathom_stages::screen_ray::{HitTest, Layers, Rays, Surface, WalkUniforms, Walking, walk_uniforms};
-use fathom_stages::transfer::sight::{self, SightUniforms};
+use fathom_stages::screen_ray::{
+    HitTest, Layers, Rays, SightUniforms, Surface, WalkUniforms, Walking, walk_uniforms,
+};
+use fathom_stages::transfer::sight;
 use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{ldi, refraction, scene};
 
@@ -83,9 +85,10 @@ impl Parameters for Params {
                 "refraction.count = {count} needs as many layers: ldi.layers is {layers}"
             )));
         }
-        if self.refraction.by_lines() {
-            let rays = self.view.width.saturating_mul(self.view.height);
-            screen_tracing::fit_tiles(rays, ROWS, 1, VIEWPORT)?;
+        let tiles = self.view.width.saturating_mul(self.view.height).div_ceil(ROWS);
+        if self.refraction.by_lines() && u64::from(tiles) > MOST_TILES {
+            let most = MOST_TILES * u64::from(ROWS);
+            return Err(ParamError::Unfit(format!("{VIEWPORT}: at most {most} pixels have lines")));
         }
         if self.refraction.by_lines() && count != 2 {
             return Err(ParamError::Unfit(format!(

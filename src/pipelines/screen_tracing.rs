@@ -79,7 +79,7 @@ settings! {
 pub(super) const ROWS: u32 = 8192;
 
 /// Most tiles: each is two passes of a frame, of which 2,048 are timed.
-const MOST_TILES: u64 = 1024;
+pub(super) const MOST_TILES: u64 = 1024;
 
 impl RaySettings {
     /// For photons of so many ways.
@@ -102,22 +102,14 @@ impl RaySettings {
     /// One line that names the parameters.
     pub fn fits(&self, rays: u32, ways: u32, sizes: &str) -> Result<(), ParamError> {
         let rows = if self.rows == 0 { ROWS } else { self.rows };
-        match self.method {
-            Method::Lines => fit_tiles(rays, rows, ways, &format!("{sizes} and rays.rows")),
-            Method::March => Ok(()),
+        let tiles = u64::from(rays.div_ceil(rows)) * u64::from(ways);
+        if self.method == Method::Lines && tiles > MOST_TILES {
+            return Err(ParamError::Unfit(format!(
+                "{sizes} and rays.rows give {tiles} tiles of rays: at most {MOST_TILES} are drawn"
+            )));
         }
+        Ok(())
     }
-}
-
-/// Refuses more tiles of so many rows than a frame can time.
-pub(super) fn fit_tiles(rays: u32, rows: u32, ways: u32, sizes: &str) -> Result<(), ParamError> {
-    let tiles = u64::from(rays.div_ceil(rows)) * u64::from(ways);
-    if tiles > MOST_TILES {
-        return Err(ParamError::Unfit(format!(
-            "{sizes} give {tiles} tiles of rays: at most {MOST_TILES} are drawn"
-        )));
-    }
-    Ok(())
 }
 
 /// Pushes the stages that find where photons enter the water: the light's depth, of `shadow_px` texels a side, the mask of the water, drawn

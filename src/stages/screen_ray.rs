@@ -1,7 +1,7 @@
 //! Photon rays in the camera's screen space: what the stages `rays/*` share. Krüger, Bürger and Westermann (SPT) §2.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec2, Vec3};
+use glam::{UVec2, Vec2, Vec3};
 
 use super::kit::Resource;
 use super::photon::{Photon, Photons};
@@ -157,6 +157,15 @@ shader_struct! {
         pub least: u32,
         pub most: u32,
         pub rows: u32,
+    }
+}
+
+shader_struct! {
+    /// `Sight` in `shaders/transfer/sight.wgsl`.
+    pub struct SightUniforms {
+        pub size_px: Vec2,
+        pub first: UVec2,
+        pub count: UVec2,
     }
 }
 

@@ -90,7 +90,8 @@ impl Setup {
         test: HitTest,
         ways: u32,
     ) -> Result<Vec<StoredPhoton>> {
-        let settings = RaySettings { method, test, tolerance_m: TOLERANCE_M, start_m: 0.0, least_px: 8, rows };
+        let settings =
+            RaySettings { method, test, tolerance_m: TOLERANCE_M, start_m: 0.0, least_px: 8, rows };
         let walking = settings.walking(rig.gpu, ways);
         let rays = Rays {
             transfers: &self.transfers,

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use crate::prelude::*;
+use fathom_pipelines::refraction::by_lines;
 use fathom_reference::specular::{Ray, Surfaces};
 use fathom_scene::generators;
-use fathom_pipelines::refraction::by_lines;
 use fathom_stages::kit::Resources;
 use fathom_stages::refraction::trace;
 use fathom_stages::refraction::two_interface;

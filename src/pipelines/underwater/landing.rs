@@ -18,8 +18,8 @@ const MOST_PHOTONS: usize = 10_000;
 
 impl Underwater {
     /// Errors of the last frame's photons, of both grids: `caustics_photon_error_median_m`, `…_photon_error_p99_m`,
-    /// `…_photon_miss_rate`, `…_photon_false_hit_rate` and `…_unconverged_rate`, `godrays_…` likewise; the quantities
-    /// `…_photon_kept_out_rate` and `…_photon_leak_rate` as pipeline `photon_tracing` has them. Of large grids an even selection is compared.
+    /// `…_photon_miss_rate`, `…_photon_false_hit_rate` and `…_unconverged_rate`, `godrays_…` likewise; the quantity
+    /// `…_photon_leak_rate` as pipeline `photon_tracing` has it. Of large grids an even selection is compared.
     pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let frame = self.view.light_frame();
         let tracer = Tracer::new(&scene.objects);
@@ -36,14 +36,13 @@ impl Underwater {
             let judged: Vec<StoredPhoton> = photons.into_iter().step_by(step).collect();
             let landings = land_all(&frame, &self.view.water, &tracer, grid, step);
             let found = photon_errors(&judged, &landings);
-            let exact = judged.iter().zip(&landings).filter_map(|(p, exact)| Some((p, exact.landed()?)));
-            let all = exact.clone().count();
-            let kept_out: Vec<_> =
-                exact.filter(|(_, exact)| frustum.is_kept_out(&exact.hit, exact.direction)).collect();
-            let leaks = kept_out.iter().map(|(p, exact)| frustum.leaks(p, exact.hit.position));
-            let leaked = leaks.filter(|leaks| *leaks).count();
-            let shares = [("leak", share(leaked, kept_out.len())), ("kept_out", share(kept_out.len(), all))];
-            quantities.extend(shares.map(|(of, value)| (format!("{name}_photon_{of}_rate"), value)));
+            let exact = landings.iter().map(|exact| exact.landed());
+            let pairs = judged.iter().zip(exact).filter_map(|(p, exact)| Some((p, exact?)));
+            let kept_out = pairs.filter(|(_, at)| frustum.is_kept_out(&at.hit, at.direction));
+            let leaks: Vec<bool> =
+                kept_out.map(|(p, at)| frustum.leaks(p, at.hit.position)).collect();
+            let leaked = leaks.iter().filter(|leaks| **leaks).count();
+            quantities.insert(format!("{name}_photon_leak_rate"), share(leaked, leaks.len()));
             let figures = [
                 ("photon_error_median_m", found.median_m, "m"),
                 ("photon_error_p99_m", found.p99_m, "m"),

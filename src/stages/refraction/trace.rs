@@ -5,8 +5,7 @@ use glam::UVec2;
 use super::{Exits, FORMAT};
 use crate::photon::Photons;
 use crate::prelude::*;
-use crate::screen_ray::{Layers, WalkUniforms, walk_turns};
-use crate::transfer::sight::SightUniforms;
+use crate::screen_ray::{Layers, SightUniforms, WalkUniforms, walk_turns};
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/trace",

@@ -1,9 +1,7 @@
 //! `transfer/sight`: lines of sight behind the first surface of glass. SPT §4.
 
-use glam::{UVec2, Vec2};
-
 use crate::prelude::*;
-use crate::screen_ray::{Layers, Transfer, Transfers};
+use crate::screen_ray::{Layers, SightUniforms, Transfer, Transfers};
 
 pub const INFO: StageInfo = StageInfo {
     name: "transfer/sight",
@@ -13,15 +11,6 @@ pub const INFO: StageInfo = StageInfo {
 
 /// Sides of a workgroup, as in the shader.
 const WORKGROUP: u32 = 8;
-
-shader_struct! {
-    /// `Sight` in `shaders/transfer/sight.wgsl`.
-    pub struct SightUniforms {
-        pub size_px: Vec2,
-        pub first: UVec2,
-        pub count: UVec2,
-    }
-}
 
 /// Through a rectangle of pixels, a ray each; with them the layers that a ray is held against: the first two in one.
 pub fn new(
