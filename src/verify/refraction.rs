@@ -10,6 +10,7 @@ use fathom_stages::kit::Resources;
 use fathom_stages::refraction::trace;
 use fathom_stages::refraction::two_interface;
 use fathom_stages::refraction::{Exits, compose, surface};
+use fathom_stages::transfer::sight;
 
 const SIZE: [u32; 2] = [240, 180];
 const INDEX: f64 = 1.4;
@@ -30,7 +31,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(trace::INFO.name, "a sphere, off-centre", |rig| {
             sphere(rig, (Surface::Plane, LEAST), [2e-3, 0.2])
         }),
-        Case::new(trace::INFO.name, "a sphere by lines", |rig| {
+        Case::new(sight::INFO.name, "a sphere by lines", |rig| {
             sphere(rig, (Surface::Depth, 64), [0.03, 2.0])
         }),
         Case::new(trace::INFO.name, "a sphere by lines against all layers", |rig| {
