@@ -1,5 +1,7 @@
-// defs: CONSERVING=0, OCCLUSION=0, WATER=0
+// defs: ADDED=0, CONSERVING=0, OCCLUSION=0, WATER=0
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
+// ADDED 1: caustics are added as they are in their buffer, as a white surface next to the camera would show them. UW §3.3 counts no
+// attenuation to the viewer, which it finds "intrinsically handled via the point size regulation".
 #import fathom::uniforms::{frame, view_depth_m, world_at}
 #import fathom::screen
 #import fathom::shading
@@ -140,9 +142,18 @@ fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
 fn scene_radiance(uv: vec2<f32>, texel: vec2<i32>, position_m: vec3<f32>) -> vec3<f32> {
     let normal = textureLoad(normals, texel, 0).xyz;
     let color = textureLoad(albedo, texel, 0).xyz;
-    let caustic = caustic_irradiance(uv, position_m, normal) * shading::WATER_TINT;
     let ambient = shading::ambient(-position_m.y, normal) * openness(uv, position_m, normal);
+#if ADDED == 1
+    let caustic = vec3(0.0);
+#else
+    let caustic = caustic_irradiance(uv, position_m, normal) * shading::WATER_TINT;
+#endif
     return shading::lambert(color, caustic + ambient + shading::direct(position_m, normal));
+}
+
+// What caustics add to the picture's radiance.
+fn added_caustics(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> vec3<f32> {
+    return shading::lambert(vec3(1.0), caustic_irradiance(uv, position_m, normal) * shading::WATER_TINT);
 }
 
 fn display(radiance: vec3<f32>) -> vec4<f32> {
@@ -171,7 +182,10 @@ fn screen_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32
         }
         return display(shading::sky(direction));
     }
-    let radiance = shading::fog(scene_radiance(uv, texel, p), shading::water_path_m(p));
+    var radiance = shading::fog(scene_radiance(uv, texel, p), shading::water_path_m(p));
+#if ADDED == 1
+    radiance += added_caustics(uv, p, textureLoad(normals, texel, 0).xyz);
+#endif
     return display(radiance + shafts(uv));
 }
 
@@ -209,11 +223,15 @@ fn refracted(uv: vec2<f32>, direction: vec3<f32>) -> vec3<f32> {
     let texel = clamp(vec2<i32>(uv * settings.size_px), vec2(0), last);
     let p = world_at(uv, textureLoad(depth, texel, 0));
     let normal = textureLoad(normals, texel, 0).xyz;
+    let behind = shading::fog(vec3(0.0), frame.z_far_m);
+#if ADDED == 1
+    return mix(behind, seen.xyz, seen.w) + added_caustics(uv, p, normal);
+#else
     let caustic = caustic_irradiance(uv, p, normal) * shading::WATER_TINT;
     let lit = shading::lambert(textureLoad(albedo, texel, 0).xyz, caustic);
     let through = exp(-frame.attenuation_per_m * shading::water_path_m(p));
-    let behind = shading::fog(vec3(0.0), frame.z_far_m);
     return mix(behind, seen.xyz, seen.w) + lit * through;
+#endif
 }
 
 @fragment

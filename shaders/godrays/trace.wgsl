@@ -1,30 +1,8 @@
 // defs: SIDE=2, WATER=0
-// One invocation a grid cell; the cell's SIDE² photons follow in a loop. SIDE = 0 takes the bound from the settings
-// (UW §4.1, dynamic tessellation).
-#import fathom::estimator::{Trace, place, trace}
-#import fathom::photon::{Photon}
-
-@group(1) @binding(0) var<uniform> settings: Trace;
-@group(1) @binding(1) var shadow_depth: texture_depth_2d;
-@group(1) @binding(2) var shadow_mask: texture_2d<f32>;
-@group(1) @binding(3) var<storage, read_write> photons: array<Photon>;
-@group(1) @binding(4) var texels: sampler;
+// One invocation a cell of the photon grid: UW §3.4.
+#import fathom::tracing::{trace_cell}
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) cell: vec3<u32>) {
-    if any(cell.xy >= vec2(settings.grid)) {
-        return;
-    }
-#if SIDE == 0
-    let side = settings.side;
-#else
-    let side = #{SIDE}u;
-#endif
-    let first = (cell.y * settings.grid + cell.x) * side * side;
-    for (var y = 0u; y < side; y++) {
-        for (var x = 0u; x < side; x++) {
-            let ndc = place(settings, cell.xy, vec2(x, y), side);
-            photons[first + y * side + x] = trace(settings, shadow_depth, texels, shadow_mask, ndc);
-        }
-    }
+    trace_cell(cell.xy);
 }

@@ -1,29 +1,35 @@
-// defs: SURFACE=1, TEST=1, WATER=0
-// Lines of sight through glass, refracted several times: SPT §4. "Along any ray the n-th intersection point with the refracting object
-// is found in the (n + 1)-th depth layer." A ray is walked pixel by pixel until it is behind the next layer or before the current one.
+// defs: ENDS=0, TEST=1, WATER=0
+// Lines of sight through glass, refracted several times: SPT §4.
 //
-// Defs: SURFACE 0 compares depths texel by texel, as the paper does. SURFACE 1 takes the surfaces of all layers as planes, each by itself,
-// and of those that the ray passes the nearest: solids that are not convex are not met in the order of the layers. It is exact but where a
-// ray leaves through a face that no pixel's middle shows, or where faces meet whose texels show others: with solids 30 pixels wide up to 1 %
-// of the exits, none of index 1.
-#import fathom::uniforms::{frame, view_depth_m, world_at}
-#import fathom::layers::{NO_SURFACE, surface_at}
+// Defs: ENDS 1 takes the ends of lines that others have drawn, as in the paper. ENDS 0 walks each ray pixel by pixel: the surfaces of all
+// layers are planes, each by itself, and of those that it passes it takes the nearest, since solids that are not convex are not met in the
+// order of the layers. It is exact but where a ray leaves through a face that no pixel's middle shows, or where faces meet whose texels show
+// others: with solids 30 pixels wide up to 1 % of the exits, none of index 1.
+#import fathom::uniforms::{frame, world_at}
+#import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
+#import fathom::photon::{Photon}
 #import fathom::refraction::{Exit, NO_EXIT}
 #import fathom::screen
-#import fathom::screen_ray::{Segment, Walk, distance_at, place_px, segment, share_at, smoothed}
+#import fathom::screen_ray::{Segment, Walk, distance_at, place_px, segment, smoothed}
 #import fathom::surface_texel::{Surface}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
 
 struct Trace {
     // Surfaces that refract a ray.
     refractions: u32,
+    // ENDS 1: the rectangle of pixels that have lines.
+    first: vec2<u32>,
+    count: vec2<u32>,
 }
 
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<uniform> settings: Trace;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
 @group(1) @binding(3) var surfaces: texture_2d_array<u32>;
+#if ENDS == 1
+@group(1) @binding(4) var<storage, read> ends: array<Photon>;
+#endif
 
 // Where a ray ends that has started on a surface.
 struct End {
@@ -40,59 +46,17 @@ fn texel_in(place: vec2<f32>) -> vec2<i32> {
     return vec2<i32>(clamp(floor(place), vec2(0.0), walk.size_px - 1.0));
 }
 
-#if SURFACE == 0
-// A ray against the layers between which it runs, at a texel.
-struct Against {
-    // How far it is beyond them, more than 0 where it is out. At a texel without the layers, FAR.
-    beyond_m: f32,
-    // The one that it is nearer to. Its surface is looked up where the ray ends alone: comparing depths needs none.
-    layer: u32,
-    texel: vec2<i32>,
-}
-
-const FAR: f32 = 1e30;
-
-fn against(view_m: f32, texel: vec2<i32>, next: u32) -> Against {
-    let z = textureLoad(depths, texel, next - 1u, 0).x;
-    let z_next = textureLoad(depths, texel, next, 0).x;
-    if z >= 1.0 || z_next >= 1.0 {
-        return Against(FAR, next, texel);
-    }
-    let before_m = view_depth_m(z) - view_m;
-    let behind_m = view_m - view_depth_m(z_next);
-    if before_m > behind_m {
-        return Against(before_m, next - 1u, texel);
-    }
-    return Against(behind_m, next, texel);
-}
-
-// Of a ray that has started on layer `next` − 1.
-fn end_of(ray: Transfer, next: u32, inside: bool) -> End {
-    let seg = segment(walk, ray);
-    let start = place_px(walk, seg.near);
-    let end = place_px(walk, seg.far);
-    var at_m = 0.0;
-    var found = against(seg.near.w, texel_in(start), next);
-    for (var number = 0.0; number < seg.steps; number += 1.0) {
-        let middle = (number + 0.5) / seg.steps;
-        let here_m = distance_at(seg, middle);
-        let here = against(mix(seg.near.w, seg.far.w, share_at(seg, middle)), texel_in(mix(start, end, middle)), next);
-        if here.beyond_m >= FAR {
-            // It has come out beside the object: at the silhouette.
-            break;
-        }
-        let is_out = here.beyond_m > 0.0 && number > 0.0;
-        let before_m = min(found.beyond_m, 0.0);
-        at_m = select(here_m, mix(at_m, here_m, before_m / (before_m - here.beyond_m)), is_out);
-        found = here;
-        if is_out {
-            break;
-        }
-    }
-    if found.beyond_m >= FAR {
+#if ENDS == 1
+// "The normal at this point is fetched from the depth image."
+fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
+    let at = pixel - settings.first;
+    let end = ends[at.x + at.y * settings.count.x];
+    if end.residual_m < 0.0 {
         return NOWHERE;
     }
-    return End(at_m, surface_at(surfaces, found.texel, found.layer), vec3(0.0));
+    let clip = frame.camera_view_projection * vec4(end.hit_m, 1.0);
+    let surface = surface_near(depths, surfaces, walk.layers, texel_in(place_px(walk, clip)), clip.w);
+    return End(end.distance_m, surface, vec3(0.0));
 }
 #else
 // Where a ray passes the plane of a layer; nowhere where it cannot, from within glass or from outside.
@@ -176,7 +140,7 @@ const EXACT_PX: f32 = 0.01;
 
 // Of the surfaces around an end that meet there, the one that the ray passes: where they form a ridge the first, where a groove the last,
 // and the other way round from outside.
-fn end_of(ray: Transfer, next: u32, inside: bool) -> End {
+fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
     var best = roughly(ray, inside);
     let end_px = px_at(ray.position_m + best.at_m * ray.direction);
     if best.at_m >= NO_HIT || distance(end_px, px_at(best.place_m)) < EXACT_PX {
@@ -199,7 +163,6 @@ fn end_of(ray: Transfer, next: u32, inside: bool) -> End {
     }
     return best;
 }
-
 #endif
 
 @vertex
@@ -222,13 +185,13 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> Exit {
     var inside = dot(ray.direction, surface.geometric_normal) > 0.0;
     for (var number = 0u; number < settings.refractions; number++) {
         if number > 0u {
-            let end = end_of(ray, number, inside);
+            let end = end_of(ray, inside, vec2<u32>(texel));
             if end.at_m >= NO_HIT {
                 break;
             }
             ray.position_m += end.at_m * ray.direction;
             surface = end.surface;
-#if SURFACE == 1
+#if ENDS == 0
             surface.shading_normal = smoothed(walk, depths, surfaces, ray.position_m, surface);
 #endif
         }

@@ -1,5 +1,5 @@
 // What becomes of light at a surface: a number beside each normal of the layers. Host twin: `optics` in src/stages/geometry.rs.
-// 1: it ends there. −1: it is reflected. 2 and more: glass, of the refractive index that is 1 less.
+// 1: it ends there. 1.5: the same, on a receiver of shadows. −1: it is reflected. 2 and more: glass, of the refractive index that is 1 less.
 #define_import_path fathom::optics
 
 // Whether light goes on from there.
@@ -13,6 +13,10 @@ fn is_mirror(optics: f32) -> bool {
 
 fn is_glass(optics: f32) -> bool {
     return optics >= 2.0;
+}
+
+fn is_receiver(optics: f32) -> bool {
+    return optics == 1.5;
 }
 
 fn refractive_index(optics: f32) -> f32 {

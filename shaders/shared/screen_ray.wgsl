@@ -5,7 +5,8 @@
 // rasterized. At each step it is held against all layers at its pixel.
 //
 // Defs: TEST 0 takes the paper's tolerance, TEST 1 asks whether the ray passes through a layer's tangent plane, TEST 2 takes the
-// tolerance and asks in addition whether the ray is inside a closed object, between two consecutive layers: SPT §5.
+// tolerance and asks in addition whether the ray is inside a closed object, between two consecutive layers: SPT §5. TEST 3 and 4 are of rays
+// that have entered glass: SPT §4. TEST 3 holds them against the depths of two layers, of one texel, and TEST 4 against all layers.
 #define_import_path fathom::screen_ray
 
 #import fathom::uniforms::{frame, world_at, view_depth_m}
@@ -212,6 +213,22 @@ fn continues(
     return before.is_shown || before.may_be_hidden;
 }
 
+#if TEST > 2
+// Whether a place is in glass.
+fn is_inside(walk: Walk, depths: texture_2d_array<f32>, texel: vec2<i32>, view_m: f32) -> bool {
+#if TEST == 3
+    let pair = textureLoad(depths, texel, 0, 0).xy;
+    return view_m >= view_depth_m(pair.x) && view_m <= view_depth_m(pair.y);
+#else
+    var before = 0u;
+    for (var layer = 0u; layer < walk.layers; layer++) {
+        before += select(0u, 1u, view_depth_m(textureLoad(depths, texel, layer, 0).x) < view_m);
+    }
+    return (before & 1u) == 1u;
+#endif
+}
+#endif
+
 // The surface that step `number` hits.
 fn hit(
     walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
@@ -221,6 +238,13 @@ fn hit(
     let way_px = place_px(walk, seg.far) - start_px;
     let place = start_px + middle * way_px;
     let texel = texel_at(walk, place);
+#if TEST > 2
+    // "The point in the interior of the object is considered the exit point": that of the step before.
+    if number == 0.0 || is_inside(walk, depths, texel, mix(seg.near.w, seg.far.w, share_at(seg, middle))) {
+        return NONE_HIT;
+    }
+    return Hit(distance_at(seg, (number - 0.5) / seg.steps), NO_SURFACE);
+#else
 #if TEST != 1
     let share = share_at(seg, middle);
     let at_m = mix(seg.from_m, seg.to_m, share);
@@ -288,6 +312,7 @@ fn hit(
         }
     }
     return first;
+#endif
 #endif
 }
 

@@ -4,6 +4,7 @@ pub mod caustics_image;
 pub mod hsao;
 mod lighting;
 pub mod occlusion;
+mod off_frustum;
 pub mod photon_tracing;
 pub mod planar;
 pub mod refraction;

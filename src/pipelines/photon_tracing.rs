@@ -18,7 +18,7 @@ use fathom_stages::photon::Photons;
 use fathom_stages::refraction::surface::{self, Dry};
 use fathom_stages::scene;
 use fathom_stages::screen_picture::Shafts;
-use fathom_stages::screen_ray::{Rays, WalkUniforms, walk_uniforms};
+use fathom_stages::screen_ray::{Layers, Rays, WalkUniforms, walk_uniforms};
 use fathom_stages::shafts::blur;
 use fathom_stages::shafts::lines;
 use fathom_stages::sprites::compose::{self, Composed};
@@ -34,6 +34,7 @@ pub struct PhotonTracing {
     params: Params,
     pub view: View,
     pub photons: Photons,
+    layers: Layers,
     /// W/m² on what each pixel shows.
     irradiance: wgpu::Texture,
     image: wgpu::Texture,
@@ -99,7 +100,7 @@ impl Pipeline for PhotonTracing {
         } else {
             compose(&Composed::Picture { shafts: light.0, exposure: light.1 })?
         };
-        Ok(Self { params: params.clone(), view, photons, irradiance, image })
+        Ok(Self { params: params.clone(), view, photons, layers, irradiance, image })
     }
 }
 

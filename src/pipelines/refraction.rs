@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3, DVec4, UVec2, Vec4Swizzles};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::screen_tracing::{Composition, LayeredDepth};
+use super::screen_tracing::{self, Composition, LayeredDepth, MOST_TILES, ROWS};
 use super::settings::{self, VIEWPORT};
 use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
 use super::{even_step, named, objects_of, share};
@@ -21,9 +21,12 @@ use fathom_scene::{Bounds, Camera, Light, Object, Scene, SceneFile};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::{Buffer, Resources};
 use fathom_stages::refraction::Exits;
-use fathom_stages::refraction::trace::{self, Surface};
+use fathom_stages::refraction::trace;
 use fathom_stages::refraction::two_interface;
-use fathom_stages::screen_ray::{WalkUniforms, walk_uniforms};
+use fathom_stages::screen_ray::{
+    HitTest, Layers, Rays, SightUniforms, Surface, WalkUniforms, Walking, walk_uniforms,
+};
+use fathom_stages::transfer::sight;
 use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{ldi, refraction, scene};
 
@@ -65,6 +68,12 @@ settings! {
     }
 }
 
+impl Refraction {
+    fn by_lines(&self) -> bool {
+        self.method == Method::Trace && self.surface != Surface::Plane
+    }
+}
+
 /// At most about this many pixels are compared with the reference.
 const MOST_PIXELS: usize = 20_000;
 
@@ -74,6 +83,16 @@ impl Parameters for Params {
         if self.refraction.method == Method::Trace && count > layers {
             return Err(ParamError::Unfit(format!(
                 "refraction.count = {count} needs as many layers: ldi.layers is {layers}"
+            )));
+        }
+        let tiles = self.view.width.saturating_mul(self.view.height).div_ceil(ROWS);
+        if self.refraction.by_lines() && u64::from(tiles) > MOST_TILES {
+            let most = MOST_TILES * u64::from(ROWS);
+            return Err(ParamError::Unfit(format!("{VIEWPORT}: at most {most} pixels have lines")));
+        }
+        if self.refraction.by_lines() && count != 2 {
+            return Err(ParamError::Unfit(format!(
+                "refraction.count = {count}: refraction.surface depth and all_depths refract twice"
             )));
         }
         Ok(())
@@ -110,7 +129,7 @@ impl Pipeline for ScreenRefraction {
         let of_view = &resources.sized_by(VIEWPORT);
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let exits = match params.refraction.method {
-            Method::Trace => traced(resources, shared, (scene, geometry), size_px, params)?,
+            Method::Trace => traced(resources, &view, shared, (scene, geometry), params)?,
             Method::TwoInterface => {
                 let thickness_m = thickness(resources, scene);
                 let stage = two_interface::new(of_view, shared, geometry, size_px, &thickness_m)?;
@@ -165,20 +184,70 @@ fn opaque_bounds(scene: &Scene) -> Option<Bounds> {
 /// Pushes the stages that trace lines of sight through layers.
 fn traced(
     resources: &Resources<'_>,
+    view: &View,
     shared: &Shared,
     (scene, geometry): (&Scene, &Geometry),
-    size_px: [u32; 2],
     params: &Params,
 ) -> Result<Exits, GpuError> {
     let of_layers = &resources.sized_by("view × ldi.layers");
-    let glass = (geometry, Part::Glass);
+    let (glass, size_px) = ((geometry, Part::Glass), view.size_px.to_array());
     let peel = ldi::peel::new(of_layers, shared, glass, size_px, params.ldi.layers)?;
     let layers = of_layers.push(peel);
-    let walk: WalkUniforms =
-        walk_uniforms(&layers, scene.solid_bounds(), params.refraction.least_px);
     let of_view = &resources.sized_by(VIEWPORT);
-    let method = (params.refraction.count, params.refraction.surface);
-    Ok(of_view.push(trace::new(of_view, shared, &layers, &walk, method)?))
+    let Refraction { count, surface, least_px, .. } = params.refraction;
+    let bounds = scene.solid_bounds();
+    if params.refraction.by_lines() {
+        return by_lines(of_view, (view, shared), &layers, bounds, (surface, least_px));
+    }
+    let walk: WalkUniforms = walk_uniforms(&layers, bounds, least_px);
+    Ok(of_view.push(trace::new(of_view, shared, &layers, &walk, (count, None))?))
+}
+
+/// Pushes the stages that trace lines of sight through glass as lines of pixels, refracted twice: SPT §4. They are held against the first
+/// two layers, or against all.
+pub fn by_lines(
+    of_view: &Resources<'_>,
+    (view, shared): (&View, &Shared),
+    layers: &Layers,
+    bounds: Bounds,
+    (surface, least_px): (Surface, u32),
+) -> Result<Exits, GpuError> {
+    let size_px = view.size_px.as_vec2();
+    let (first, end) = shown_px(view, bounds);
+    let sight = SightUniforms { size_px, first, count: end - first };
+    let (transfers, pairs) = of_view.push(sight::new(of_view, shared, layers, &sight)?);
+    let walking = Walking {
+        test: HitTest::Crossing,
+        in_glass: Some(surface),
+        tolerance_m: 0.0,
+        start_m: 0.0,
+        least: least_px,
+        rows: ROWS.min(of_view.gpu.limits.max_texture_dimension_2d),
+        ways: 1,
+        within_px: Some(sight.count.to_array()),
+    };
+    let held = if surface == Surface::AllDepths { layers } else { &pairs };
+    let traced = Rays { transfers: &transfers, layers: held, bounds, walking };
+    let ends = screen_tracing::trace(of_view, shared, &traced, screen_tracing::Method::Lines)?;
+    let walk = walk_uniforms(layers, bounds, least_px);
+    let lines = Some(trace::Lines { sight: &sight, ends: &ends });
+    Ok(of_view.push(trace::new(of_view, shared, layers, &walk, (2, lines))?))
+}
+
+/// The rectangle of pixels that holds what lies in a box: its first, and the one behind its last.
+fn shown_px(view: &View, bounds: Bounds) -> (UVec2, UVec2) {
+    let matrix = view.camera.view_projection(view.aspect());
+    let size = view.size_px.as_dvec2();
+    let corners: Vec<DVec4> = bounds.corners().map(|p| matrix * p.extend(1.0)).to_vec();
+    if corners.iter().any(|clip| clip.w <= view.camera.z_near_m) {
+        return (UVec2::ZERO, view.size_px);
+    }
+    let place = |clip: &DVec4| (clip.xy() / clip.w * DVec2::new(0.5, -0.5) + 0.5) * size;
+    let places = || corners.iter().map(place);
+    let low = places().fold(size, DVec2::min).floor() - 1.0;
+    let high = places().fold(DVec2::ZERO, DVec2::max).ceil() + 1.0;
+    let first = low.clamp(DVec2::ZERO, size - 1.0).as_uvec2();
+    (first, high.clamp(DVec2::ZERO, size).as_uvec2().max(first + 1))
 }
 
 /// Way through the glass from each vertex against its normal, up to the nearest surface; 0 where there is none. Wyman's d_N, stored once.

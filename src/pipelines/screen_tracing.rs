@@ -63,8 +63,9 @@ settings! {
         /// What counts as a hit. `tolerance` is the paper's, and loses rays whose depth changes by more than twice the tolerance
         /// from pixel to pixel.
         test: HitTest = HitTest::Crossing;
-        /// Distance that counts as a hit with the test `tolerance`. SPT §5: 0.01, of an unknown unit. A share of the scene, 1 cm in scene tank.
-        tolerance_m: f64 = 0.01 * file.times_tank() => 1e-6 ..= 1e3, "m";
+        /// Distance that counts as a hit with the test `tolerance`. SPT §5: 0.01, of an unknown unit. Read as a share of the scene's view depth,
+        /// its camera's far plane: `spt-tolerance` and `spt-shadows` have the reading as metres beside it.
+        tolerance_m: f64 = 0.01 * file.camera.z_far_m => 1e-6 ..= 1e3, "m";
         /// Nothing is hit nearer to a ray's start than this.
         start_m: f64 = 0.0 => 0.0 ..= 1e3, "m";
         /// Fewest pixels of a ray's line. SPT §2.1 enforces a minimum and does not give it.
@@ -75,10 +76,10 @@ settings! {
 }
 
 /// Most rows by default: 8192 × 801 texels are 25 MiB.
-const ROWS: u32 = 8192;
+pub(super) const ROWS: u32 = 8192;
 
 /// Most tiles: each is two passes of a frame, of which 2,048 are timed.
-const MOST_TILES: u64 = 1024;
+pub(super) const MOST_TILES: u64 = 1024;
 
 impl RaySettings {
     /// For photons of so many ways.
@@ -86,11 +87,13 @@ impl RaySettings {
         let most_rows = gpu.limits.max_texture_dimension_2d;
         Walking {
             test: self.test,
+            in_glass: None,
             tolerance_m: self.tolerance_m,
             start_m: self.start_m,
             least: self.least_px,
             rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
             ways,
+            within_px: None,
         }
     }
     /// Refuses more tiles than a frame can time; `sizes` names what gives the number of rays.

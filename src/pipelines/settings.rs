@@ -243,6 +243,7 @@ pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> unifo
         size_px: UVec2::new(view.width, view.height),
         edge_m: 0.0,
         photon_reach: DVec2::ZERO,
+        photons_fitted: true,
     }
 }
 

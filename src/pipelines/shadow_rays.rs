@@ -31,11 +31,13 @@ settings! {
         ldi: LayeredDepth = LayeredDepth::default();
         rays: RaySettings =
             RaySettings { start_m: START_M * file.times_tank(), ..RaySettings::from(file) };
+        /// Whether rays start only on materials that are a `receiver`, as in SPT §5; else on all that faces the light.
+        receivers_only: bool = false;
         compose: Composition = Composition::default();
     }
 }
 
-/// Rays start on surfaces. Within this distance surfaces do not hide themselves, metres in scene tank: three times the tolerance.
+/// Rays start on surfaces. Within this distance surfaces do not hide themselves, metres in scene tank.
 const START_M: f64 = 0.03;
 /// At most about this many pixels are compared with the reference.
 const MOST_PIXELS: usize = 40_000;
@@ -74,7 +76,8 @@ impl Pipeline for ShadowRays {
         let opaque = (geometry, Part::Opaque);
         let peel = ldi::peel::new(of_layers, shared, opaque, size_px, params.ldi.layers)?;
         let layers = of_layers.push(peel);
-        let starts = of_view.push(transfer::shadow::new(of_view, shared, &layers)?);
+        let starts = transfer::shadow::new(of_view, shared, &layers, params.receivers_only)?;
+        let starts = of_view.push(starts);
         let traced = Rays {
             transfers: &starts,
             layers: &layers,

@@ -102,7 +102,8 @@ impl Pipeline for Underwater {
             refraction: &refraction,
         };
         let flux = params.caustics.intensity == Intensity::Conserving;
-        let compose = compose::new(of_view, shared, &composed, &plan.compose, flux)?;
+        let rules = (flux, params.compose.add_caustics);
+        let compose = compose::new(of_view, shared, &composed, &plan.compose, rules)?;
         let image = of_view.push(compose);
         Ok(Self { params: params.clone(), view, caustics, godrays, image, plan })
     }
@@ -223,6 +224,7 @@ pub fn view(params: &Params, scene: &Scene) -> View {
         size_px: UVec2::new(params.view.width, params.view.height),
         edge_m: params.shadow.edge_m,
         photon_reach: params.photon_reach(),
+        photons_fitted: params.photons_fitted,
     }
 }
 

@@ -100,6 +100,8 @@ settings! {
         specular: f32 = 0.0 => 0.0 ..= 1.0, "1";
         /// What becomes of photons and of lines of sight that meet it. SPT §2.3.
         optics: Optics = Optics::Diffuse;
+        /// Whether it is a receiver of shadows, on which SPT §5 starts rays to the light.
+        receiver: bool = false;
         /// Of glass, against air.
         refractive_index: f32 = 1.5 => 1.0 ..= 4.0, "1";
     }

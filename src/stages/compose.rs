@@ -35,17 +35,21 @@ pub struct Composed<'a> {
     pub refraction: &'a wgpu::Texture,
 }
 
-/// The stage leaves the picture.
+/// The stage leaves the picture. Caustics light what is seen, or are `added` as they are.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     composed: &Composed<'_>,
     settings: &ComposeUniforms,
-    conserving: bool,
+    (conserving, added): (bool, bool),
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let occlusion = i32::from(settings.occlusion_taps > 0);
-    let defs =
-        [("CONSERVING", i32::from(conserving)), ("OCCLUSION", occlusion), shared.water_def()];
+    let defs = [
+        ("ADDED", i32::from(added)),
+        ("CONSERVING", i32::from(conserving)),
+        ("OCCLUSION", occlusion),
+        shared.water_def(),
+    ];
     let uniforms = resources.loop_settings(INFO.name, settings);
     let sampler = resources.linear_sampler(INFO.name);
     let Composed { gbuffer, caustics, godrays, reflection, refraction } = *composed;

@@ -151,6 +151,7 @@ fn material(object: &Object) -> MaterialUniforms {
 /// As `shaders/shared/optics.wgsl` reads it.
 fn optics(material: &Material) -> f32 {
     match material.optics {
+        Optics::Diffuse if material.receiver => 1.5,
         Optics::Diffuse => 1.0,
         Optics::Mirror => -1.0,
         Optics::Glass => 1.0 + material.refractive_index,

@@ -79,6 +79,7 @@ pub const REGISTRY: &[StageInfo] = &[
     compose::INFO,
     transfer::map::INFO,
     transfer::shadow::INFO,
+    transfer::sight::INFO,
     ldi::peel::INFO,
     rays::rasterize::INFO,
     rays::reduce::INFO,

@@ -1,7 +1,7 @@
 //! Photon rays in the camera's screen space: what the stages `rays/*` share. Krüger, Bürger and Westermann (SPT) §2.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec2, Vec3};
+use glam::{UVec2, Vec2, Vec3};
 
 use super::kit::Resource;
 use super::photon::{Photon, Photons};
@@ -112,12 +112,26 @@ pub enum HitTest {
     Crossing,
 }
 
-fathom_base::choices!(HitTest);
+/// What a line of sight in glass is held against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Surface {
+    /// The depths of the layer that it starts on and of the next, by lines, a row of pixels each: SPT §4. Two refractions.
+    Depth,
+    /// The same, of all layers: what the paper saves.
+    AllDepths,
+    /// The tangent planes of the surfaces in the pixels that it passes, by an invocation each.
+    Plane,
+}
+
+fathom_base::choices!(HitTest, Surface);
 
 /// How rays are walked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Walking {
     pub test: HitTest,
+    /// Rays in glass, which end where they are out, in place of `test`: SPT §4.
+    pub in_glass: Option<Surface>,
     pub tolerance_m: f64,
     pub start_m: f64,
     /// Fewest steps of a ray: SPT §2.1 enforces a minimum and does not say which.
@@ -126,6 +140,8 @@ pub struct Walking {
     pub rows: u32,
     /// Ways of a photon: one, and one behind each mirror or surface of glass. SPT §2.3.
     pub ways: u32,
+    /// Pixels along each axis of the rectangle that holds the rays on the screen; none: all.
+    pub within_px: Option<[u32; 2]>,
 }
 
 shader_struct! {
@@ -141,6 +157,15 @@ shader_struct! {
         pub least: u32,
         pub most: u32,
         pub rows: u32,
+    }
+}
+
+shader_struct! {
+    /// `Sight` in `shaders/transfer/sight.wgsl`.
+    pub struct SightUniforms {
+        pub size_px: Vec2,
+        pub first: UVec2,
+        pub count: UVec2,
     }
 }
 
@@ -203,7 +228,8 @@ impl Rays<'_> {
 
     /// Most pixels that a ray covers along one axis of the screen.
     pub fn most(&self) -> u32 {
-        most_steps(self.layers.size_px(), self.walking.least)
+        let within_px = self.walking.within_px.unwrap_or(self.layers.size_px());
+        most_steps(within_px, self.walking.least)
     }
 
     pub fn uniforms(&self) -> WalkUniforms {
@@ -211,6 +237,7 @@ impl Rays<'_> {
             tolerance_m: self.walking.tolerance_m as f32,
             start_m: self.walking.start_m as f32,
             photons: self.transfers.count,
+            most: self.most(),
             rows: self.rows(),
             ..walk_uniforms(self.layers, self.bounds, self.walking.least)
         }
@@ -218,10 +245,12 @@ impl Rays<'_> {
 
     /// What shaders that walk rays are compiled with.
     pub fn defs(&self) -> [(&'static str, i32); 1] {
-        let test = match self.walking.test {
-            HitTest::Tolerance => 0,
-            HitTest::Crossing => 1,
-            HitTest::InOut => 2,
+        let test = match (self.walking.in_glass, self.walking.test) {
+            (None, HitTest::Tolerance) => 0,
+            (None, HitTest::Crossing) => 1,
+            (None, HitTest::InOut) => 2,
+            (Some(Surface::AllDepths), _) => 4,
+            (Some(_), _) => 3,
         };
         [("TEST", test)]
     }

@@ -83,6 +83,7 @@ mod tests {
         ("shadow/compose", "none"),
         ("shafts/lines", "none"),
         ("transfer/shadow", "none"),
+        ("transfer/sight", "none"),
     ];
 
     fn loops(block: &Block) -> bool {

@@ -67,6 +67,8 @@ pub struct View {
     pub edge_m: f64,
     /// Share of the picture, to the right and upwards, from beyond which photons still reach into it: what is drawn of each is that large.
     pub photon_reach: DVec2,
+    /// Whether photons start only where they can land in view; else in all of the light's frustum.
+    pub photons_fitted: bool,
 }
 
 impl View {
@@ -79,7 +81,11 @@ impl View {
         let mut camera = self.camera.clone();
         camera.fov_y_deg = 2.0 * (self.half_height() * wider.y).atan().to_degrees();
         let aspect = self.aspect() * wider.x / wider.y;
-        self.light.photon_frame(&camera, aspect, &self.bounds, &self.water)
+        if self.photons_fitted {
+            self.light.photon_frame(&camera, aspect, &self.bounds, &self.water)
+        } else {
+            self.light.frame(&camera, aspect, &self.bounds, &self.water)
+        }
     }
 
     /// Half the height of the picture at unit distance.

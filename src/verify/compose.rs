@@ -43,12 +43,14 @@ pub fn cases() -> Vec<Case> {
 type Bands = [[f64; 3]; 2];
 
 fn known_inputs(rig: &Rig<'_>) -> Checks {
-    let clear = wall(rig, 0.0)?;
-    let water = wall(rig, GAMMA_PER_M)?;
+    let clear = wall(rig, 0.0, false)?;
+    let water = wall(rig, GAMMA_PER_M, false)?;
+    let added = wall(rig, GAMMA_PER_M, true)?;
     let [low, middle, high] = water[0];
     let (rays, both) = (water[1][0] - low, water[1][2] - low);
     let through = (high - low) / (clear[0][2] - clear[0][0]);
     let left = |factor: f64| transmittance(GAMMA_PER_M * factor, WALL_M);
+    let unfaded = |seen: &Bands| relative_error(seen[0][2] - seen[0][0], clear[0][2] - clear[0][0]);
     let twice = (high - low) / (middle - low);
     Ok(vec![
         Check::of(rig, "twice the caustics, twice the light: relative error")
@@ -60,6 +62,9 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
         Check::of(rig, "caustics seen through 4 m of water: relative error")
             .within((5e-3, "1"), relative_error(through, left(1.0)))
             .control("attenuation 5 % higher", relative_error(through, left(1.05))),
+        Check::of(rig, "caustics added over a grey wall behind 4 m of water: relative error")
+            .within((5e-3, "1"), unfaded(&added))
+            .control("caustics that light a white wall", unfaded(&water)),
     ])
 }
 
@@ -74,6 +79,7 @@ struct Known {
     caustics: Image,
     /// A pixel's extent at 1 m, where caustics are flux and not irradiance.
     pixel_tangent: Option<f64>,
+    added: bool,
     godrays: Image,
     reflection: f32,
     exposure: f64,
@@ -90,6 +96,7 @@ impl Known {
             occlusion: Openness { taps: 0, radius_m: 0.5 },
             caustics: nothing.clone(),
             pixel_tangent: None,
+            added: false,
             godrays: nothing,
             reflection: 0.0,
             exposure,
@@ -120,8 +127,8 @@ impl Known {
             water_cells: 64,
             depth_share: DEPTH_SHARE as f32,
         };
-        let flux = self.pixel_tangent.is_some();
-        let stage = compose::new(rig, &Shared::new(rig, view), &inputs, &settings, flux)?;
+        let rules = (self.pixel_tangent.is_some(), self.added);
+        let stage = compose::new(rig, &Shared::new(rig, view), &inputs, &settings, rules)?;
         let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
         Ok(shown.map(|value| radiance_of(value, self.exposure)))
     }
@@ -140,8 +147,8 @@ impl Known {
     }
 }
 
-/// A white wall across a narrow view under water, with the bands upon it.
-fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands> {
+/// A wall across a narrow view under water, with the bands upon it: white where they light it, grey where they are added.
+fn wall(rig: &Rig<'_>, gamma_per_m: f64, added: bool) -> Result<Bands> {
     let mut view = rig::synthetic_view(SIZE, gamma_per_m)?;
     // So narrow that the path through the water is the same for all pixels.
     view.camera.fov_y_deg = 1.0;
@@ -156,6 +163,8 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands> {
     let known = Known {
         caustics: Image::of(SIZE, caustics),
         godrays: Image::of(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
+        albedo: if added { 0.3 } else { 1.0 },
+        added,
         ..Known::unlit(rig.depth(SIZE, rig::depth_ahead(&view, WALL_M))?, 0.4)
     };
     let image = known.radiance(rig, &view)?;

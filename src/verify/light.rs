@@ -41,7 +41,19 @@ fn look_at(rig: &Rig<'_>) -> Checks {
             .within((1e-5, "rad"), off(0.5))
             .control("middle taken at 0.55 of the frustum", off(0.55))
     };
-    Ok(rig::LIGHTS.map(check).into())
+    let mut checks: Vec<Check> = rig::LIGHTS.map(check).into();
+    let scene = Scene::load(SHADED_SCENE)?;
+    let off = |photons_fitted: bool| {
+        let frame = View { photons_fitted, ..rig::view(&scene, VIEW) }.uniforms();
+        let difference = (frame.photon_grid - frame.light_inverse).to_cols_array();
+        f64::from(difference.into_iter().fold(0.0, |most: f32, of| most.max(of.abs())))
+    };
+    checks.push(
+        Check::of(rig, "photons of the whole frustum: largest difference of its matrix")
+            .within((0.0, "1"), off(false))
+            .control("photons of the fitted rectangle", off(true)),
+    );
+    Ok(checks)
 }
 
 fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {

@@ -3,7 +3,7 @@
 mod bounces;
 
 use crate::prelude::*;
-use fathom_pipelines::screen_tracing::{self, Method};
+use fathom_pipelines::screen_tracing::{self, Method, RaySettings};
 use fathom_stages::kit::Resources;
 use fathom_stages::rays::reduce;
 use std::iter::successors;
@@ -90,8 +90,9 @@ impl Setup {
         test: HitTest,
         ways: u32,
     ) -> Result<Vec<StoredPhoton>> {
-        let walking =
-            Walking { test, tolerance_m: TOLERANCE_M, start_m: 0.0, least: 8, rows, ways };
+        let settings =
+            RaySettings { method, test, tolerance_m: TOLERANCE_M, start_m: 0.0, least_px: 8, rows };
+        let walking = settings.walking(rig.gpu, ways);
         let rays = Rays {
             transfers: &self.transfers,
             layers: &self.layers,

@@ -3,11 +3,14 @@
 use std::collections::BTreeMap;
 
 use crate::prelude::*;
+use fathom_pipelines::refraction::by_lines;
 use fathom_reference::specular::{Ray, Surfaces};
 use fathom_scene::generators;
-use fathom_stages::refraction::trace::{self, Surface};
+use fathom_stages::kit::Resources;
+use fathom_stages::refraction::trace;
 use fathom_stages::refraction::two_interface;
 use fathom_stages::refraction::{Exits, compose, surface};
+use fathom_stages::transfer::sight;
 
 const SIZE: [u32; 2] = [160, 120];
 const INDEX: f64 = 1.4;
@@ -26,10 +29,13 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(trace::INFO.name, "a slanted slab", slab),
         Case::new(trace::INFO.name, "a sphere, off-centre", |rig| {
-            sphere(rig, Surface::Plane, [2e-3, 0.2])
+            sphere(rig, (Surface::Plane, LEAST), [2e-3, 0.2])
         }),
-        Case::new(trace::INFO.name, "a sphere by depths", |rig| {
-            sphere(rig, Surface::Depth, [0.2, 5.0])
+        Case::new(sight::INFO.name, "a sphere by lines", |rig| {
+            sphere(rig, (Surface::Depth, 64), [0.03, 2.0])
+        }),
+        Case::new(trace::INFO.name, "a sphere by lines against all layers", |rig| {
+            sphere(rig, (Surface::AllDepths, 64), [0.03, 2.0])
         }),
         Case::new(trace::INFO.name, "a knot", knot),
         Case::new(trace::INFO.name, "random solids", random_solids),
@@ -89,10 +95,18 @@ fn traced(rig: &Rig<'_>, stand: &Stand, surface: Surface, least: u32) -> Result<
     let Stand { shared, geometry, .. } = stand;
     let size_px = stand.view.size_px.to_array();
     let peel = peel::new(rig, shared, (geometry, Part::Glass), size_px, LAYERS)?;
-    let walk = walk_uniforms(&peel, stand.scene.solid_bounds(), least);
-    let stage = trace::new(rig, shared, &peel, &walk, (2, surface))?;
-    rig.run(&[&peel, &stage])?;
-    read(rig, stand, &stage)
+    rig.run(&[&peel])?;
+    let bounds = stand.scene.solid_bounds();
+    let resources = Resources::new(rig.gpu);
+    let exits = if surface == Surface::Plane {
+        let walk = walk_uniforms(&peel, bounds, least);
+        resources.push(trace::new(&resources, shared, &peel, &walk, (2, None))?)
+    } else {
+        by_lines(&resources, (&stand.view, shared), &peel, bounds, (surface, least))?
+    };
+    let stages = resources.into_parts().stages;
+    rig.gpu.run(&stages.iter().map(AsRef::as_ref).collect::<Vec<&Stage>>())?;
+    read(rig, stand, &exits)
 }
 
 /// Angles to the directions that a rule gives, where it has an answer.
@@ -158,8 +172,13 @@ fn ball_error_deg(found: &[Found], index: f64) -> f64 {
     percentile::<75>(angles_deg(found, |f| Some(behind_ball(f.origin, f.sight, index)?.1)))
 }
 
-fn sphere(rig: &Rig<'_>, surface: Surface, [tolerance_m, tolerance_deg]: [f64; 2]) -> Checks {
-    let found = traced(rig, &rig.stand(ball()?, SIZE)?, surface, LEAST)?;
+/// With so many steps of a ray at least.
+fn sphere(
+    rig: &Rig<'_>,
+    (surface, least): (Surface, u32),
+    [tolerance_m, tolerance_deg]: [f64; 2],
+) -> Checks {
+    let found = traced(rig, &rig.stand(ball()?, SIZE)?, surface, least)?;
     let place = |index: f64| {
         let off = |f: &Found| Some(f.position.distance(behind_ball(f.origin, f.sight, index)?.0));
         median(found.iter().filter_map(off))
@@ -399,7 +418,7 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Stand, Vec<Found>, [Vec<DV
     let gbuffer = rig.gbuffer(&stand)?;
     let peel = peel::new(rig, shared, (geometry, Part::Glass), SIZE, LAYERS)?;
     let walk = walk_uniforms(&peel, scene.solid_bounds(), LEAST);
-    let trace = trace::new(rig, shared, &peel, &walk, (2, Surface::Plane))?;
+    let trace = trace::new(rig, shared, &peel, &walk, (2, None))?;
     rig.run(&[&peel, &trace])?;
     let none = rig.constant(SIZE, [0.0; 4])?;
     let none = Exits { positions: none.clone(), directions: none };

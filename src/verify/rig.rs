@@ -245,6 +245,7 @@ pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
         size_px: UVec2::from(size_px),
         edge_m: 0.1 * scene.solid_bounds().times_tank(),
         photon_reach: DVec2::ZERO,
+        photons_fitted: true,
     }
 }
 

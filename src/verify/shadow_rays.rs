@@ -45,6 +45,7 @@ impl Setup {
     fn new(rig: &Rig<'_>, name: &str, kind: LightKind) -> Result<Setup> {
         let mut scene = Scene::load(name)?;
         scene.objects.retain(|object| object.material.is_opaque());
+        scene.objects[0].material.receiver = true;
         scene.camera.up = [0.2, 1.0, 0.1];
         scene.light.kind = kind;
         scene.light.position_m = [2.5, 1.0, 1.5];
@@ -53,7 +54,7 @@ impl Setup {
         let peel = peel::new(rig, &stand.shared, (&stand.geometry, Part::Opaque), SIZE, LAYERS)?;
         rig.run(&[&peel])?;
         let layers = peel.left;
-        let starts = shadow::new(rig, &stand.shared, &layers)?;
+        let starts = shadow::new(rig, &stand.shared, &layers, false)?;
         let hits = pixels(SIZE).map(|at| stand.hit(at)).collect();
         Ok(Setup { stand, gbuffer, layers, starts, hits })
     }
@@ -99,7 +100,20 @@ fn starts(rig: &Rig<'_>, kind: LightKind) -> Checks {
             (cosine.abs() > 0.02).then_some((cosine > 0.0) != (ray.state != NEVER))
         }))
     };
+    let receivers = shadow::new(rig, &setup.stand.shared, &setup.layers, true)?;
+    rig.run(&[&receivers])?;
+    let of_receivers: Vec<Transfer> = rig.read(&receivers.buffer)?;
+    let unlike = |object: usize| {
+        let starts = of_receivers.iter().zip(&stored).zip(&setup.hits);
+        share(starts.filter_map(|((of_receiver, of_all), hit)| {
+            let is_asked = hit.as_ref()?.object == object;
+            Some((of_receiver.state != NEVER) != (is_asked && of_all.state != NEVER))
+        }))
+    };
     Ok(vec![
+        Check::of(rig, format!("{kind:?}: share of pixels unlike those that show the receiver"))
+            .within((0.01, "1"), unlike(0))
+            .control("another object's", unlike(1)),
         Check::of(rig, format!("{kind:?}: 95th percentile of |start − surface|"))
             .within((0.01, "m"), places(DVec3::ZERO))
             .control("surface moved by 2 cm", places(0.02 * DVec3::Y)),
@@ -118,11 +132,13 @@ fn shadows(rig: &Rig<'_>, (name, tolerance): (&str, f64), kind: LightKind) -> Re
     let Stand { shared, scene, tracer, .. } = &setup.stand;
     let walking = Walking {
         test: HitTest::Crossing,
+        in_glass: None,
         tolerance_m: TOLERANCE_M,
         start_m: START_M,
         least: 8,
         rows: 1,
         ways: 1,
+        within_px: None,
     };
     let rays = Rays {
         transfers: &setup.starts,

@@ -6,11 +6,12 @@ use glam::DVec3;
 
 use super::{PhotonTracing, under_water};
 use crate::caustics_image::{Compared, FoundCaustics, channel};
+use crate::off_frustum::Frustum;
 use crate::{Drawing, Judge, JudgeError, Judged, exact_of, named, objects_of, share};
-use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
+use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
-use fathom_reference::rays::{Hit, Tracer};
+use fathom_reference::rays::Tracer;
 use fathom_reference::specular::{End, Surfaces};
 use fathom_scene::{Optics, Scene};
 use fathom_stages::geometry::Part;
@@ -21,8 +22,6 @@ use fathom_stages::sprites;
 const MOST_PHOTONS: usize = 10_000;
 /// A photon that ends farther than this from its exact end lies on another surface, metres in scene tank: ten times the tolerance of SPT §5.
 const WRONG_M: f64 = 0.1;
-/// A ray goes on this far behind a surface, so as not to meet it again, metres in scene tank.
-const BEYOND_M: f64 = 1e-6;
 
 /// Photons held against their exact ends.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,6 +34,10 @@ struct Ends {
     off_frustum: usize,
     /// Of these, found to end in view.
     false_hits: usize,
+    /// End outside the camera's frustum on what keeps them from coming into view.
+    kept_out: usize,
+    /// Of these, found in view behind it.
+    leaked: usize,
     /// Exact ends, in view, with the surface of another object behind them.
     occluded: usize,
     /// Of these, found to end behind the occluder.
@@ -50,6 +53,8 @@ struct Exact {
     position: DVec3,
     /// Whether it would meet another object if the one that it ends on were not there.
     occluder: bool,
+    /// Whether it would come into view, likewise.
+    kept_out: bool,
     /// Whether it has come by a mirror or glass.
     specular: bool,
 }
@@ -85,14 +90,23 @@ impl Drawing for PhotonTracing {
         &self.image
     }
 
-    /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass.
+    /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass. Of the layers
+    /// what SPT §2.2 counts in a pass of its own: the most surfaces behind a pixel, and the share of all that lie behind the eighth.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let photons = self.stored(gpu)?;
         let rate = |residual_m: f32| {
             let alike = photons.iter().filter(|p| p.residual_m == f64::from(residual_m));
             share(alike.count(), photons.len())
         };
+        let depths = read_volume(gpu, &self.layers.depths, 0)?.data;
+        let layers = depths.chunks_exact(self.view.size_px.element_product() as usize);
+        let shown = |layer: &[f32]| layer.iter().filter(|z| **z < 1.0).count();
+        let fragments: Vec<usize> = layers.map(shown).collect();
+        let deepest = fragments.iter().filter(|count| **count > 0).count();
+        let behind_8 = fragments.iter().skip(8).sum();
         Ok(named([
+            ("depth_complexity", deepest as f64),
+            ("fragments_behind_8_rate", share(behind_8, fragments.iter().sum())),
             ("missed_water_rate", rate(MISSED)),
             ("photon_no_hit_rate", rate(OUTSIDE)),
             ("photon_on_its_way_rate", rate(ON_ITS_WAY)),
@@ -122,6 +136,8 @@ impl PhotonTracing {
     /// before another object, and `photon_passed_rate` the share of these that were found behind what they end on. `photon_specular_rate` is
     /// the share of those in view that come by a mirror or glass, `photon_specular_miss_rate` the share of these that are lost, and
     /// `photon_specular_error_median_m` the error of the rest.
+    /// `caustics_photon_kept_out_rate` is the share of all that end out of view on what keeps them from coming into view, and
+    /// `caustics_photon_leak_rate` the share of these that were found in view behind it.
     /// `caustics_photon_error_median_m` and `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names: the second is a share of all photons that
     /// end anywhere, in view or not. Of large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
@@ -132,6 +148,8 @@ impl PhotonTracing {
             lost,
             off_frustum,
             false_hits,
+            kept_out,
+            leaked,
             occluded,
             passed,
             specular,
@@ -153,6 +171,8 @@ impl PhotonTracing {
         let quantities = [
             ("photon_off_frustum_rate", share(off_frustum, all)),
             ("photon_false_hit_rate", share(false_hits, all)),
+            ("caustics_photon_leak_rate", share(leaked, kept_out)),
+            ("caustics_photon_kept_out_rate", share(kept_out, all)),
             ("photon_occluded_rate", share(occluded, in_view)),
             ("photon_passed_rate", share(passed, occluded)),
             ("photon_specular_rate", share(specular, in_view)),
@@ -179,7 +199,7 @@ impl PhotonTracing {
             outside: water.refractive_index,
             top_m: under_water(scene).max.y,
         };
-        let matrix = self.view.camera.view_projection(self.view.aspect());
+        let frustum = Frustum::new(tracer, &self.view, times);
         let transfer = &self.params.transfer;
         let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
             let place = place_in_grid(index as u32, transfer.grid, transfer.offset);
@@ -190,7 +210,10 @@ impl PhotonTracing {
                 End::Diffuse(hit) => Some(Exact {
                     position: hit.position,
                     occluder: bounces == 0
-                        && stands_before_another(tracer, &hit, landed.direction, BEYOND_M * times),
+                        && frustum
+                            .hits_behind(hit, landed.direction)
+                            .any(|next| next.object != hit.object),
+                    kept_out: bounces == 0 && frustum.is_kept_out(&hit, landed.direction),
                     specular: bounces > 0
                         && objects[landed.hit.object].material.optics != Optics::Diffuse,
                 }),
@@ -199,11 +222,10 @@ impl PhotonTracing {
         });
         let mut ends = Ends::default();
         for (index, exact) in exact {
-            let Exact { position, occluder, specular } = exact;
-            let clip = matrix * position.extend(1.0);
-            let in_view = clip.x.abs() <= clip.w
-                && clip.y.abs() <= clip.w
-                && (0.0..=clip.w).contains(&clip.z);
+            let Exact { position, occluder, kept_out, specular } = exact;
+            let in_view = frustum.holds(position);
+            ends.kept_out += usize::from(kept_out);
+            ends.leaked += usize::from(kept_out && frustum.leaks(&found[index], position));
             ends.add(&found[index], position, in_view);
             if in_view && specular {
                 ends.add_specular(&found[index], position);
@@ -214,19 +236,6 @@ impl PhotonTracing {
         }
         Ok(ends)
     }
-}
-
-/// Whether a ray that ends on a surface would go on to another object.
-fn stands_before_another(tracer: &Tracer, hit: &Hit, direction: DVec3, beyond_m: f64) -> bool {
-    let mut origin = hit.position;
-    // Surfaces of the same object are passed; a ray meets few of them.
-    for _ in 0..16 {
-        match tracer.cast(origin, direction, beyond_m, f64::MAX) {
-            Some(next) if next.object == hit.object => origin = next.position,
-            next => return next.is_some(),
-        }
-    }
-    false
 }
 
 #[cfg(test)]

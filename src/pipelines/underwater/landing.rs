@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::{PhotonGrid, Underwater};
-use crate::{JudgeError, Judged, even_step};
+use crate::off_frustum::Frustum;
+use crate::{JudgeError, Judged, even_step, share};
 use fathom_gpu::{Gpu, read_buffer};
 use fathom_record::ErrorFigure;
 use fathom_reference::photons::{PhotonGrid as ExactGrid, land_all};
@@ -17,12 +18,13 @@ const MOST_PHOTONS: usize = 10_000;
 
 impl Underwater {
     /// Errors of the last frame's photons, of both grids: `caustics_photon_error_median_m`, `…_photon_error_p99_m`,
-    /// `…_photon_miss_rate`, `…_photon_false_hit_rate` and `…_unconverged_rate`, `godrays_…` likewise. Of large grids an even
-    /// selection is compared.
+    /// `…_photon_miss_rate`, `…_photon_false_hit_rate` and `…_unconverged_rate`, `godrays_…` likewise; the quantity
+    /// `…_photon_leak_rate` as pipeline `photon_tracing` has it. Of large grids an even selection is compared.
     pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let frame = self.view.light_frame();
         let tracer = Tracer::new(&scene.objects);
-        let mut errors = Vec::new();
+        let (mut errors, mut quantities) = (Vec::new(), BTreeMap::new());
+        let frustum = Frustum::new(&tracer, &self.view, scene.solid_bounds().times_tank());
         for (name, stage, settings, photons) in self.grids() {
             let PhotonGrid { grid: cells, offset, jitter, .. } = settings;
             let grid = ExactGrid { cells, side: settings.side(), offset, jitter };
@@ -34,6 +36,13 @@ impl Underwater {
             let judged: Vec<StoredPhoton> = photons.into_iter().step_by(step).collect();
             let landings = land_all(&frame, &self.view.water, &tracer, grid, step);
             let found = photon_errors(&judged, &landings);
+            let exact = landings.iter().map(|exact| exact.landed());
+            let pairs = judged.iter().zip(exact).filter_map(|(p, exact)| Some((p, exact?)));
+            let kept_out = pairs.filter(|(_, at)| frustum.is_kept_out(&at.hit, at.direction));
+            let leaks: Vec<bool> =
+                kept_out.map(|(p, at)| frustum.leaks(p, at.hit.position)).collect();
+            let leaked = leaks.iter().filter(|leaks| **leaks).count();
+            quantities.insert(format!("{name}_photon_leak_rate"), share(leaked, leaks.len()));
             let figures = [
                 ("photon_error_median_m", found.median_m, "m"),
                 ("photon_error_p99_m", found.p99_m, "m"),
@@ -45,7 +54,7 @@ impl Underwater {
                 ErrorFigure::new(format!("{name}_{figure}"), value, unit, stage)
             }));
         }
-        Ok(Judged { errors, quantities: BTreeMap::new() })
+        Ok(Judged { errors, quantities })
     }
 
     /// Both photon grids: name, stage that traces it, settings, photons.

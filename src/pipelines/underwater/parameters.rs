@@ -27,6 +27,9 @@ settings! {
         floor_depth_m: f64 = file.floor_depth_m => 1e-5 ..= 1e5, "m";
         shadow: ShadowMap = ShadowMap::from(file);
         surface: Surface = Surface::default();
+        /// Whether photons start only in the rectangle through which light reaches the water in view; else in all of the light's frustum,
+        /// which follows the camera's: UW §3.1.
+        photons_fitted: bool = true;
         caustics: Caustics = Caustics::from(file);
         godrays: Godrays = Godrays::from(file);
         compose: Composition = Composition::from(file);
@@ -92,6 +95,8 @@ settings! {
         /// Radiance is mapped by 1 − exp(−exposure × radiance). With 0.4, white in full light of 9.2 W/sr (UW §4.1) is shown at
         /// 85 % and focused light stands above it.
         exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
+        /// Whether caustics are added to the picture as they are in their buffer: UW §3.3 and §3.5. Else they light what is seen.
+        add_caustics: bool = false;
         /// Taps of the optional screen-space ambient occlusion; 0 turns it off.
         occlusion_taps: u32 = 0 => 0 ..= 256, "1";
         /// Radius of the taps' disc at the surface: a share of the scene, 50 cm in scene tank.

@@ -1,8 +1,11 @@
 //! `refraction/trace`: lines of sight through glass, refracted several times, through layers of depth. SPT §4.
 
+use glam::UVec2;
+
 use super::{Exits, FORMAT};
+use crate::photon::Photons;
 use crate::prelude::*;
-use crate::screen_ray::{Layers, WalkUniforms, walk_turns};
+use crate::screen_ray::{Layers, SightUniforms, WalkUniforms, walk_turns};
 
 pub const INFO: StageInfo = StageInfo {
     name: "refraction/trace",
@@ -14,42 +17,42 @@ shader_struct! {
     /// `Trace` in `shaders/refraction/trace.wgsl`.
     pub struct TraceUniforms {
         pub refractions: u32,
+        pub first: UVec2,
+        pub count: UVec2,
     }
 }
 
-/// What a ray inside is held against.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Surface {
-    /// The depths of the texels behind which it is: SPT §4.
-    Depth,
-    /// The tangent planes of the surfaces in these texels.
-    Plane,
+/// Lines of sight of a rectangle of pixels, and the ends of their lines.
+pub struct Lines<'a> {
+    pub sight: &'a SightUniforms,
+    pub ends: &'a Photons,
 }
 
-fathom_base::choices!(Surface);
-
-/// Through `layers` of what refracts, at most `refractions` times.
+/// Through `layers` of what refracts, at most `refractions` times. Without lines each ray is walked.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     layers: &Layers,
     walk: &WalkUniforms,
-    (refractions, surface): (u32, Surface),
+    (refractions, lines): (u32, Option<Lines<'_>>),
 ) -> Result<Stage<Exits>, GpuError> {
     let turns = u64::from(refractions) * (walk_turns(walk.most, 0) + 2) + 1;
     resources.turns("refractions × view", turns);
     let walked = resources.uniform(INFO.name, walk);
-    let settings = resources.uniform(INFO.name, &TraceUniforms { refractions });
-    let own = Group::new(&[&walked, &settings, &layers.depths, &layers.surfaces]);
+    let [first, count] =
+        lines.as_ref().map_or([UVec2::ZERO; 2], |lines| [lines.sight.first, lines.sight.count]);
+    let settings = resources.uniform(INFO.name, &TraceUniforms { refractions, first, count });
+    let own = Group::new(&[&walked, &settings, &layers.depths, &layers.surfaces])
+        .and(lines.as_ref().map(|lines| lines.ends));
     let groups = [&shared.group, &own];
-    let defs = [("SURFACE", i32::from(surface == Surface::Plane))];
+    let defs = [("ENDS", i32::from(lines.is_some()))];
     let targets = [FORMAT; 2].map(kit::opaque);
     let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
     let pass = Pass::new(resources, &spec, layers.size_px(), wgpu::Color::TRANSPARENT)?;
     let exits = Exits::of(&pass);
     // At most: each ray as long as the picture.
-    let steps = u64::from(refractions.saturating_sub(1)) * u64::from(walk.most);
+    let most = if lines.is_some() { layers.count() } else { walk.most };
+    let steps = u64::from(refractions.saturating_sub(1)) * u64::from(most);
     let work = pass.work(4 * steps + 2, 32);
     // A ray may end at its first texel.
     let least = pass.work(1, 32);

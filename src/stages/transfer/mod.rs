@@ -1,3 +1,4 @@
 pub mod bounce;
 pub mod map;
 pub mod shadow;
+pub mod sight;

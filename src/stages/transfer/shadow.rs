@@ -18,18 +18,21 @@ shader_struct! {
     /// `Shadow` in `shaders/transfer/shadow.wgsl`.
     pub struct ShadowUniforms {
         pub size_px: Vec2,
+        pub receivers_only: u32,
     }
 }
 
-/// From the nearest layer; the stage leaves a pixel an entry, row by row.
+/// From the nearest layer, of receivers alone where that is asked; the stage leaves a pixel an entry, row by row.
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     layers: &Layers,
+    receivers_only: bool,
 ) -> Result<Stage<Transfers>, GpuError> {
     let size = layers.size_px();
     let transfers = Transfers::new(resources, INFO.name, size[0].saturating_mul(size[1]));
-    let settings = ShadowUniforms { size_px: Vec2::from(size.map(|side| side as f32)) };
+    let size_px = Vec2::from(size.map(|side| side as f32));
+    let settings = ShadowUniforms { size_px, receivers_only: receivers_only.into() };
     let uniforms = resources.uniform(INFO.name, &settings);
     let own = Group::new(&[&uniforms, &layers.depths, &layers.surfaces, &transfers]);
     let (groups, workgroups) = ([&shared.group, &own], kit::square_workgroups(size, WORKGROUP));

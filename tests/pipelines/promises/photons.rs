@@ -111,6 +111,7 @@ fn no_photon_on_a_level_floor_in_view_is_lost() {
         }
         // The paper's test loses many: the count can fail.
         params.rays.test = HitTest::Tolerance;
+        params.rays.tolerance_m = 0.01 * scene.solid_bounds().times_tank();
         let lost = |photon: &StoredPhoton| !photon.landed() && seen(photon).is_some();
         by_tolerance += photons(&gpu, &scene, &params).iter().filter(|photon| lost(photon)).count();
     }

@@ -20,15 +20,15 @@ const ROUNDED: f64 = 1e-3;
 /// A line for each pipeline: its name; scenes; settings that make it cheap; and others, of which each round of draws takes the next.
 const CASES: &str = "\
 underwater;pool plane tank dolphin bunny port;shadow.size=192 surface.cells=24 caustics.grid=24 godrays.grid=12;\
-compose.occlusion_taps=8|caustics.intensity=conserving godrays.intensity=conserving|\
+compose.occlusion_taps=8|compose.add_caustics=true photons_fitted=false|caustics.intensity=conserving godrays.intensity=conserving|\
 caustics.coverage=square light.kind=point|caustics.estimator=paper godrays.estimator=paper|water.fresnel=true
 photon_tracing;pool specular cornell tank port;shadow.size=128 surface.cells=24 transfer.grid=[32,32] ldi.layers=4;\
 light.kind=point|rays.method=march|rays.test=tolerance|specular.follow=true|sprites.plane=screen|rays.test=in_out
 planar;planar_pool;surface.cells=24 planar.texels=32 transfer.grid=[64,64];shadow.size=128
 shadow_rays;crates tree_shadow bunny_shadow cornell;ldi.layers=4;\
-rays.method=march|rays.test=tolerance|rays.test=in_out
+rays.method=march|rays.test=tolerance receivers_only=true|rays.test=in_out
 refraction;glass_teapot_small specular glass_bunny;ldi.layers=2;\
-refraction.method=trace|refraction.method=two_interface|refraction.surface=depth
+refraction.method=trace|refraction.method=two_interface|refraction.surface=depth|refraction.surface=all_depths
 volume_ao;crates room corner glass level;voxel.resolution=32 ao.rays=8 shadow.size=128;\
 ao.attenuation=hard|voxel.method=slicemap|voxel.method=max_alpha ao.occluder=opacity|ao.skipping=true|\
 animation.deform=wave animation.time_s=0.4
