@@ -81,9 +81,6 @@ fn known() -> [Vec<Record>; 2] {
         measured.errors.push(ErrorFigure::new("irradiance_error", error, "1", "caustics/filter"));
     }
     for cell in of(&mut head, "uw-waves") {
-        if !cell.axes.contains_key("water") {
-            continue;
-        }
         let directional = cell.axes["water"] == "directional";
         let amplitude_m = cell.axes["water.amplitude_m"].as_f64().unwrap();
         let measured = cell.measured_mut().filter(|_| directional);
