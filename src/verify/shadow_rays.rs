@@ -7,7 +7,7 @@ use fathom_stages::rays::march;
 use fathom_stages::shadow::compose;
 use fathom_stages::transfer::shadow;
 
-const SIZE: [u32; 2] = [192, 144];
+const SIZE: [u32; 2] = [240, 180];
 const LAYERS: u32 = 8;
 /// The pipeline's defaults: SPT §5's tolerance, and three times that.
 const TOLERANCE_M: f64 = 0.01;
