@@ -1,7 +1,7 @@
 //! The adapter's limits as users see them. What is tested here holds on a machine of any speed and load: that an answer agrees with
 //! itself. The laws themselves are tested on modelled clocks (`gpu::ceilings::tests`, `harness::ceilings`).
 
-use super::common::{Ends, Place, SMALL, Told, cells, records};
+use super::common::{Place, SMALL, Told, cells, records};
 use fathom::record::{Ceiling, CeilingShare, Outcome, Record, StageRecord};
 
 /// All cells are measured, or what failed is told: a stage beyond a ceiling that a busy machine made too low.

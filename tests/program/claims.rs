@@ -72,11 +72,16 @@ fn agrees_with_itself(cells: &[Cell], summary: &str) {
         assert!(!ruling.verdict.is_settled() || ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
     }
     let count = |verdict| rulings.iter().filter(|ruling| ruling.verdict == verdict).count();
-    let [supported, contradicted, near] =
-        [Verdict::Supported, Verdict::Contradicted, Verdict::NearBound].map(count);
+    let [supported, contradicted, near, inconclusive, not_run] = [
+        Verdict::Supported,
+        Verdict::Contradicted,
+        Verdict::NearBound,
+        Verdict::Inconclusive,
+        Verdict::NotRun,
+    ]
+    .map(count);
     let tally = format!(
-        "{supported} supported, {contradicted} contradicted, {near} near the bound, 0 inconclusive, 0 not run, of 3; \
-         3 (our bound, quick profile)"
+        "{supported} supported, {contradicted} contradicted, {near} near the bound, {inconclusive} inconclusive, {not_run} not run, of 3"
     );
     holds(summary, &[&tally]);
 }
