@@ -61,7 +61,7 @@ impl Pipeline for PhotonTracing {
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.sized_by("view × ldi.layers");
         let solid = (geometry, Part::Solid);
-        let peel = peel::new(of_layers, shared, solid, size_px, params.ldi.layers)?;
+        let peel = peel::new(of_layers, shared, scene, solid, size_px, params.ldi.layers)?;
         let layers = of_layers.push(peel);
 
         let traced = Rays {

@@ -191,7 +191,7 @@ fn traced(
 ) -> Result<Exits, GpuError> {
     let of_layers = &resources.sized_by("view × ldi.layers");
     let (glass, size_px) = ((geometry, Part::Glass), view.size_px.to_array());
-    let peel = ldi::peel::new(of_layers, shared, glass, size_px, params.ldi.layers)?;
+    let peel = ldi::peel::new(of_layers, shared, scene, glass, size_px, params.ldi.layers)?;
     let layers = of_layers.push(peel);
     let of_view = &resources.sized_by(VIEWPORT);
     let Refraction { count, surface, least_px, .. } = params.refraction;

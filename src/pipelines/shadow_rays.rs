@@ -74,7 +74,7 @@ impl Pipeline for ShadowRays {
         let gbuffer = of_view.push(scene::gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.sized_by("view × ldi.layers");
         let opaque = (geometry, Part::Opaque);
-        let peel = ldi::peel::new(of_layers, shared, opaque, size_px, params.ldi.layers)?;
+        let peel = ldi::peel::new(of_layers, shared, scene, opaque, size_px, params.ldi.layers)?;
         let layers = of_layers.push(peel);
         let starts = transfer::shadow::new(of_view, shared, &layers, params.receivers_only)?;
         let starts = of_view.push(starts);

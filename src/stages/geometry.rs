@@ -210,13 +210,6 @@ impl Geometry {
         }
     }
 
-    /// Draws without the index buffer: shaders look up the corners of each vertex's triangle in `indices` and `vertices`.
-    pub fn draw_corners(&self, pass: &mut wgpu::RenderPass<'_>, part: Part) {
-        for range in self.ranges(part) {
-            pass.draw(range.clone(), 0..1);
-        }
-    }
-
     /// Draws a part of the indices, such as one of [`Geometry::objects`].
     pub fn draw_range(&self, pass: &mut wgpu::RenderPass<'_>, part: Range<u32>) {
         self.draw_instances(pass, part, 0..1);

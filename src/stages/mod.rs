@@ -9,6 +9,7 @@ pub mod caustics;
 pub mod compose;
 pub mod counters;
 mod entry;
+pub mod flat_triangles;
 pub mod gbuffer;
 pub mod geometry;
 pub mod godrays;

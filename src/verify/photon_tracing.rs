@@ -65,12 +65,12 @@ impl Setup {
 
     fn of(rig: &Rig<'_>, scene: Scene, layers: u32) -> Result<Setup> {
         let stand = rig.stand(scene, SIZE)?;
-        let Stand { shared, geometry, .. } = &stand;
+        let Stand { scene, shared, geometry, .. } = &stand;
         let depth = shadow::depth::new(rig, shared, geometry, 512)?;
         let mask = shadow::mask::new(rig, shared, depth.texture(), 64)?;
         let settings = rig::light_grid(GRID);
         let map = map::new(rig, shared, mask.texture(), &settings)?;
-        let peel = peel::new(rig, shared, (geometry, Part::Solid), SIZE, layers)?;
+        let peel = peel::new(rig, shared, scene, (geometry, Part::Solid), SIZE, layers)?;
         rig.run(&[&depth, &mask, &map, &peel])?;
         let stored = rig.read(&map.transfers.buffer)?;
         let weights = rig.read(&map.weights)?;

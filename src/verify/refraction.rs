@@ -92,9 +92,9 @@ fn read(rig: &Rig<'_>, stand: &Stand, exits: &Exits) -> Result<Vec<Found>> {
 }
 
 fn traced(rig: &Rig<'_>, stand: &Stand, surface: Surface, least: u32) -> Result<Vec<Found>> {
-    let Stand { shared, geometry, .. } = stand;
+    let Stand { scene, shared, geometry, .. } = stand;
     let size_px = stand.view.size_px.to_array();
-    let peel = peel::new(rig, shared, (geometry, Part::Glass), size_px, LAYERS)?;
+    let peel = peel::new(rig, shared, scene, (geometry, Part::Glass), size_px, LAYERS)?;
     rig.run(&[&peel])?;
     let bounds = stand.scene.solid_bounds();
     let resources = Resources::new(rig.gpu);
@@ -416,7 +416,7 @@ fn through_ball(rig: &Rig<'_>, index: f32) -> Result<(Stand, Vec<Found>, [Vec<DV
     let stand = rig.stand(scene, SIZE)?;
     let Stand { shared, geometry, scene, .. } = &stand;
     let gbuffer = rig.gbuffer(&stand)?;
-    let peel = peel::new(rig, shared, (geometry, Part::Glass), SIZE, LAYERS)?;
+    let peel = peel::new(rig, shared, scene, (geometry, Part::Glass), SIZE, LAYERS)?;
     let walk = walk_uniforms(&peel, scene.solid_bounds(), LEAST);
     let trace = trace::new(rig, shared, &peel, &walk, (2, None))?;
     rig.run(&[&peel, &trace])?;
@@ -486,7 +486,7 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     scene.light.direction = [0.9, -0.4, 0.6];
     let stand = rig.stand(scene, SIZE)?;
     let Stand { scene, shared, geometry, .. } = &stand;
-    let peel = peel::new(rig, shared, (geometry, Part::Opaque), SIZE, 1)?;
+    let peel = peel::new(rig, shared, scene, (geometry, Part::Opaque), SIZE, 1)?;
     rig.run(&[&peel])?;
     let image = Image::of(SIZE, |x, y| gradient(f64::from(x) + 0.5, f64::from(y) + 0.5));
     let dry = surface::Dry {

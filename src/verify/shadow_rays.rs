@@ -51,7 +51,8 @@ impl Setup {
         scene.light.position_m = [2.5, 1.0, 1.5];
         let stand = rig.stand(scene, SIZE)?;
         let gbuffer = rig.gbuffer(&stand)?;
-        let peel = peel::new(rig, &stand.shared, (&stand.geometry, Part::Opaque), SIZE, LAYERS)?;
+        let opaque = (&stand.geometry, Part::Opaque);
+        let peel = peel::new(rig, &stand.shared, &stand.scene, opaque, SIZE, LAYERS)?;
         rig.run(&[&peel])?;
         let layers = peel.left;
         let starts = shadow::new(rig, &stand.shared, &layers, false)?;

@@ -37,7 +37,7 @@ impl Lit {
         scene.camera.up = [0.3, 1.0, 0.1];
         let stand = rig.stand(scene, SIZE)?;
         let part = (&stand.geometry, Part::Solid);
-        let peel = peel::new(rig, &stand.shared, part, SIZE, 2)?;
+        let peel = peel::new(rig, &stand.shared, &stand.scene, part, SIZE, 2)?;
         rig.run(&[&peel])?;
         let mut random = Random::new(7);
         let hit = |_| {

@@ -1,9 +1,11 @@
 //! `ldi/peel`: layers of depth, normals of triangles and interpolated normals from the camera, one after the other. SPT §2.2.
 
+use crate::flat_triangles::FlatTriangles;
 use crate::geometry::{Geometry, Part};
 use crate::kit::Layer;
 use crate::prelude::*;
 use crate::screen_ray::Layers;
+use fathom_scene::Scene;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ldi/peel",
@@ -15,18 +17,20 @@ pub const INFO: StageInfo = StageInfo {
 pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
+    scene: &Scene,
     (geometry, part): (&Geometry, Part),
     size_px: [u32; 2],
     count: u32,
 ) -> Result<Stage<Layers>, GpuError> {
     let layers = Layers::drawn(resources, INFO.name, size_px, count.max(1));
     let targets = [kit::opaque(Layers::SURFACES)];
-    let own: [&dyn Bind; 3] = [&geometry.materials, &geometry.vertices, &geometry.indices];
+    let triangles = FlatTriangles::new(resources, scene, part);
     let peel = |layer: u32| {
         let before = layer.checked_sub(1).map(|before| Layer(&layers.depths, before));
-        let groups = [&shared.group, &Group::new(&own).and(&before)];
+        let groups = [&shared.group, &Group::new(&[&geometry.materials]).and(&before)];
         let defs = [("FIRST", i32::from(layer == 0))];
         let spec = RenderSpec {
+            buffers: &[FlatTriangles::layout()],
             depth: Some(Depth { layer, ..Depth::nearest(&layers.depths) }),
             ..RenderSpec::new((INFO.name, &defs), &groups, &targets)
         };
@@ -36,17 +40,16 @@ pub fn new(
     let peels = (0..layers.count()).map(peel).collect::<Result<Vec<_>, _>>()?;
     let drawn = u64::from(layers.count());
     let work = Work {
-        triangles: drawn * geometry.triangles_of(part),
-        bytes_read: drawn * geometry.bytes(),
+        triangles: drawn * triangles.triangles(),
+        bytes_read: drawn * triangles.bytes(),
         bytes_written: drawn * kit::pixels(&layers.depths) * (4 + 16),
         ..Work::default()
     };
-    // Of the geometry only one part is drawn, and its bytes are read once for each layer.
-    let least = Work { bytes_read: 0, ..work };
-    let geometry = geometry.clone();
+    // Later layers may find the triangles in a cache.
+    let least = Work { bytes_read: triangles.bytes(), ..work };
     let stage = Stage::new(&INFO, work, move |scope| {
         for peel in &peels {
-            peel.render(scope, |pass| geometry.draw_corners(pass, part));
+            peel.render(scope, |pass| triangles.draw(pass));
         }
     });
     Ok(stage.at_least(least).output(layers.output()).leaving(layers))

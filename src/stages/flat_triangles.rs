@@ -1,0 +1,144 @@
+//! Triangles with a first vertex that no other triangle begins with. It carries the triangle's own normal: a flat varying takes its
+//! value from the first vertex. Few vertices are doubled, so hardware still shades a shared vertex once.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+use super::geometry::Part;
+use super::kit::{Buffer, Resources};
+use fathom_scene::{Mesh, Scene};
+
+/// Host twin of `Corner` in `shaders/ldi/peel.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Vertex {
+    position_m: [f32; 3],
+    shading_normal: [f32; 3],
+    material: u32,
+    geometric_normal: [f32; 3],
+}
+
+const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
+    wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Uint32, 3 => Float32x3];
+
+/// All triangles of a part of the scene.
+pub struct FlatTriangles {
+    vertices: Buffer,
+    indices: Buffer,
+}
+
+/// Unit normal of a triangle on the side of its vertices' normals; zero where it has no area.
+fn geometric_normal(corners: [Vertex; 3]) -> Vec3 {
+    let [a, b, c] = corners.map(|corner| Vec3::from(corner.position_m));
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let outwards: Vec3 = corners.iter().map(|corner| Vec3::from(corner.shading_normal)).sum();
+    if normal.dot(outwards) < 0.0 { -normal } else { normal }
+}
+
+fn append(vertices: &mut Vec<Vertex>, indices: &mut Vec<u32>, mesh: &Mesh, material: u32) {
+    let base = vertices.len();
+    let vertex = |(&position_m, &shading_normal)| Vertex {
+        position_m,
+        shading_normal,
+        material,
+        geometric_normal: [0.0; 3],
+    };
+    vertices.extend(mesh.positions.iter().zip(&mesh.normals).map(vertex));
+    let mut is_first = vec![false; mesh.positions.len()];
+    for corners in mesh.indices.chunks_exact(3) {
+        let free = (0..3).find(|corner| !is_first[corners[*corner] as usize]);
+        let turn = free.unwrap_or(0);
+        let [mut a, b, c] = [0, 1, 2].map(|i| base + corners[(turn + i) % 3] as usize);
+        if free.is_some() {
+            is_first[a - base] = true;
+        } else {
+            vertices.push(vertices[a]);
+            a = vertices.len() - 1;
+        }
+        vertices[a].geometric_normal = geometric_normal([a, b, c].map(|i| vertices[i])).into();
+        indices.extend([a, b, c].map(|i| i as u32));
+    }
+}
+
+fn flat_triangles(scene: &Scene, part: Part) -> (Vec<Vertex>, Vec<u32>) {
+    let (mut vertices, mut indices) = (Vec::new(), Vec::new());
+    for (object, material) in scene.objects.iter().zip(0..) {
+        if part.holds(&object.material) {
+            append(&mut vertices, &mut indices, &object.mesh, material);
+        }
+    }
+    (vertices, indices)
+}
+
+impl FlatTriangles {
+    pub fn new(resources: &Resources<'_>, scene: &Scene, part: Part) -> Self {
+        use wgpu::BufferUsages as Usage;
+        let (vertices, indices) = flat_triangles(scene, part);
+        let filled = |label, bytes, usage| resources.filled(label, bytes, usage);
+        Self {
+            vertices: filled("flat vertices", bytemuck::cast_slice(&vertices), Usage::VERTEX),
+            indices: filled("flat indices", bytemuck::cast_slice(&indices), Usage::INDEX),
+        }
+    }
+
+    pub fn layout() -> wgpu::VertexBufferLayout<'static> {
+        wgpu::VertexBufferLayout {
+            array_stride: size_of::<Vertex>() as u64,
+            step_mode: wgpu::VertexStepMode::Vertex,
+            attributes: &ATTRIBUTES,
+        }
+    }
+
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
+        if self.triangles() > 0 {
+            pass.set_vertex_buffer(0, self.vertices.slice(..));
+            pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.draw_indexed(0..3 * self.triangles() as u32, 0, 0..1);
+        }
+    }
+
+    pub fn triangles(&self) -> u64 {
+        self.indices.size() / 12
+    }
+
+    /// Of vertices and indices.
+    pub fn bytes(&self) -> u64 {
+        self.vertices.size() + self.indices.size()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::*;
+
+    #[test]
+    fn each_triangle_begins_with_a_vertex_of_its_own_and_is_the_one_of_the_mesh() {
+        for name in ["cornell", "glass", "port"] {
+            let scene = Scene::load(name).unwrap();
+            let (vertices, indices) = flat_triangles(&scene, Part::Solid);
+            let solid = scene.objects.iter().filter(|o| Part::Solid.holds(&o.material));
+            let corners: Vec<_> = solid
+                .flat_map(|o| o.mesh.indices.iter().map(|i| o.mesh.positions[*i as usize]))
+                .collect();
+            assert_eq!(indices.len(), corners.len(), "{name}");
+            let mut firsts = HashSet::new();
+            for (flat, mesh) in indices.chunks(3).zip(corners.chunks(3)) {
+                assert!(
+                    firsts.insert(flat[0]),
+                    "{name}: two triangles begin with vertex {}",
+                    flat[0]
+                );
+                let flat = [0, 1, 2].map(|i| vertices[flat[i] as usize]);
+                let places = flat.map(|v| v.position_m);
+                let turned = |by: usize| [0, 1, 2].map(|i| mesh[(i + by) % 3]);
+                assert!(
+                    (0..3).any(|by| turned(by) == places),
+                    "{name}: {places:?} is not {mesh:?}"
+                );
+                assert_eq!(flat[0].geometric_normal, geometric_normal(flat).to_array(), "{name}");
+            }
+        }
+    }
+}
