@@ -99,36 +99,19 @@ impl Deref for Gpu {
     }
 }
 
-/// An instance of these backends, and the flags that the environment sets on it.
-fn instance(backends: wgpu::Backends) -> (wgpu::Instance, wgpu::InstanceFlags) {
-    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
-    descriptor.backends &= backends;
-    descriptor.flags = wgpu::InstanceFlags::empty().with_env();
-    let flags = descriptor.flags;
-    (wgpu::Instance::new(descriptor), flags)
-}
-
 /// An adapter, and the instance flags it was found with.
 type Found = (wgpu::Adapter, wgpu::InstanceFlags);
 
-/// Adapters of these backends, the preferred one first.
-fn found(backends: wgpu::Backends) -> Vec<Found> {
-    let (instance, flags) = instance(backends);
+/// Adapters of every interface, the preferred one first.
+fn found() -> Vec<Found> {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
+    descriptor.flags = wgpu::InstanceFlags::empty().with_env();
+    let (backends, flags) = (descriptor.backends, descriptor.flags);
+    let instance = wgpu::Instance::new(descriptor);
     let mut all = pollster::block_on(instance.enumerate_adapters(backends));
     all.retain(|adapter| adapter.get_info().backend != wgpu::Backend::Noop);
     all.sort_by_key(rank);
     all.into_iter().map(|adapter| (adapter, flags)).collect()
-}
-
-/// Adapters of every interface but GL. Looking for GL opens a display, and some libraries then print warnings, so fathom looks for
-/// it only when needed.
-fn without_gl() -> Vec<Found> {
-    found(wgpu::Backends::all() - wgpu::Backends::GL)
-}
-
-fn with_gl(mut others: Vec<Found>) -> Vec<Found> {
-    others.extend(found(wgpu::Backends::GL));
-    others
 }
 
 /// Hardware before software, discrete before integrated.
@@ -157,13 +140,7 @@ fn find(names: &[String], asked: &str) -> Option<usize> {
 fn choose(asked: Option<&str>) -> Result<Found, GpuError> {
     let from_environment = std::env::var("WGPU_ADAPTER_NAME").ok().filter(|name| !name.is_empty());
     let asked = asked.map(str::to_owned).or(from_environment);
-    let mut all = without_gl();
-    // Numbers count those of GL too.
-    let number = asked.as_ref().and_then(|asked| asked.parse::<usize>().ok());
-    let is_beyond = number.is_some_and(|number| number >= all.len());
-    if is_beyond || position(&all, asked.as_deref()).is_none() {
-        all = with_gl(all);
-    }
+    let mut all = found();
     if let Some(index) = position(&all, asked.as_deref()) {
         return Ok(all.swap_remove(index));
     }
@@ -225,7 +202,7 @@ impl Gpu {
             adapter: describe(adapter),
             lacks: lacks(adapter, &adapter.limits()),
         };
-        with_gl(without_gl()).iter().map(listed).collect()
+        found().iter().map(listed).collect()
     }
 
     /// What the chosen adapter is; it is not opened.

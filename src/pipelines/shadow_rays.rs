@@ -159,10 +159,11 @@ impl ShadowRays {
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);
         let off_m = OFF_M * scene.solid_bounds().times_tank();
+        let sun = view.light_frame().forward;
         let exact = exact_of(found.len(), MOST_PIXELS, |pixel| {
             let [x, y] = [pixel as u32 % width, pixel as u32 / width];
             let place = rays.cast(&tracer, x, y)?.0.position;
-            let to_light = to_light(view, place);
+            let to_light = to_light(view, sun, place);
             Some(tracer.cast(place, to_light, off_m, light_m(view, place)).is_some())
         });
         let faces = |pixel: usize| found[pixel].residual_m != f64::from(MISSED);
@@ -181,10 +182,10 @@ pub fn light_m(view: &View, place: DVec3) -> f64 {
     }
 }
 
-/// Direction to the light from a place.
-pub fn to_light(view: &View, place: DVec3) -> DVec3 {
+/// Direction to the light from a place; `sun` is the way of a directional light.
+pub fn to_light(view: &View, sun: DVec3, place: DVec3) -> DVec3 {
     match view.light.kind {
-        LightKind::Directional => -view.light_frame().forward,
+        LightKind::Directional => -sun,
         LightKind::Point => (DVec3::from(view.light.position_m) - place).normalize(),
     }
 }

@@ -1,5 +1,7 @@
 //! Gradient noise (Perlin, *Improving noise*, 2002): tile-periodic in the plane with analytic derivatives, and in space.
 
+use std::sync::LazyLock;
+
 use glam::{DVec2, DVec3};
 
 /// Lattice cells per tile of the first octave; the second has twice as many.
@@ -96,8 +98,11 @@ fn fade(t: f64) -> (f64, f64) {
 
 /// One of eight directions of length √2, chosen by a hash in place of Perlin's permutation table.
 fn gradient(ix: u32, iy: u32, seed: u32) -> DVec2 {
-    let turn = f64::from(hash(ix, iy, seed) >> 29) * std::f64::consts::FRAC_PI_4;
-    DVec2::from_angle(turn) * std::f64::consts::SQRT_2
+    use std::f64::consts::{FRAC_PI_4, SQRT_2};
+    static DIRECTIONS: LazyLock<[DVec2; 8]> = LazyLock::new(|| {
+        std::array::from_fn(|turn| DVec2::from_angle(turn as f64 * FRAC_PI_4) * SQRT_2)
+    });
+    DIRECTIONS[(hash(ix, iy, seed) >> 29) as usize]
 }
 
 /// Mixes the lattice point and the seed (rounds of the PCG output permutation).

@@ -39,6 +39,8 @@ struct Setup {
     starts: Stage<Transfers>,
     /// What each pixel shows exactly, row by row.
     hits: Vec<Option<Hit>>,
+    /// The way of a directional light.
+    sun: DVec3,
 }
 
 impl Setup {
@@ -57,11 +59,12 @@ impl Setup {
         let layers = peel.left;
         let starts = shadow::new(rig, &stand.shared, &layers, false)?;
         let hits = pixels(SIZE).map(|at| stand.hit(at)).collect();
-        Ok(Setup { stand, gbuffer, layers, starts, hits })
+        let sun = stand.view.light_frame().forward;
+        Ok(Setup { stand, gbuffer, layers, starts, hits, sun })
     }
 
     fn to_light(&self, place: DVec3) -> DVec3 {
-        to_light(&self.stand.view, place)
+        to_light(&self.stand.view, self.sun, place)
     }
 
     fn light_m(&self, place: DVec3) -> f64 {

@@ -1,25 +1,7 @@
-//! Adapters without a feature, and those on which no pipeline runs.
+//! Adapters without a feature.
 
-use crate::common::{Ends, Place, SMALL, fathom, holds, records};
+use crate::common::{Ends, Place, SMALL, holds, records};
 use fathom::record::{Feature, Mask, NoteKind, Record, finished};
-
-/// OpenGL copies no depth texture.
-#[test]
-fn an_adapter_of_opengl_is_listed_and_refused() {
-    let listed = fathom("list adapters --json").ends(0).json();
-    let listed = listed.as_array().unwrap();
-    let Some(gl) = listed.iter().find(|adapter| adapter["backend"] == "gl") else {
-        println!("skipped: there is no OpenGL here");
-        return;
-    };
-    holds(&gl["about"].to_string(), &["cannot be used: it lacks copies of depth textures"]);
-    let place = Place::new();
-    let asked = place.fathom(format!("run uw-default --adapter {}", gl["index"])).refused("(gl)");
-    let only = place.fathom("audit").env("WGPU_BACKEND", "gl").refused("(gl)");
-    for line in [asked, only] {
-        holds(&line, &["lacks copies of depth textures, which fathom needs"]);
-    }
-}
 
 /// Records, page and summary of less than the adapter say so.
 #[test]
