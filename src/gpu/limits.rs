@@ -93,7 +93,7 @@ const MOST: Shading = Shading {
     storage_buffers: 4,
     uniform_buffers: 4,
     sampled_textures: 8,
-    samplers: 2,
+    samplers: 1,
     storage_textures: 1,
     groups: 3,
     invocations: 64,
