@@ -109,8 +109,9 @@ impl Kernel {
         let wrong = match &self.output {
             Output::Words(buffer) | Output::Cleared(buffer) => {
                 let bytes = read_buffer(gpu, buffer)?;
-                let words = bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word));
-                words.map(f64::from).find(is_wrong)
+                let word = (expected as u32).to_le_bytes();
+                let wrong = bytes.as_chunks().0.iter().find(|found| **found != word);
+                wrong.map(|found| f64::from(u32::from_le_bytes(*found)))
             }
             Output::Texels(texture) => {
                 let texels = read_texture(gpu, texture)?.data;
