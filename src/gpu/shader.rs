@@ -18,7 +18,7 @@ use wgpu::naga;
 use super::layout::{Binding, bindings};
 use super::pipelines::CodeKey;
 use super::{Gpu, GpuError};
-use fathom_embedded::Folders;
+use fathom_base::embedded::Folders;
 
 /// A linked shader of a device.
 #[derive(Clone)]
@@ -200,7 +200,7 @@ impl Gpu {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_embedded::SHADERS;
+    use fathom_base::embedded::SHADERS;
 
     fn folders() -> Folders {
         Folders::of(SHADERS)

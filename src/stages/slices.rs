@@ -34,7 +34,7 @@ mod tests {
     use wgpu::naga::{Block, Statement};
 
     use super::*;
-    use fathom_embedded::{Folders, SHADERS};
+    use fathom_base::embedded::{Folders, SHADERS};
     use fathom_gpu::{default_defs, link, shader_paths};
 
     /// Every shader with loops, and what keeps the turns of an invocation below [`MOST_LOOP_TURNS`].
