@@ -9,6 +9,7 @@ use std::time::Instant;
 use crate::compare::worker;
 use crate::folder;
 use crate::gpu::{self, Audit, Gpu};
+use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, Figure};
 use crate::harness::outcome::Counts;
@@ -22,7 +23,6 @@ use crate::harness::{
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, FolderLock, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
-use crate::scene::assets::{self, AssetStatus};
 use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;

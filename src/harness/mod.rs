@@ -3,6 +3,7 @@
 //! [`plan`] resolves parameters and checks limits, [`schedule`] says which cells come next, [`sample`] schedules their frames over
 //! an [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
 
+pub mod assets;
 pub mod catalog;
 pub mod ceilings;
 pub mod difference;
