@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+use fathom_base::text;
 use fathom_gpu as gpu;
 use fathom_gpu::{ClockPlan, Gpu, GpuError};
 use fathom_record::ceilings::{Ceiling, CeilingShare, Limit};
@@ -95,13 +96,10 @@ pub fn answer(gpu: &Gpu, plan: ClockPlan) -> Result<Answer, GpuError> {
 
 impl fmt::Display for Answer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "limit                     per second  95 % interval              n  doubling"
-        )?;
-        for ceiling in &self.ceilings {
-            writeln!(f, "{}", row(ceiling))?;
-        }
+        let heads = ["limit", "per second", "95 % interval", "n", "doubling", "unit"];
+        let rows = self.ceilings.iter().map(row);
+        let rows: Vec<_> = std::iter::once(heads.map(str::to_owned)).chain(rows).collect();
+        writeln!(f, "{}", text::columns(&rows).join("\n"))?;
         if !self.unsound.is_empty() {
             writeln!(f, "\nunsound: {}", self.unsound.join("; "))?;
         }
@@ -109,17 +107,18 @@ impl fmt::Display for Answer {
     }
 }
 
-fn row(ceiling: &Ceiling) -> String {
+fn row(ceiling: &Ceiling) -> [String; 6] {
     let Ceiling { limit, rate, doubling } = ceiling;
     let [low, high] = rate.ends();
-    let verdict = if ceiling.is_sound() { "" } else { "  unsound" };
-    format!(
-        "{:<23} {:>12.4e}  {low:.3e} to {high:.3e}  {:>3}  {doubling:>8.2}  {}{verdict}",
-        limit.name(),
-        rate.median,
-        rate.n,
-        limit.unit()
-    )
+    let verdict = if ceiling.is_sound() { "" } else { ", unsound" };
+    [
+        limit.name().to_owned(),
+        format!("{:.4e}", rate.median),
+        format!("{low:.3e} to {high:.3e}"),
+        rate.n.to_string(),
+        format!("{doubling:.2}{verdict}"),
+        limit.unit().to_owned(),
+    ]
 }
 
 #[cfg(test)]

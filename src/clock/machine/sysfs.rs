@@ -180,6 +180,9 @@ fn core() -> Option<usize> {
 mod tests {
     use super::*;
 
+    /// A file below the folder, and what it holds.
+    type File = (&'static str, &'static str);
+
     fn write(folder: &Path, files: &[(&str, &str)]) {
         for (file, text) in files {
             let path = folder.join(file);
@@ -205,21 +208,21 @@ mod tests {
 
     #[test]
     fn the_files_of_each_driver_are_read_and_what_a_card_lacks_is_left_out() {
-        const SCLK: (&str, &str) = ("device/pp_dpm_sclk", "0: 500Mhz\n1: 2304Mhz *\n2: 2600Mhz\n");
-        const MCLK: (&str, &str) = ("device/pp_dpm_mclk", "S: 19Mhz *\n0: 800Mhz");
-        const HEAT: (&str, &str) = ("device/hwmon/hwmon3/temp1_input", "54000\n");
-        const POWER: (&str, &str) = ("device/hwmon/hwmon3/power1_average", "183000000\n");
-        const ASLEEP: (&str, &str) = ("gt_act_freq_mhz", "0\n");
-        const ASKED: (&str, &str) = ("gt_cur_freq_mhz", "300\n");
-        const PL2: (&str, &str) = ("gt/gt0/throttle_reason_pl2", "1\n");
-        const RATL: (&str, &str) = ("gt/gt0/throttle_reason_ratl", "1\n");
-        const HELD: (&str, &str) = ("gt/gt0/throttle_reason_status", "1\n");
-        const XE: (&str, &str) = ("device/tile0/gt0/freq0/act_freq", "2400\n");
-        const XE_HELD: (&str, &str) = ("device/tile0/gt0/freq0/throttle/status", "1\n");
-        const XE_VR: (&str, &str) = ("device/tile0/gt0/freq0/throttle/reason_vr_tdc", "1\n");
+        const SCLK: File = ("device/pp_dpm_sclk", "0: 500Mhz\n1: 2304Mhz *\n2: 2600Mhz\n");
+        const MCLK: File = ("device/pp_dpm_mclk", "S: 19Mhz *\n0: 800Mhz");
+        const HEAT: File = ("device/hwmon/hwmon3/temp1_input", "54000\n");
+        const POWER: File = ("device/hwmon/hwmon3/power1_average", "183000000\n");
+        const ASLEEP: File = ("gt_act_freq_mhz", "0\n");
+        const ASKED: File = ("gt_cur_freq_mhz", "300\n");
+        const PL2: File = ("gt/gt0/throttle_reason_pl2", "1\n");
+        const RATL: File = ("gt/gt0/throttle_reason_ratl", "1\n");
+        const HELD: File = ("gt/gt0/throttle_reason_status", "1\n");
+        const XE: File = ("device/tile0/gt0/freq0/act_freq", "2400\n");
+        const XE_HELD: File = ("device/tile0/gt0/freq0/throttle/status", "1\n");
+        const XE_VR: File = ("device/tile0/gt0/freq0/throttle/reason_vr_tdc", "1\n");
         let none = [None; 4];
         let amd = [Some(2304.0), Some(19.0), Some(54.0), Some(183.0)];
-        let cases: [(u32, &[(&str, &str)], MachineState); 9] = [
+        let cases: [(u32, &[File], MachineState); 9] = [
             (AMD, &[SCLK, MCLK, HEAT, POWER], state(amd, &[])),
             (
                 AMD,

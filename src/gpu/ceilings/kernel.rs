@@ -24,6 +24,9 @@ const EDGE: u32 = 64;
 /// Sums of fragments may be off by this share.
 const TOLERANCE: f64 = 1e-6;
 
+/// Encodes so many turns.
+type Encode = Box<dyn Fn(&mut StageScope<'_>, u32)>;
+
 /// Passes whose work is known.
 pub(super) struct Kernel {
     /// Work of a turn, in units of the limit.
@@ -37,7 +40,7 @@ pub(super) struct Kernel {
     pub output: Output,
     /// What every value of the output is after so many turns.
     pub expected: Box<dyn Fn(u32) -> f64>,
-    pub encode: Box<dyn Fn(&mut StageScope<'_>, u32)>,
+    pub encode: Encode,
 }
 
 /// What a kernel writes.

@@ -35,7 +35,10 @@ const RAISED: u32 = 4;
 /// Every limit that this adapter can be measured against.
 pub fn limits(gpu: &Gpu) -> Vec<Limit> {
     let can = |limit: &Limit| match limit {
-        Limit::ReadMemory => gpu.limits.max_storage_buffer_binding_size >= MEMORY_SET_BYTES,
+        // Shaders on a CPU are slower than its memory: half a second a turn, and the clear binds.
+        Limit::ReadMemory => {
+            !gpu.adapter.software && gpu.limits.max_storage_buffer_binding_size >= MEMORY_SET_BYTES
+        }
         Limit::WriteMemory => gpu.limits.max_buffer_size >= MEMORY_SET_BYTES,
         Limit::BlendFloat32 => gpu.features.contains(wgpu::Features::FLOAT32_BLENDABLE),
         _ => true,
