@@ -37,12 +37,11 @@ pub mod cli;
 pub mod exporters;
 
 pub use fathom_base::{
-    choices, folder, input, npy, parameter, private, process, quiet, settings, statistics, tell,
-    text,
+    choices, embedded, folder, input, npy, parameter, private, process, quiet, settings,
+    statistics, tell, text,
 };
 pub use fathom_clock as clock;
 pub use fathom_compare as compare;
-pub use fathom_embedded as embedded;
 pub use fathom_experiments as experiments;
 pub use fathom_experiments::words;
 pub use fathom_gates as gates;

@@ -1,5 +1,5 @@
-// defs: COLUMNS=128, ROWS=256, UNORM=0, CLIPPED=0
-// The least work that draws something: a triangle over the whole target, a grid of triangles of a pixel each, a grid of points.
+// defs: COLUMNS=128, ROWS=256, UNORM=0
+// The least work that draws something: a triangle over the whole target, and a grid of triangles of a pixel each.
 
 @vertex
 fn whole(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
@@ -12,18 +12,6 @@ fn grid(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
     let corner = vec2<u32>(index % (#{COLUMNS}u + 1u), index / (#{COLUMNS}u + 1u));
     let place = vec2<f32>(corner) / vec2<f32>(#{COLUMNS}.0, #{ROWS}.0);
     return vec4<f32>(place * 2.0 - 1.0, 0.5, 1.0);
-}
-
-// Two points to a cell, each in the middle of a pixel.
-@vertex
-fn point(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    let pixel = vec2<u32>(index % (2u * #{COLUMNS}u), index / (2u * #{COLUMNS}u));
-    let place = (vec2<f32>(pixel) + 0.5) / vec2<f32>(2.0 * #{COLUMNS}.0, #{ROWS}.0);
-#if CLIPPED == 1
-    return vec4<f32>(place * 2.0 + 3.0, 0.5, 1.0);
-#else
-    return vec4<f32>(place * 2.0 - 1.0, 0.5, 1.0);
-#endif
 }
 
 // One, in the format's own steps.

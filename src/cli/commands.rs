@@ -9,8 +9,9 @@ use std::time::Instant;
 use crate::compare::worker;
 use crate::folder;
 use crate::gpu::{self, Audit, Gpu};
+use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
-use crate::harness::figures::{self, Figure, Rendered};
+use crate::harness::figures::{self, Figure};
 use crate::harness::outcome::Counts;
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
@@ -22,11 +23,9 @@ use crate::harness::{
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, FolderLock, OVER_BUDGET, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
-use crate::scene::assets::{self, AssetStatus};
 use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
-use image::RgbImage;
 use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -277,31 +276,28 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
         let stem = Path::new(scene).file_stem().unwrap_or_default();
         PathBuf::from(stem).with_extension("png")
     });
-    let rendered = rendering::bare(&gpu, &subject, args.samples.unwrap_or(1))?;
-    picture::write_to(&rendered.explained(), &path)?;
+    let (rendered, _) = rendering::image(&gpu, &subject, args.samples.unwrap_or(1))?;
+    picture::write_to(&rendered, &path)?;
     written([path])
 }
 
-/// Each panel and the sheet of each figure; of several figures also a sheet for each paper. A figure that cannot be rendered does not
-/// keep the others from it.
+/// The panels of each figure, and a page of all of them. A figure that cannot be rendered does not keep the others from it.
 fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     let (figures, several) = Figure::named(&catalog.figures, name)?;
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(FIGURES_FOLDER));
     let _lock = FolderLock::take(&folder)?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
-    let mut parts = BTreeMap::<&str, Vec<RgbImage>>::new();
-    let mut failed = false;
-    let width = |paper| {
-        let of_paper = figures.iter().filter(|figure| figure.paper() == paper);
-        sheet::width_among(of_paper.map(|figure| figure.panel.len()).sum())
-    };
+    let (mut sections, mut failed) = (Vec::new(), false);
     for figure in &figures {
         let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
         match figure.render(&gpu, &mut subjects, &args.set, args.samples) {
             Ok(panels) => {
-                write_figure(&folder, figure, &panels)?;
-                let part = sheet::small(figure, &panels, width(figure.paper()));
-                parts.entry(figure.paper()).or_default().push(part);
+                for (panel, number) in panels.iter().zip(0..) {
+                    let path = figures::panel_file(&folder, figure, number);
+                    picture::write_to(&panel.picture, &path)?;
+                    tell::done(path.display());
+                }
+                sections.push(sheet::section(figure, &panels));
             }
             Err(error) if several => {
                 tell::error(error);
@@ -310,26 +306,10 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
             Err(error) => return Err(error),
         }
     }
-    for (paper, parts) in parts.iter().filter(|_| several) {
-        let path = folder.join(format!("{paper}.png"));
-        picture::write_to(&sheet::of_all(parts, width(paper)), &path)?;
-        tell::done(path.display());
-    }
+    let page = format!("{name}.html");
+    folder::write(&folder.join(&page), sheet::page(name, &sections).as_bytes())?;
+    tell::done(folder.join(page).display());
     ended(!failed)
-}
-
-/// Writes a figure's files.
-fn write_figure(folder: &Path, figure: &Figure, panels: &[Rendered]) -> anyhow::Result<()> {
-    for (panel, number) in panels.iter().zip(0..) {
-        picture::write_to(
-            &panel.picture.explained(),
-            &figures::panel_file(folder, figure, number),
-        )?;
-    }
-    let path = folder.join(format!("{}.png", figure.id));
-    picture::write_to(&sheet::of_figure(figure, panels), &path)?;
-    tell::done(path.display());
-    Ok(())
 }
 
 pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {

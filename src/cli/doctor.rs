@@ -15,6 +15,7 @@ use super::commands::{
 use super::{AdapterArgs, COULD_NOT_RUN};
 use crate::experiments::Experiment;
 use crate::gpu::{Gpu, Listed};
+use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options};
@@ -23,7 +24,7 @@ use crate::record::{self, Cell, Measured, Record, Run};
 use crate::report::noise::{Noise, RunVerdict};
 use crate::report::trust::{self, ClockTrust};
 use crate::report::{ReportView, facts};
-use crate::scene::assets::{self, AssetStatus, Source};
+use crate::scene::assets::Source;
 use crate::{process, quiet, tell, text};
 
 /// What is measured, where the catalogue has it.

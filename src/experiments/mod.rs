@@ -16,9 +16,9 @@ pub mod words;
 
 use std::path::Path;
 
+use fathom_base::embedded::{EXPERIMENTS, Folders};
 use fathom_base::input;
 use fathom_base::text::{did_you_mean, line, nearest};
-use fathom_embedded::{EXPERIMENTS, Folders};
 
 pub use claims::{
     CHANCE, LOOKS, NO_VISIT, RuledFigure, Ruling, Scale, Scaling, Standing, Verdict, Whose,

@@ -93,7 +93,7 @@ const MOST: Shading = Shading {
     storage_buffers: 4,
     uniform_buffers: 4,
     sampled_textures: 8,
-    samplers: 2,
+    samplers: 1,
     storage_textures: 1,
     groups: 3,
     invocations: 64,
@@ -270,7 +270,7 @@ mod tests {
     use super::*;
     use crate::layout::{BindingKind, bindings};
     use crate::shader::{link, shader_paths};
-    use fathom_embedded::{Folders, SHADERS};
+    use fathom_base::embedded::{Folders, SHADERS};
 
     #[test]
     fn a_demand_beyond_a_limit_names_it_with_both_figures() {

@@ -147,7 +147,7 @@ impl TexelLayout {
     fn of(format: wgpu::TextureFormat) -> Result<Self, GpuError> {
         use wgpu::TextureFormat as Format;
         let float: fn(&[u8]) -> f32 = |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-        let half: fn(&[u8]) -> f32 = |b| half_to_f32(u16::from_le_bytes([b[0], b[1]]));
+        let half: fn(&[u8]) -> f32 = |b| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
         let unorm: fn(&[u8]) -> f32 = |b| f32::from(b[0]) / 255.0;
         let (bytes, channels, decode) = match format {
             Format::R32Float | Format::Depth32Float => (4, 1, float),
@@ -166,40 +166,5 @@ impl TexelLayout {
 
     fn decode(self, row: &[u8]) -> impl Iterator<Item = f32> {
         row.chunks_exact((self.bytes / self.channels) as usize).map(self.decode)
-    }
-}
-
-/// IEEE 754 binary16 to binary32, exactly.
-fn half_to_f32(half: u16) -> f32 {
-    let sign = if half >> 15 == 1 { -1.0 } else { 1.0 };
-    let exponent = i32::from(half >> 10 & 0x1f);
-    let mantissa = f32::from(half & 0x3ff);
-    match exponent {
-        0 => sign * mantissa * 2f32.powi(-24),
-        31 if mantissa == 0.0 => sign * f32::INFINITY,
-        31 => f32::NAN,
-        _ => sign * (1024.0 + mantissa) * 2f32.powi(exponent - 25),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn halves_are_widened_exactly() {
-        let cases = [
-            (0x0000, 0.0),
-            (0x3c00, 1.0),
-            (0xc000, -2.0),
-            (0x3555, 0.333_251_95),
-            (0x7bff, 65504.0),
-            (0x0001, 5.960_464_5e-8),
-            (0x7c00, f32::INFINITY),
-        ];
-        for (half, float) in cases {
-            assert_eq!(half_to_f32(half), float, "{half:#06x}");
-        }
-        assert!(half_to_f32(0x7e00).is_nan());
     }
 }

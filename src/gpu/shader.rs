@@ -18,7 +18,7 @@ use wgpu::naga;
 use super::layout::{Binding, bindings};
 use super::pipelines::CodeKey;
 use super::{Gpu, GpuError};
-use fathom_embedded::Folders;
+use fathom_base::embedded::Folders;
 
 /// A linked shader of a device.
 #[derive(Clone)]
@@ -200,7 +200,7 @@ impl Gpu {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_embedded::SHADERS;
+    use fathom_base::embedded::SHADERS;
 
     fn folders() -> Folders {
         Folders::of(SHADERS)
@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn defs_go_before_the_shaders_own_defaults() {
         let group_size = |defs: &[(&str, i32)]| {
-            link(&folders(), "ceilings/read", defs).unwrap().entry_points[0].workgroup_size[0]
+            link(&folders(), "ceilings/compute", defs).unwrap().entry_points[0].workgroup_size[0]
         };
         assert_eq!(group_size(&[]), 64);
         assert_eq!(group_size(&[("GROUP_SIZE", 32)]), 32);
@@ -235,9 +235,9 @@ mod tests {
     #[test]
     fn a_link_error_shows_the_source() {
         let error =
-            link(&folders(), "ceilings/atomics", &[("GROUP_SIZE", -1)]).unwrap_err().to_string();
-        assert!(error.contains("shaders/ceilings/atomics.wgsl"), "{error}");
-        assert!(error.contains("@workgroup_size(-1)"), "{error}");
+            link(&folders(), "ceilings/compute", &[("GROUP_SIZE", -1)]).unwrap_err().to_string();
+        assert!(error.contains("shaders/ceilings/compute.wgsl"), "{error}");
+        assert!(error.contains("length / groups.x, -1u)"), "{error}");
         assert!(matches!(link(&folders(), "audit/none", &[]), Err(GpuError::UnknownShader(_))));
     }
 }

@@ -4,9 +4,9 @@
 use serde_json::Value;
 
 use super::subject::SubjectError;
+use fathom_base::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
 use fathom_base::parameter::{self, Allowed, Field};
 use fathom_base::text::nearest;
-use fathom_embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
 use fathom_gpu::StageInfo;
 use fathom_pipelines as pipelines;
 use fathom_pipelines::{KINDS, Pipeline, PipelineKind};

@@ -368,7 +368,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
                 Folder::open(&folder).map_err(|source| picture::unwritten(&folder, source))?;
             picture::write(picture, &folder, Path::new(name))
         };
-        let saved = views.unwrap_or_else(|| picture::of(&self.session.gpu, pipeline));
+        let saved = views.unwrap_or_else(|| picture::bare(&self.session.gpu, pipeline));
         let saved = saved.and_then(|picture| save(&picture, &image.path));
         let saved = findings.noted(NoteKind::NoPicture, "no picture", saved);
         findings.pictures.extend(saved.map(|()| image));

@@ -1,5 +1,5 @@
 //! Published figures as data: `benches/figures/*.toml`. Each lists the panels that are rendered for it, which [`sheet`](super::sheet)
-//! puts together with their captions.
+//! shows with their captions.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,10 +9,10 @@ use image::{RgbImage, imageops};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::render::{self, Bare};
+use super::render;
 use super::subject::{Subject, Subjects};
+use fathom_base::embedded::Folders;
 use fathom_base::text::{check_id, did_you_mean, nearest};
-use fathom_embedded::Folders;
 use fathom_experiments::flatten;
 use fathom_experiments::schema::one_line;
 use fathom_gpu::Gpu;
@@ -103,7 +103,9 @@ fn two() -> u32 {
 
 /// A panel as it was rendered.
 pub struct Rendered {
-    pub picture: Bare,
+    pub picture: RgbImage,
+    /// Its greys are 1 − A.
+    pub shows_visibility: bool,
     pub caption: String,
 }
 
@@ -141,11 +143,6 @@ impl Figure {
         let ids = if several { ids } else { vec![name.to_owned()] };
         let figures: Result<Vec<_>> = ids.iter().map(|id| Self::load(folders, id)).collect();
         Ok((figures?, several))
-    }
-
-    /// What its id says before the number: `uw` of `uw-5`.
-    pub fn paper(&self) -> &str {
-        paper_of(&self.id)
     }
 
     fn parse(name: &str, text: &str) -> Result<Self, String> {
@@ -212,15 +209,17 @@ impl Figure {
             let (pipeline, scene, params) = self.setting(panel, more);
             let subject = subjects.subject(pipeline, scene, &params)?;
             let samples = samples.or(panel.samples).unwrap_or(SAMPLES);
-            let mut picture = match panel.shows {
-                Shown::Image => render::bare(gpu, &subject, samples)?,
-                Shown::Caustics => render::caustics(gpu, &subject, &mut known, false)?,
-                Shown::CausticsReference => render::caustics(gpu, &subject, &mut known, true)?,
+            let (mut picture, shows_visibility) = match panel.shows {
+                Shown::Image => render::image(gpu, &subject, samples)?,
+                Shown::Caustics => (render::caustics(gpu, &subject, &mut known, false)?, false),
+                Shown::CausticsReference => {
+                    (render::caustics(gpu, &subject, &mut known, true)?, false)
+                }
             };
             if let Some(crop) = panel.crop {
-                picture.image = cropped(&picture.image, crop);
+                picture = cropped(&picture, crop);
             }
-            Ok(Rendered { picture, caption: caption(panel, &subject) })
+            Ok(Rendered { picture, shows_visibility, caption: caption(panel, &subject) })
         };
         let named = |panel: &Panel| {
             let told = |error| anyhow!("figure `{}`, panel `{}`: {error}", self.id, panel.caption);
@@ -261,8 +260,8 @@ mod tests {
 
     use super::*;
     use crate::catalog::Catalog;
+    use fathom_base::embedded::FIGURES;
     use fathom_base::parameter;
-    use fathom_embedded::FIGURES;
     use fathom_scene::SceneFile;
 
     #[test]
@@ -273,7 +272,7 @@ mod tests {
         assert!(several && all.len() == Figure::ids(&folders).len());
         let (of_paper, several) = named("uw");
         assert!(several && of_paper.len() > 1 && of_paper.len() < all.len());
-        assert!(of_paper.iter().all(|figure| figure.paper() == "uw"));
+        assert!(of_paper.iter().all(|figure| paper_of(&figure.id) == "uw"));
         let (one, several) = named("uw-5");
         assert!(!several && one.len() == 1 && one[0].id == "uw-5");
         assert!(Figure::named(&folders, "u").is_err());

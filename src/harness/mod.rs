@@ -3,7 +3,7 @@
 //! [`plan`] resolves parameters and checks limits, [`schedule`] says which cells come next, [`sample`] schedules their frames over
 //! an [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
 
-mod canvas;
+pub mod assets;
 pub mod catalog;
 pub mod ceilings;
 pub mod difference;
@@ -24,7 +24,6 @@ pub mod repetitions;
 pub mod reports;
 pub mod run;
 pub mod sample;
-mod scale;
 pub mod schedule;
 pub mod shard;
 pub mod sheet;

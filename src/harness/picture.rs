@@ -5,7 +5,6 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow};
 
-use super::scale;
 use fathom_base::folder::{self, Folder};
 use fathom_gpu::{Gpu, read_texture};
 use fathom_pipelines::AnyPipeline;
@@ -14,16 +13,6 @@ use image::{Rgb, RgbImage};
 
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
 const GAMMA: f32 = 2.2;
-
-/// The image of the last frame; visibility gets a scale below.
-pub fn of(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage> {
-    Ok(explained(bare(gpu, pipeline)?, pipeline.shows_visibility()))
-}
-
-/// With a scale below where it shows visibility.
-pub fn explained(image: RgbImage, shows_visibility: bool) -> RgbImage {
-    if shows_visibility { scale::below(&image) } else { image }
-}
 
 /// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not.
 pub fn bare(gpu: &Gpu, pipeline: &AnyPipeline) -> Result<RgbImage> {

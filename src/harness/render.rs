@@ -9,19 +9,6 @@ use fathom_gpu::{Gpu, GpuError};
 use fathom_pipelines::caustics_image::Compared;
 use fathom_pipelines::{AnyPipeline, Judge, Known};
 
-/// A picture without what explains it.
-pub struct Bare {
-    pub image: RgbImage,
-    pub shows_visibility: bool,
-}
-
-impl Bare {
-    /// With a scale below where it shows visibility.
-    pub fn explained(&self) -> RgbImage {
-        picture::explained(self.image.clone(), self.shows_visibility)
-    }
-}
-
 /// Builds the subject's pipeline and runs one frame, untimed.
 pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<AnyPipeline>, GpuError> {
     let pipeline = subject.build(gpu)?;
@@ -30,19 +17,20 @@ pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<AnyPipeline>, GpuError>
 }
 
 /// Renders the subject, each pixel as the mean of `samples`, a square number. A pipeline that has no larger picture gets one sample.
-pub fn bare(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<Bare> {
+/// Also tells whether its greys are visibility.
+pub fn image(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<(RgbImage, bool)> {
     let factor = samples.isqrt();
     let larger = subject.enlarged(factor).filter(|_| factor > 1);
     let factor = if larger.is_some() { factor } else { 1 };
     let pipeline = frame(gpu, larger.as_ref().unwrap_or(subject))?;
     let image = picture::reduced(gpu, pipeline.as_ref(), factor)?;
-    Ok(Bare { image, shows_visibility: pipeline.shows_visibility() })
+    Ok((image, pipeline.shows_visibility()))
 }
 
 /// The subject's caustics, or those of the photon map in their place; see [`Compared::picture`].
-pub fn caustics(gpu: &Gpu, subject: &Subject, known: &mut Known, exact: bool) -> Result<Bare> {
+pub fn caustics(gpu: &Gpu, subject: &Subject, known: &mut Known, exact: bool) -> Result<RgbImage> {
     let pipeline = frame(gpu, subject)?;
     let mut judge = Judge { gpu, scene: &subject.scene, known, asked: &[] };
     let compared: Compared = pipeline.caustics(&mut judge)?;
-    Ok(Bare { image: compared.picture(exact), shows_visibility: false })
+    Ok(compared.picture(exact))
 }

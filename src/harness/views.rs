@@ -5,7 +5,7 @@ use anyhow::{Context, Result, ensure};
 use glam::{DQuat, DVec3};
 use image::{Rgb, RgbImage, imageops};
 
-use super::picture::{self, explained};
+use super::picture;
 use super::subject::Subject;
 use fathom_base::statistics::mean;
 use fathom_gpu::{FrameTimer, Gpu, Pixels, read_texture};
@@ -159,8 +159,7 @@ impl Views {
         pictures.sort_by(|a, b| a.0.total_cmp(&b.0));
         let pictures: Result<Vec<RgbImage>> =
             pictures.into_iter().map(|(_, picture)| picture).collect();
-        let side_by_side = |pictures: Vec<_>| explained(strip(&pictures), cell.shows_visibility());
-        Ok(Self { spread: seen.spread(), strip: pictures.map(side_by_side) })
+        Ok(Self { spread: seen.spread(), strip: pictures.map(|pictures| strip(&pictures)) })
     }
 }
 

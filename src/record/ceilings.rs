@@ -1,196 +1,115 @@
 //! What an adapter can do at most, and how near to that a stage comes. `docs/ceilings.md` has the rule.
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use strum::Display;
+use serde::de::{DeserializeOwned, Error as _};
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::Value;
+use strum::EnumIter;
 
-use super::{Clock, Estimate, Interval, PassKind, StageRecord, Work};
+use super::{Clock, Estimate, Interval, StageRecord, Work};
 
-/// Format of the texels that a limit is measured with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Display)]
-#[serde(rename_all = "lowercase")]
-#[strum(serialize_all = "lowercase")]
-pub enum TexelFormat {
-    R8Unorm,
-    Rgba8Unorm,
-    R16Float,
-    Rgba16Float,
-    R32Float,
-    Rgba32Float,
-    Depth32Float,
-}
-
-/// How a fragment gets into its target.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Blending {
-    Opaque,
-    /// Added to what the target holds.
-    Additive,
-}
-
-/// Where atomic operations go.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Addresses {
-    /// Each invocation has a word of its own.
-    Spread,
-    /// All invocations share one word.
-    Contended,
-}
-
-/// A primitive of about one pixel, and what becomes of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SmallPrimitive {
-    Triangle,
-    /// Faces away and is not drawn.
-    CulledTriangle,
-    Point,
-    /// Lies outside the view.
-    ClippedPoint,
-}
+/// Size of the buffers of a limit on memory: one that caches hold, and one that they do not.
+pub const CACHED_SET_BYTES: u64 = 1 << 20;
+pub const MEMORY_SET_BYTES: u64 = 256 << 20;
 
 /// One thing that an adapter does at a limited rate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "limit", rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumIter)]
+#[serde(rename_all = "snake_case")]
 pub enum Limit {
-    /// Copying between two buffers that have this size together.
-    Copy {
-        /// All buffers together.
-        working_set_bytes: u64,
-    },
-    /// Reading a buffer in a compute shader.
-    Read {
-        /// All buffers together.
-        working_set_bytes: u64,
-    },
-    /// Clearing a buffer.
-    Write {
-        /// All buffers together.
-        working_set_bytes: u64,
-    },
-    /// Fragments of a minimal shader.
-    Fill {
-        format: TexelFormat,
-        blending: Blending,
-    },
-    /// Texels loaded without a filter.
-    Load2d {
-        format: TexelFormat,
-    },
-    /// Texels of gathers, four each.
-    Gather2d {
-        format: TexelFormat,
-    },
-    /// Trilinear look-ups in a volume.
-    Sample3d {
-        format: TexelFormat,
-    },
-    Atomics {
-        addresses: Addresses,
-    },
-    /// Fused multiply-adds in this kind of pass.
-    Arithmetic {
-        /// Kind of pass.
-        pass: PassKind,
-    },
-    Primitives {
-        primitive: SmallPrimitive,
-    },
-    /// Passes that do next to nothing.
-    EmptyPass {
-        /// Kind of pass.
-        pass: PassKind,
-    },
+    /// A compute shader reads a buffer of [`CACHED_SET_BYTES`].
+    ReadCached,
+    /// A compute shader reads a buffer of [`MEMORY_SET_BYTES`].
+    ReadMemory,
+    /// A buffer of [`CACHED_SET_BYTES`] is cleared.
+    WriteCached,
+    /// A buffer of [`MEMORY_SET_BYTES`] is cleared.
+    WriteMemory,
+    /// Fragments of a minimal shader, into a target of 8 bits.
+    FillUnorm8,
+    /// The same, into a target of a 32-bit float.
+    FillFloat32,
+    /// Fragments that are added to what the target holds.
+    BlendUnorm8,
+    BlendFloat32,
+    /// Texels loaded from a picture.
+    Loads2d,
+    /// Texels loaded from a volume.
+    Loads3d,
+    /// Each invocation adds to a word of its own.
+    AtomicAdds,
+    /// Fused multiply-adds of a compute pass.
+    MultiplyAdds,
+    /// Triangles of about a pixel. They face away, so that no fragment is shaded: those that are drawn take longer.
+    SmallTriangles,
+    /// Compute passes that do next to nothing.
+    EmptyPasses,
 }
 
 impl Limit {
-    /// What is counted, for people, and the kind of work that it bounds.
-    fn counted(self) -> (&'static str, Option<Bounded>) {
+    /// Its name and what is counted, for people, and the kind of work that it bounds.
+    fn facts(self) -> (&'static str, &'static str, Option<Bounded>) {
         match self {
-            Self::Copy { .. } | Self::Read { .. } | Self::Write { .. } => {
-                ("B/s", Some(Bounded::Bytes))
+            Self::ReadCached => ("read, 1 MiB", "B/s", Some(Bounded::Bytes)),
+            Self::ReadMemory => ("read, 256 MiB", "B/s", Some(Bounded::Bytes)),
+            Self::WriteCached => ("clear, 1 MiB", "B/s", Some(Bounded::Bytes)),
+            Self::WriteMemory => ("clear, 256 MiB", "B/s", Some(Bounded::Bytes)),
+            Self::FillUnorm8 => ("opaque fill, r8unorm", "fragments/s", Some(Bounded::Fragments)),
+            Self::FillFloat32 => ("opaque fill, r32float", "fragments/s", Some(Bounded::Fragments)),
+            Self::BlendUnorm8 => ("blended fill, r8unorm", "fragments/s", Some(Bounded::Fragments)),
+            Self::BlendFloat32 => {
+                ("blended fill, r32float", "fragments/s", Some(Bounded::Fragments))
             }
-            Self::Fill { .. } => ("fragments/s", Some(Bounded::Fragments)),
-            Self::Load2d { .. } | Self::Gather2d { .. } | Self::Sample3d { .. } => {
-                ("texels/s", Some(Bounded::Texels))
-            }
-            Self::Primitives { .. } => ("primitives/s", Some(Bounded::Primitives)),
-            Self::Atomics { .. } => ("adds/s", None),
-            Self::Arithmetic { .. } => ("multiply-adds/s", None),
-            Self::EmptyPass { .. } => ("passes/s", None),
+            Self::Loads2d => ("2-D loads", "texels/s", Some(Bounded::Texels)),
+            Self::Loads3d => ("3-D loads", "texels/s", Some(Bounded::Texels)),
+            Self::AtomicAdds => ("atomic adds, spread", "adds/s", None),
+            Self::MultiplyAdds => ("arithmetic, compute", "multiply-adds/s", None),
+            Self::SmallTriangles => ("culled triangles", "primitives/s", Some(Bounded::Primitives)),
+            Self::EmptyPasses => ("empty passes, compute", "passes/s", None),
         }
+    }
+
+    /// For people.
+    pub fn name(self) -> &'static str {
+        self.facts().0
     }
 
     /// What is counted, for people.
     pub fn unit(self) -> &'static str {
-        self.counted().0
+        self.facts().1
     }
 
-    /// For people.
-    pub fn name(self) -> String {
-        match self {
-            Self::Copy { working_set_bytes } => format!("copy, {}", size(working_set_bytes)),
-            Self::Read { working_set_bytes } => format!("read, {}", size(working_set_bytes)),
-            Self::Write { working_set_bytes } => format!("clear, {}", size(working_set_bytes)),
-            Self::Fill { format, blending } => {
-                let blending = if blending == Blending::Opaque { "opaque" } else { "blended" };
-                format!("{blending} fill, {format}")
-            }
-            Self::Load2d { format } => format!("2-D loads, {format}"),
-            Self::Gather2d { format } => format!("2-D gathers, {format}"),
-            Self::Sample3d { format } => format!("trilinear 3-D samples, {format}"),
-            Self::Atomics { addresses: Addresses::Spread } => "atomic adds, spread".to_owned(),
-            Self::Atomics { addresses: Addresses::Contended } => {
-                "atomic adds, contended".to_owned()
-            }
-            Self::Arithmetic { pass } => format!("arithmetic, {pass}"),
-            Self::Primitives { primitive } => primitive.name().to_owned(),
-            Self::EmptyPass { pass } => format!("empty passes, {pass}"),
-        }
-    }
-
-    /// The buffers' size, of a limit on memory.
-    pub fn working_set_bytes(self) -> Option<u64> {
-        match self {
-            Self::Copy { working_set_bytes }
-            | Self::Read { working_set_bytes }
-            | Self::Write { working_set_bytes } => Some(working_set_bytes),
-            _ => None,
-        }
-    }
-
-    /// Whether it bounds work of this kind.
-    pub fn bounds(self, kind: Bounded) -> bool {
-        self.counted().1 == Some(kind)
+    /// Whether no stage does so much work of this kind faster. Bytes count once, so a stage uses as much memory as its amount, and
+    /// caches do not hold what is as large as [`MEMORY_SET_BYTES`].
+    pub fn bounds(self, kind: Bounded, amount: u64) -> bool {
+        let is_cached = matches!(self, Self::ReadCached | Self::WriteCached);
+        self.facts().2 == Some(kind) && (!is_cached || amount < MEMORY_SET_BYTES)
     }
 }
 
-impl SmallPrimitive {
-    /// For people.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Triangle => "triangles of a pixel",
-            Self::CulledTriangle => "culled triangles",
-            Self::Point => "points",
-            Self::ClippedPoint => "clipped points",
-        }
-    }
+/// Reads a run's limits, without those that only earlier versions measured.
+pub(super) fn known<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Ceiling>, D::Error> {
+    let all = Vec::<Value>::deserialize(from)?;
+    all.into_iter().filter_map(parse_known).collect::<Result<_, _>>().map_err(D::Error::custom)
 }
 
-/// `64 KiB`, `16 MiB`.
-fn size(bytes: u64) -> String {
-    if bytes < 1 << 20 {
-        return format!("{} KiB", bytes >> 10);
-    }
-    format!("{} MiB", bytes >> 20)
+/// Reads a stage's share, unless it is of a limit that only earlier versions measured.
+pub(super) fn known_share<'de, D: Deserializer<'de>>(
+    from: D,
+) -> Result<Option<CeilingShare>, D::Error> {
+    let share = Option::<Value>::deserialize(from)?;
+    share.and_then(parse_known).transpose().map_err(D::Error::custom)
+}
+
+fn parse_known<T: DeserializeOwned>(value: Value) -> Option<serde_json::Result<T>> {
+    Limit::deserialize(&value["limit"]).ok()?;
+    Some(serde_json::from_value(value))
 }
 
 /// A measured limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Ceiling {
-    #[serde(flatten)]
+    /// Those of earlier versions are not read.
+    #[schemars(with = "String")]
     pub limit: Limit,
     /// Per second, in the limit's [unit](Limit::unit).
     pub rate: Estimate,
@@ -272,7 +191,8 @@ pub enum Basis {
 /// Share of the ceiling that binds a stage: the least time that the ceiling allows for the stage's work, over the stage's time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CeilingShare {
-    #[serde(flatten)]
+    /// The tightest that bounds the stage.
+    #[schemars(with = "String")]
     pub limit: Limit,
     pub work: Bounded,
     pub basis: Basis,
@@ -302,8 +222,8 @@ impl StageRecord {
         (amount > 0).then_some((amount, basis))
     }
 
-    /// Its share of the ceiling that binds it. None where its time is below the clock's resolution, where the CPU does its work,
-    /// and where no ceiling bounds it.
+    /// Its share of the tightest ceiling that bounds it. None where it is unknown: the time is below the clock's resolution, the CPU
+    /// does the work, or no ceiling bounds it.
     pub fn share_of(&self, ceilings: &[Ceiling]) -> Option<CeilingShare> {
         if self.clock == Clock::Host || !self.is_resolved() || self.time.median <= 0.0 {
             return None;
@@ -332,18 +252,11 @@ fn share(
     CeilingShare { limit: ceiling.limit, work, basis, amount, share, interval }
 }
 
-/// The highest sound rate of all limits that bound this kind of work: each of them shows that the adapter can do as much. Of limits
-/// on memory those count whose working set is at least the largest that is not larger than the amount. None where a limit that is not
-/// sound may be higher: the adapter's limit is then unknown.
+/// The highest sound rate of all limits that bound so much work of this kind: each of them shows that the adapter can do as much. None
+/// where a limit that is not sound may be higher: the adapter's limit is then unknown.
 pub fn binding(ceilings: &[Ceiling], kind: Bounded, amount: u64) -> Option<&Ceiling> {
-    let bounding = || ceilings.iter().filter(|ceiling| ceiling.limit.bounds(kind));
-    let sizes = || bounding().filter_map(|ceiling| ceiling.limit.working_set_bytes());
-    let size = sizes().filter(|size| *size <= amount).max().or_else(|| sizes().min());
-    let apt = bounding().filter(|ceiling| {
-        // A larger set that is copied faster shows that a smaller one is held back by something else.
-        ceiling.limit.working_set_bytes().is_none_or(|bytes| Some(bytes) >= size)
-    });
-    let (sound, unsound): (Vec<_>, Vec<_>) = apt.partition(|ceiling| ceiling.is_sound());
+    let bounding = ceilings.iter().filter(|ceiling| ceiling.limit.bounds(kind, amount));
+    let (sound, unsound): (Vec<_>, Vec<_>) = bounding.partition(|ceiling| ceiling.is_sound());
     let highest = sound.into_iter().max_by(|a, b| a.rate.median.total_cmp(&b.rate.median))?;
     let higher = |other: &&Ceiling| other.rate.ends()[1] > highest.rate.median;
     (!unsound.iter().any(higher)).then_some(highest)
@@ -352,102 +265,96 @@ pub fn binding(ceilings: &[Ceiling], kind: Bounded, amount: u64) -> Option<&Ceil
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Work;
 
     fn ceiling(limit: Limit, rate: f64) -> Ceiling {
         let interval = Some(Interval { low: 0.9 * rate, high: 1.1 * rate });
         Ceiling { limit, rate: Estimate { median: rate, interval, n: 8 }, doubling: 2.0 }
     }
 
-    fn copies() -> Vec<Ceiling> {
-        let of = |bytes, rate| ceiling(Limit::Copy { working_set_bytes: bytes }, rate);
-        vec![of(1 << 15, 40e9), of(1 << 20, 50e9), of(1 << 24, 20e9), of(1 << 28, 10e9)]
+    fn memory() -> Vec<Ceiling> {
+        use Limit::{ReadCached, ReadMemory, WriteCached, WriteMemory};
+        let rates =
+            [(ReadCached, 50e9), (ReadMemory, 10e9), (WriteCached, 5e9), (WriteMemory, 20e9)];
+        rates.map(|(limit, rate)| ceiling(limit, rate)).into()
     }
 
-    fn stage(ns: f64, work: Work) -> StageRecord {
-        let interval = Some(Interval { low: 0.9 * ns, high: 1.1 * ns });
-        let time = Estimate { median: ns, interval, n: 8 };
-        StageRecord { time, work, ..StageRecord::of("a", Clock::Timestamp, vec![ns]) }
-    }
-
-    #[test]
-    fn memory_is_bounded_by_the_rate_of_its_working_set() {
-        let rate = |amount| binding(&copies(), Bounded::Bytes, amount).unwrap().rate.median;
-        assert_eq!(rate(1 << 30), 10e9);
-        assert_eq!(rate(1 << 28), 10e9);
-        // Smaller than the next measured set: the one below is faster, and bounds it.
-        assert_eq!(rate((1 << 28) - 1), 20e9);
-        assert_eq!(rate(1 << 20), 50e9);
-        // Small copies are slow for another reason than memory.
-        assert_eq!(rate(100), 50e9);
-        assert_eq!(binding(&copies(), Bounded::Texels, 1), None);
+    /// A stage of a microsecond.
+    fn stage(work: Work) -> StageRecord {
+        let interval = Some(Interval { low: 900.0, high: 1100.0 });
+        let time = Estimate { median: 1000.0, interval, n: 8 };
+        StageRecord { time, work, ..StageRecord::of("a", Clock::Timestamp, vec![1000.0]) }
     }
 
     #[test]
-    fn the_ceiling_with_the_longest_least_time_binds() {
-        let mut ceilings = copies();
-        ceilings.push(ceiling(Limit::Load2d { format: TexelFormat::R32Float }, 1e9));
-        let work = Work { texel_fetches: 500, bytes_written: 1000, ..Work::default() };
-        let mut stage = stage(1000.0, work);
-        let share = stage.share_of(&ceilings).unwrap();
+    fn the_highest_rate_binds_unless_one_that_is_not_sound_may_be_higher() {
+        let bound = |ceilings: &[Ceiling], amount| {
+            binding(ceilings, Bounded::Bytes, amount).map(|ceiling| ceiling.limit)
+        };
+        let mut ceilings = memory();
+        assert_eq!(bound(&ceilings, 100), Some(Limit::ReadCached));
+        assert_eq!(bound(&ceilings, MEMORY_SET_BYTES - 1), Some(Limit::ReadCached));
+        assert_eq!(bound(&ceilings, MEMORY_SET_BYTES), Some(Limit::WriteMemory));
+        assert_eq!(binding(&ceilings, Bounded::Texels, 1), None);
+        ceilings[1].doubling = 1.0;
+        assert_eq!(bound(&ceilings, MEMORY_SET_BYTES), Some(Limit::WriteMemory), "it is slower");
+        ceilings[0].doubling = 1.0;
+        assert_eq!(bound(&ceilings, 100), None);
         assert_eq!(
-            (share.work, share.basis, share.amount),
-            (Bounded::Texels, Basis::Declared, 500)
+            bound(&ceilings, MEMORY_SET_BYTES),
+            Some(Limit::WriteMemory),
+            "it bounds no such"
         );
-        assert!((share.share - 0.5).abs() < 1e-9 && !share.is_impossible());
+    }
+
+    #[test]
+    fn a_share_is_of_the_tightest_ceiling_and_of_work_that_was_done() {
+        let mut ceilings = memory();
+        ceilings.extend([ceiling(Limit::Loads2d, 1e9), ceiling(Limit::FillUnorm8, 1e9)]);
+        let mut stage = stage(Work { texel_fetches: 500, bytes_written: 1000, ..Work::default() });
+        let found = |stage: &StageRecord| {
+            let share = stage.share_of(&ceilings)?;
+            Some((share.work, share.basis, share.amount, (share.share * 1e3).round()))
+        };
+        assert_eq!(found(&stage), Some((Bounded::Texels, Basis::Declared, 500, 500.0)));
         // Where a lower bound is declared, the estimate beside it bounds nothing.
         stage.least_work = Some(Work { bytes_written: 1000, ..Work::default() });
-        assert_eq!(stage.share_of(&ceilings).unwrap().work, Bounded::Bytes);
-        stage.least_work = Some(Work::default());
-        assert_eq!(stage.share_of(&ceilings), None);
-    }
-
-    #[test]
-    fn counters_replace_what_is_declared() {
-        let format = TexelFormat::Rgba8Unorm;
-        let ceilings = [ceiling(Limit::Fill { format, blending: Blending::Opaque }, 1e9)];
-        let mut stage = stage(1000.0, Work { fragments: 5000, ..Work::default() });
-        assert!(stage.share_of(&ceilings).unwrap().is_impossible());
+        assert_eq!(found(&stage), Some((Bounded::Bytes, Basis::Declared, 1000, 20.0)));
+        stage.least_work = Some(Work { fragments: 5000, ..Work::default() });
+        assert_eq!(found(&stage), Some((Bounded::Fragments, Basis::Declared, 5000, 5000.0)));
         stage.counters.insert("fragment_invocations".into(), 100);
-        let share = stage.share_of(&ceilings).unwrap();
-        assert_eq!((share.basis, share.amount), (Basis::Counted, 100));
-        assert!((share.share - 0.1).abs() < 1e-9);
+        assert_eq!(found(&stage), Some((Bounded::Fragments, Basis::Counted, 100, 100.0)));
+        let of_cpu = StageRecord { clock: Clock::Host, ..stage.clone() };
+        assert_eq!(found(&of_cpu), None);
+        stage.fenced = Some(crate::Fenced {
+            wall_samples_ns: vec![1500.0],
+            submit_cost_samples_ns: vec![500.0],
+            resolution_ns: 1000.0,
+        });
+        assert_eq!(found(&stage), None, "below the clock's resolution");
     }
 
     #[test]
     fn more_than_the_ceiling_counts_beyond_the_interval_only() {
-        let ceilings = [ceiling(Limit::Load2d { format: TexelFormat::R32Float }, 1e9)];
         let of = |texel_fetches| {
-            let work = Work { texel_fetches, ..Work::default() };
-            stage(1000.0, work).share_of(&ceilings).unwrap()
+            let stage = stage(Work { texel_fetches, ..Work::default() });
+            stage.share_of(&[ceiling(Limit::Loads2d, 1e9)]).unwrap()
         };
         assert!(of(1150).share > 1.0 && !of(1150).is_impossible());
         assert!(of(1300).is_impossible());
     }
 
     #[test]
-    fn stages_below_the_resolution_and_of_the_cpu_have_no_share() {
-        let ceilings = [ceiling(Limit::Load2d { format: TexelFormat::R32Float }, 1e9)];
-        let timed = stage(1000.0, Work { texel_fetches: 500, ..Work::default() });
-        let of_cpu = StageRecord { clock: Clock::Host, ..timed.clone() };
-        assert_eq!(of_cpu.share_of(&ceilings), None);
-        let fenced = crate::Fenced {
-            wall_samples_ns: vec![1500.0],
-            submit_cost_samples_ns: vec![500.0],
-            resolution_ns: 1000.0,
+    fn limits_of_earlier_versions_are_left_out_and_a_broken_one_is_an_error() {
+        let rate = r#""median":1.5,"n":7"#;
+        let read = |ceilings: &str| {
+            known(&mut serde_json::Deserializer::from_str(ceilings)).map(|found| found.len())
         };
-        let short = StageRecord { fenced: Some(fenced), ..timed };
-        assert_eq!(short.share_of(&ceilings), None);
-    }
-
-    #[test]
-    fn a_limit_that_may_be_higher_than_the_others_but_is_not_sound_leaves_the_ceiling_unknown() {
-        let mut ceilings = copies();
-        ceilings[0].doubling = 1.0;
-        ceilings[0].rate.interval = None;
-        assert!(binding(&ceilings, Bounded::Bytes, 100).is_some(), "a larger set is faster");
-        ceilings[1].doubling = 1.0;
-        assert_eq!(binding(&ceilings, Bounded::Bytes, 1 << 20), None);
-        assert!(binding(&ceilings, Bounded::Bytes, 1 << 24).is_some());
+        let old =
+            format!(r#"{{"limit":"copy","working_set_bytes":1,"rate":{{{rate}}},"doubling":2}}"#);
+        let new = format!(r#"{{"limit":"loads2d","rate":{{{rate}}},"doubling":2}}"#);
+        assert_eq!(read(&format!("[{old},{new},{old}]")).unwrap(), 1);
+        assert!(read(r#"[{"limit":"loads2d"}]"#).is_err());
+        let share = r#"{"limit":"load2d","format":"r8unorm","work":"texels","share":1}"#;
+        assert_eq!(known_share(&mut serde_json::Deserializer::from_str(share)).unwrap(), None);
     }
 }

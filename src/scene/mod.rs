@@ -51,9 +51,9 @@ pub use volume_file::VolumeFile;
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 pub use waves::{MAX_WAVES, Wave, shortest_m as shortest_wave_m, texels as wave_texels};
 
+use fathom_base::embedded::SCENES;
 use fathom_base::text::line;
 use fathom_base::{choices, settings};
-use fathom_embedded::SCENES;
 
 /// Room above the water that the bounds of scene tank include, so that light starts above the waves.
 const HEADROOM_M: f64 = 1.0;

@@ -5,7 +5,7 @@ use std::path::Path;
 use toml::{Table, Value};
 
 use super::{SceneError, SceneFile, check, file};
-use fathom_embedded::Folders;
+use fathom_base::embedded::Folders;
 
 /// How far a chain of `base` scenes may go.
 const MAX_BASES: usize = 4;
@@ -129,7 +129,7 @@ fn named(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_embedded::SCENES;
+    use fathom_base::embedded::SCENES;
 
     const MINIMAL: &str = r#"
 name = "test"

@@ -285,7 +285,7 @@ impl MarchPasses {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_embedded::{Folders, SHADERS};
+    use fathom_base::embedded::{Folders, SHADERS};
     use fathom_gpu::link;
 
     fn marching() -> Marching {

@@ -34,7 +34,7 @@ mod tests {
     use wgpu::naga::{Block, Statement};
 
     use super::*;
-    use fathom_embedded::{Folders, SHADERS};
+    use fathom_base::embedded::{Folders, SHADERS};
     use fathom_gpu::{default_defs, link, shader_paths};
 
     /// Every shader with loops, and what keeps the turns of an invocation below [`MOST_LOOP_TURNS`].
@@ -46,10 +46,7 @@ mod tests {
         ("caustics/filter", "1,024 taps"),
         ("caustics/splat", "`SPLAT_ROWS` rows an invocation, told in `scatter`"),
         ("caustics/trace", "told in `photon::tracing`"),
-        ("ceilings/arithmetic", "`Kernel::most_turns`"),
-        ("ceilings/atomics", "`Kernel::most_turns`"),
-        ("ceilings/read", "`Kernel::most_turns`"),
-        ("ceilings/texels", "`Kernel::most_turns`"),
+        ("ceilings/compute", "`Kernel::max_turns`"),
         ("compose", "1,024 waves, four pixels, 256 taps"),
         ("godrays/filter", "1,024 taps"),
         ("godrays/trace", "told in `photon::tracing`"),

@@ -12,15 +12,8 @@ use fathom::record::Profile;
 use serde_json::Value;
 
 /// Of the adapter's limits, beside the defaults.
-const LIMITS: [(&str, (&str, i32)); 7] = [
-    ("ceilings/atomics", ("CONTENDED", 0)),
-    ("ceilings/atomics", ("CONTENDED", 1)),
-    ("ceilings/raster", ("CLIPPED", 0)),
-    ("ceilings/raster", ("CLIPPED", 1)),
-    ("ceilings/raster", ("UNORM", 0)),
-    ("ceilings/raster", ("UNORM", 1)),
-    ("ceilings/texels", ("EDGE", 64)),
-];
+const LIMITS: [(&str, (&str, i32)); 2] =
+    [("ceilings/raster", ("UNORM", 0)), ("ceilings/raster", ("UNORM", 1))];
 
 /// Of what no pipeline plans, and of what is planned: all cells of all experiments, their references, the gates, and each
 /// pipeline with each choice of its parameters.

@@ -31,7 +31,7 @@ fn a_release_holds_every_file() {
             place.write(format!("{}/{path}", folder.name), folder.file(&path).unwrap());
         }
     }
-    for (file, to) in [("Cargo.lock", "Cargo.lock"), ("src/embedded/mod.rs", "embedded.rs")] {
+    for (file, to) in [("Cargo.lock", "Cargo.lock"), ("src/base/embedded.rs", "embedded.rs")] {
         let bytes = std::fs::read(source.join(file)).unwrap();
         place.write(format!("src/embedded/{to}"), bytes);
     }

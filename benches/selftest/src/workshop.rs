@@ -17,12 +17,12 @@ use crate::trials::{Trial, Variant};
 /// `rust_embed` reads folders from disk where these two crates are compiled with debug assertions.
 const FROM_DISK: [&str; 4] = [
     "--config",
-    "profile.release.package.fathom-embedded.debug-assertions=true",
+    "profile.release.package.fathom-base.debug-assertions=true",
     "--config",
     "profile.release.package.rust-embed.debug-assertions=true",
 ];
 /// Both checkouts share a target folder. A touch makes cargo build this crate again, which holds the checkout's path.
-const HOLDS_PATH: &str = "src/embedded/mod.rs";
+const HOLDS_PATH: &str = "src/base/embedded.rs";
 
 pub struct Workshop {
     /// In the order of [`Side::BOTH`].

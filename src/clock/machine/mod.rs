@@ -2,24 +2,17 @@
 //! through NVML, Linux's amdgpu, i915 and xe through sysfs; of a software adapter the kernel tells of the core. What a machine does
 //! not tell is left out; nothing here fails. Linux also tells what other processes and the host take from the machine.
 
-mod amdgpu;
-mod cpu;
-mod intel;
 mod load;
 mod nvml;
 mod sysfs;
 
-use std::path::{Path, PathBuf};
-
-use self::cpu::CpuReader;
 use self::load::LoadReader;
 use self::nvml::NvmlReader;
+use self::sysfs::SysfsReader;
 use fathom_record::{Adapter, MachineState};
 
-/// Vendors' numbers of the PCI-SIG.
+/// The vendor's number of the PCI-SIG.
 const NVIDIA: u32 = 0x10de;
-const AMD: u32 = 0x1002;
-const INTEL: u32 = 0x8086;
 
 /// Reads the state of one adapter, as often as it is asked. Opened once: loading NVML takes milliseconds.
 pub struct MachineReader {
@@ -30,11 +23,7 @@ pub struct MachineReader {
 
 enum Source {
     Nvml(NvmlReader),
-    /// The folder of a card.
-    Amdgpu(PathBuf),
-    /// The same.
-    Intel(PathBuf),
-    Cpu(CpuReader),
+    Sysfs(SysfsReader),
 }
 
 impl MachineReader {
@@ -59,23 +48,17 @@ impl MachineReader {
 
 impl Source {
     fn open(adapter: &Adapter) -> Option<Self> {
-        let card = || sysfs::card(Path::new(sysfs::DRM), adapter);
-        Some(match adapter.vendor_id {
-            _ if adapter.software => Source::Cpu(CpuReader::open(Path::new(cpu::CPUS))?),
-            NVIDIA => Source::Nvml(NvmlReader::open(adapter)?),
-            AMD => Source::Amdgpu(card()?),
-            INTEL => Source::Intel(card()?),
-            _ => return None,
-        })
+        match adapter.vendor_id {
+            NVIDIA if !adapter.software => NvmlReader::open(adapter).map(Source::Nvml),
+            _ => SysfsReader::open(adapter).map(Source::Sysfs),
+        }
     }
 
     fn state(&self) -> Option<MachineState> {
-        Some(match self {
-            Source::Nvml(device) => device.state()?,
-            Source::Amdgpu(card) => amdgpu::state(card),
-            Source::Intel(card) => intel::state(card),
-            Source::Cpu(core) => core.state(),
-        })
+        match self {
+            Source::Nvml(device) => device.state(),
+            Source::Sysfs(reader) => Some(reader.state()),
+        }
     }
 }
 
@@ -86,7 +69,7 @@ mod tests {
     /// Neither a machine without the vendor's driver nor one that has it and another card is a fault.
     #[test]
     fn drivers_that_are_absent_tell_nothing() {
-        for vendor_id in [NVIDIA, AMD, INTEL, 0x1337] {
+        for vendor_id in [NVIDIA, sysfs::AMD, sysfs::INTEL, 0x1337] {
             let name = "no such card".to_owned();
             let adapter = Adapter { name, vendor_id, device_id: 0xfffe, ..Adapter::default() };
             assert!(Source::open(&adapter).is_none(), "{vendor_id:x}");
@@ -97,6 +80,6 @@ mod tests {
     fn a_software_adapter_is_never_asked_of_a_card() {
         let software = Adapter { software: true, vendor_id: NVIDIA, ..Adapter::default() };
         let source = Source::open(&software);
-        assert!(source.is_none_or(|source| matches!(source, Source::Cpu(_))));
+        assert!(source.is_none_or(|source| matches!(source, Source::Sysfs(_))));
     }
 }

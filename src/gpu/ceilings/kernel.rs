@@ -1,46 +1,137 @@
-//! What kernels share: the trait, resources, and which one belongs to a limit.
+//! Kernels whose work and results are known, one for each limit.
 
-use crate::{Gpu, GpuError, StageScope, TimedStage};
+use super::raster;
+use crate::readback::{read_buffer, read_texture};
+use crate::shader::compilation_options;
+use crate::{Gpu, GpuError, MOST_LOOP_TURNS, StageScope, TimedStage};
 use fathom_record::PassKind;
-use fathom_record::ceilings::{Limit, TexelFormat};
+use fathom_record::ceilings::{CACHED_SET_BYTES, Limit, MEMORY_SET_BYTES};
 
-use super::memory::{Clear, Copy};
-use super::pass::EmptyPasses;
-use super::raster::Raster;
-use super::{arithmetic, atomics, memory, texels};
+const GROUP_SIZE: u32 = 64;
+/// Invocations of a compute pass: enough to hide latencies.
+const SOFTWARE_INVOCATIONS: u32 = 1 << 14;
+const GPU_INVOCATIONS: u32 = 1 << 20;
+/// Loads and adds of an invocation in a turn.
+const OPERATIONS: u32 = 8;
+/// Multiply-adds of an invocation in a turn. Their sum is exact in 32-bit floats for as many turns as there may be.
+const CHAINED: u32 = 64;
+/// Bytes of one read: four words.
+const READ_BYTES: u64 = 16;
+/// Four words each that add up to 1, over and over in a buffer that is read.
+const BLOCK_READS: u32 = 1 << 10;
+/// Edge of the textures in texels, as in the shader: small enough for the first caches.
+const EDGE: u32 = 64;
+/// Sums of fragments may be off by this share.
+const TOLERANCE: f64 = 1e-6;
 
-/// How a kernel is timed.
-#[derive(Clone, Copy)]
-pub(super) enum Timing {
-    /// As a stage's pass.
-    Pass,
-    /// As a frame of many passes of this kind, less the cost of its submission.
-    Frame(PassKind),
-}
+/// Encodes so many turns.
+type Encode = Box<dyn Fn(&mut StageScope<'_>, u32)>;
 
 /// Passes whose work is known.
-pub(super) trait Kernel {
+pub(super) struct Kernel {
     /// Work of a turn, in units of the limit.
-    fn work_per_turn(&self) -> f64;
-    /// What encoding so many turns needs.
-    fn prepare(&self, _gpu: &Gpu, _turns: u32) {}
-    fn encode(&self, scope: &mut StageScope<'_>, turns: u32);
-    fn timing(&self) -> Timing {
-        Timing::Pass
+    pub work_per_turn: f64,
+    /// Beyond so many turns the result is not exact, or a loop is too long.
+    pub max_turns: u32,
+    /// Timed as a frame of many passes of this kind, less the cost of its submission; else as a stage's pass.
+    pub frame_of: Option<PassKind>,
+    /// Holds the number of turns.
+    pub uniform: Option<wgpu::Buffer>,
+    pub output: Output,
+    /// What every value of the output is after so many turns.
+    pub expected: Box<dyn Fn(u32) -> f64>,
+    pub encode: Encode,
+}
+
+/// What a kernel writes.
+pub(super) enum Output {
+    /// Added to from zero on.
+    Words(wgpu::Buffer),
+    Cleared(wgpu::Buffer),
+    Texels(wgpu::Texture),
+}
+
+impl Kernel {
+    /// The kernel of a limit.
+    pub(super) fn new(gpu: &Gpu, limit: Limit) -> Result<Self, GpuError> {
+        use wgpu::TextureFormat::{R8Unorm, R32Float};
+        gpu.scoped(|| match limit {
+            Limit::ReadCached => read(gpu, CACHED_SET_BYTES),
+            Limit::ReadMemory => read(gpu, MEMORY_SET_BYTES),
+            Limit::WriteCached => Ok(clear(gpu, CACHED_SET_BYTES)),
+            Limit::WriteMemory => Ok(clear(gpu, MEMORY_SET_BYTES)),
+            Limit::FillUnorm8 => raster::fill(gpu, R8Unorm, false),
+            Limit::FillFloat32 => raster::fill(gpu, R32Float, false),
+            Limit::BlendUnorm8 => raster::fill(gpu, R8Unorm, true),
+            Limit::BlendFloat32 => raster::fill(gpu, R32Float, true),
+            Limit::SmallTriangles => raster::small_triangles(gpu),
+            Limit::Loads2d => load(gpu, "load_2d", (3, 1)),
+            Limit::Loads3d => load(gpu, "load_3d", (4, EDGE)),
+            Limit::AtomicAdds => compute(gpu, Code::new("add", OPERATIONS, OPERATIONS)),
+            Limit::MultiplyAdds => compute(gpu, Code::new("multiply_add", CHAINED, CHAINED)),
+            Limit::EmptyPasses => compute(gpu, Code { is_empty: true, ..Code::new("count", 1, 1) }),
+        })
     }
-    /// Beyond so many turns the result is not exact.
-    fn most_turns(&self) -> u32 {
-        1 << 24
+
+    /// Sets the number of turns, and the ones that the compiler must not know.
+    pub(super) fn prepare(&self, gpu: &Gpu, turns: u32) {
+        if let Some(uniform) = &self.uniform {
+            let words = [turns, 1f32.to_bits(), 1f32.to_bits(), 0].map(u32::to_le_bytes);
+            gpu.queue.write_buffer(uniform, 0, words.as_flattened());
+        }
     }
+
     /// Clears what a run leaves, where the run itself does not.
-    fn reset(&self, _gpu: &Gpu) {}
-    /// Compares what a run of so many turns has left after a reset with the CPU's answer. The inner error says how they differ.
-    fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError>;
+    pub(super) fn reset(&self, gpu: &Gpu) {
+        match &self.output {
+            Output::Words(buffer) => {
+                let mut encoder = gpu.device.create_command_encoder(&Default::default());
+                encoder.clear_buffer(buffer, 0, None);
+                gpu.queue.submit([encoder.finish()]);
+            }
+            Output::Cleared(buffer) => {
+                let end = buffer.size() - READ_BYTES;
+                gpu.queue.write_buffer(buffer, end, &[1; READ_BYTES as usize]);
+            }
+            Output::Texels(_) => {}
+        }
+    }
+
+    /// Runs it once more and compares its result. The inner error says how it differs.
+    pub(super) fn check(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
+        self.reset(gpu);
+        self.prepare(gpu, turns);
+        gpu.run(&[&Turns { kernel: self, turns }])?;
+        self.compare(gpu, turns)
+    }
+
+    /// Compares what a run of so many turns has left after a reset with the CPU's answer.
+    pub(super) fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
+        let expected = (self.expected)(turns);
+        let is_wrong = |value: &f64| (value - expected).abs() > TOLERANCE * expected;
+        let wrong = match &self.output {
+            Output::Words(buffer) | Output::Cleared(buffer) => {
+                let bytes = read_buffer(gpu, buffer)?;
+                let word = (expected as u32).to_le_bytes();
+                let wrong = bytes.as_chunks().0.iter().find(|found| **found != word);
+                wrong.map(|found| f64::from(u32::from_le_bytes(*found)))
+            }
+            Output::Texels(texture) => {
+                let texels = read_texture(gpu, texture)?.data;
+                texels.into_iter().map(f64::from).find(is_wrong)
+            }
+        };
+        Ok(wrong.map_or(Ok(()), |value| {
+            Err(format!(
+                "the adapter's result is {value}, the CPU's {expected}: its work is not done"
+            ))
+        }))
+    }
 }
 
 /// A kernel with its number of turns.
 pub(super) struct Turns<'a> {
-    pub kernel: &'a dyn Kernel,
+    pub kernel: &'a Kernel,
     pub turns: u32,
 }
 
@@ -50,91 +141,148 @@ impl TimedStage for Turns<'_> {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        self.kernel.encode(scope, self.turns);
+        (self.kernel.encode)(scope, self.turns);
     }
 }
 
-/// Runs a kernel once more and compares its result.
-pub(super) fn check(
-    gpu: &Gpu,
-    kernel: &dyn Kernel,
-    turns: u32,
-) -> Result<Result<(), String>, GpuError> {
-    kernel.reset(gpu);
-    kernel.prepare(gpu, turns);
-    gpu.run(&[&Turns { kernel, turns }])?;
-    kernel.compare(gpu, turns)
+/// An entry point of `shaders/ceilings/compute.wgsl`.
+struct Code<'a> {
+    entry: &'a str,
+    /// Work of an invocation in a turn, in units of the limit.
+    work: u32,
+    /// What a turn adds to its result.
+    result: u32,
+    /// What it reads beside its work, by binding.
+    reads: Vec<(u32, wgpu::BindingResource<'a>)>,
+    /// Iterations of loops within a turn.
+    inner_loops: u64,
+    /// One invocation in a pass, and a pass a turn.
+    is_empty: bool,
 }
 
-/// Fills a buffer with zeros.
-pub(super) fn clear(gpu: &Gpu, buffer: &wgpu::Buffer) {
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    encoder.clear_buffer(buffer, 0, None);
-    gpu.queue.submit([encoder.finish()]);
-}
-
-/// The kernel of a limit.
-pub(super) fn of(gpu: &Gpu, limit: Limit) -> Result<Box<dyn Kernel>, GpuError> {
-    gpu.scoped(|| {
-        Ok(match limit {
-            Limit::Copy { working_set_bytes: bytes } => boxed(Copy::new(gpu, bytes)),
-            Limit::Write { working_set_bytes: bytes } => boxed(Clear::new(gpu, bytes)),
-            Limit::Read { working_set_bytes: bytes } => boxed(memory::read(gpu, bytes)?),
-            Limit::Fill { format, blending } => boxed(Raster::fill(gpu, format, blending)?),
-            Limit::Load2d { format } => boxed(texels::load(gpu, format)?),
-            Limit::Gather2d { format } => boxed(texels::gather(gpu, format)?),
-            Limit::Sample3d { format } => boxed(texels::sample(gpu, format)?),
-            Limit::Atomics { addresses } => boxed(atomics::atomics(gpu, addresses)?),
-            Limit::Arithmetic { pass: PassKind::Render } => boxed(arithmetic::Fragments::new(gpu)?),
-            Limit::Arithmetic { .. } => boxed(arithmetic::compute(gpu)?),
-            Limit::Primitives { primitive } => boxed(Raster::primitives(gpu, primitive)?),
-            Limit::EmptyPass { pass } => boxed(EmptyPasses::new(gpu, pass)?),
-        })
-    })
-}
-
-fn boxed(kernel: impl Kernel + 'static) -> Box<dyn Kernel> {
-    Box::new(kernel)
-}
-
-/// The texture format.
-pub(super) fn format(format: TexelFormat) -> wgpu::TextureFormat {
-    match format {
-        TexelFormat::R8Unorm => wgpu::TextureFormat::R8Unorm,
-        TexelFormat::Rgba8Unorm => wgpu::TextureFormat::Rgba8Unorm,
-        TexelFormat::R16Float => wgpu::TextureFormat::R16Float,
-        TexelFormat::Rgba16Float => wgpu::TextureFormat::Rgba16Float,
-        TexelFormat::R32Float => wgpu::TextureFormat::R32Float,
-        TexelFormat::Rgba32Float => wgpu::TextureFormat::Rgba32Float,
-        TexelFormat::Depth32Float => wgpu::TextureFormat::Depth32Float,
+impl<'a> Code<'a> {
+    fn new(entry: &'a str, work: u32, result: u32) -> Self {
+        Self { entry, work, result, reads: vec![], inner_loops: 0, is_empty: false }
     }
 }
 
-/// Whether fragments can be blended into targets of this format.
-pub(super) fn blends(gpu: &Gpu, of: TexelFormat) -> bool {
-    let flags = format(of).guaranteed_format_features(gpu.features).flags;
-    flags.contains(wgpu::TextureFormatFeatureFlags::BLENDABLE)
+/// Invocations of each kernel on this adapter.
+fn invocations(gpu: &Gpu) -> u32 {
+    if gpu.adapter.software { SOFTWARE_INVOCATIONS } else { GPU_INVOCATIONS }
 }
 
-/// Whether textures of this format can be sampled with a filter.
-pub(super) fn filters(gpu: &Gpu, of: TexelFormat) -> bool {
-    let flags = format(of).guaranteed_format_features(gpu.features).flags;
-    flags.contains(wgpu::TextureFormatFeatureFlags::FILTERABLE)
-}
-
-/// Unsigned normalised: its values are multiples of 1/255.
-pub(super) fn is_unorm(of: TexelFormat) -> bool {
-    matches!(of, TexelFormat::R8Unorm | TexelFormat::Rgba8Unorm)
-}
-
-/// Fails unless all values are the expected one, but for rounding.
-pub(super) fn all_are(
-    mut values: impl Iterator<Item = f64>,
-    expected: f64,
-    tolerance: f64,
-) -> Result<(), String> {
-    let near = |value: f64| (value - expected).abs() <= tolerance * expected.abs();
-    values.find(|value| !near(*value)).map_or(Ok(()), |value| {
-        Err(format!("the adapter's result is {value}, the CPU's {expected}: its work is not done"))
+fn compute(gpu: &Gpu, code: Code<'_>) -> Result<Kernel, GpuError> {
+    use wgpu::BufferUsages as Usage;
+    let shader = gpu.shader("ceilings/compute", &[])?;
+    let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some("ceiling"),
+        layout: None,
+        module: &shader.module,
+        entry_point: Some(code.entry),
+        compilation_options: compilation_options(),
+        cache: None,
+    });
+    let Code { work, result, inner_loops, is_empty, .. } = code;
+    let invocations = if is_empty { 1 } else { invocations(gpu) };
+    let uniform = gpu.buffer("ceiling", 16, Usage::UNIFORM | Usage::COPY_DST);
+    let usage = Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST;
+    let results = gpu.buffer("ceiling", u64::from(invocations) * 4, usage);
+    let own = [(0, uniform.as_entire_binding()), (1, results.as_entire_binding())];
+    let entries = own.into_iter().chain(code.reads);
+    let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
+    let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("ceiling"),
+        layout: &pipeline.get_bind_group_layout(0),
+        entries: &entries.map(entry).collect::<Vec<_>>(),
+    });
+    let encode = move |scope: &mut StageScope<'_>, turns| {
+        for _ in 0..if is_empty { turns } else { 1 } {
+            scope.compute(|pass| {
+                pass.set_pipeline(&pipeline);
+                pass.set_bind_group(0, &bindings, &[]);
+                pass.dispatch_workgroups(invocations.div_ceil(GROUP_SIZE), 1, 1);
+            });
+        }
+    };
+    Ok(Kernel {
+        work_per_turn: f64::from(invocations) * f64::from(work),
+        max_turns: (MOST_LOOP_TURNS / (1 + inner_loops)) as u32,
+        frame_of: is_empty.then_some(PassKind::Compute),
+        uniform: Some(uniform),
+        output: Output::Words(results),
+        expected: Box::new(move |turns| f64::from(result.wrapping_mul(turns))),
+        encode: Box::new(encode),
     })
+}
+
+fn read(gpu: &Gpu, bytes: u64) -> Result<Kernel, GpuError> {
+    let data = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("ceiling"),
+        size: bytes,
+        usage: wgpu::BufferUsages::STORAGE,
+        mapped_at_creation: true,
+    });
+    let reads = (0..BLOCK_READS).flat_map(|i| [i, !i, 2, 0]);
+    let block: Vec<u8> = reads.flat_map(u32::to_le_bytes).collect();
+    if let Ok(mut filled) = data.get_mapped_range_mut(..) {
+        for at in (0..bytes as usize).step_by(block.len()) {
+            filled.slice(at..at + block.len()).copy_from_slice(&block);
+        }
+    }
+    data.unmap();
+    // As in the shader: a workgroup's piece, and a workgroup's invocations beside one another.
+    let group = u64::from(GROUP_SIZE);
+    let groups = u64::from(invocations(gpu)) / group;
+    let reads = ((bytes / READ_BYTES / groups).max(group) / group) as u32;
+    let code = Code::new("sum_words", reads * READ_BYTES as u32, reads);
+    let reads = vec![(2, data.as_entire_binding())];
+    compute(gpu, Code { reads, inner_loops: u64::from(code.result) + 1, ..code })
+}
+
+/// Loads from a texture of so many slices, at this binding.
+fn load(gpu: &Gpu, entry: &str, (binding, slices): (u32, u32)) -> Result<Kernel, GpuError> {
+    use wgpu::util::DeviceExt as _;
+    // The fastest: lavapipe has code of its own for four bytes.
+    let (format, channels) = if gpu.adapter.software {
+        (wgpu::TextureFormat::Rgba8Unorm, 4)
+    } else {
+        (wgpu::TextureFormat::R8Unorm, 1)
+    };
+    let flat = slices == 1;
+    let descriptor = wgpu::TextureDescriptor {
+        label: Some("ceiling"),
+        size: wgpu::Extent3d { width: EDGE, height: EDGE, depth_or_array_layers: slices },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: if flat { wgpu::TextureDimension::D2 } else { wgpu::TextureDimension::D3 },
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    };
+    let rows = (0..slices).flat_map(|z| (0..EDGE).map(move |y| y + z));
+    let values = rows.flat_map(|row| (0..EDGE).map(move |x| 255 * ((x + row) % 2) as u8));
+    let bytes: Vec<u8> = values.flat_map(|value| vec![value; channels]).collect();
+    let (device, queue) = (&gpu.device, &gpu.queue);
+    let texture = device.create_texture_with_data(queue, &descriptor, Default::default(), &bytes);
+    let view = texture.create_view(&Default::default());
+    let reads = vec![(binding, wgpu::BindingResource::TextureView(&view))];
+    compute(gpu, Code { reads, ..Code::new(entry, OPERATIONS, OPERATIONS / 2) })
+}
+
+fn clear(gpu: &Gpu, bytes: u64) -> Kernel {
+    let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+    let buffer = gpu.buffer("ceiling", bytes, usage);
+    let cleared = buffer.clone();
+    let encode = move |scope: &mut StageScope<'_>, turns| {
+        scope.copy(|encoder| (0..turns).for_each(|_| encoder.clear_buffer(&cleared, 0, None)));
+    };
+    Kernel {
+        work_per_turn: bytes as f64,
+        max_turns: raster::MAX_TURNS,
+        frame_of: None,
+        uniform: None,
+        output: Output::Cleared(buffer),
+        expected: Box::new(|_| 0.0),
+        encode: Box::new(encode),
+    }
 }

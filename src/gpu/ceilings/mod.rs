@@ -4,25 +4,19 @@
 //! with the CPU's: a driver that leaves out work looks fast and is found out. `docs/ceilings.md` tells what is measured and how it is
 //! used.
 
-mod arithmetic;
-mod atomics;
-mod invocations;
 mod kernel;
-mod memory;
-mod pass;
 mod raster;
 #[cfg(test)]
 mod tests;
-mod texels;
 mod waker;
 
 pub use waker::Waker;
 
-use self::kernel::{Kernel, Timing};
+use self::kernel::{Kernel, Turns};
 use super::{ClockPlan, FrameTimer, Gpu, GpuError};
 use fathom_base::statistics::{estimate, median};
-use fathom_record::PassKind;
-use fathom_record::ceilings::{Addresses, Blending, Ceiling, Limit, SmallPrimitive, TexelFormat};
+use fathom_record::ceilings::{Ceiling, Limit, MEMORY_SET_BYTES};
+use strum::IntoEnumIterator as _;
 
 /// Length of a pass with N work: on a software adapter, and on a GPU. Long beside the jitter of a submission.
 const SOFTWARE_PASS_NS: f64 = 3e6;
@@ -37,88 +31,19 @@ const LEAST_NS: f64 = 1.0;
 const ATTEMPTS: usize = 3;
 /// N is raised so many times before that where a pass costs too much whatever its work. A driver that leaves out work stays fast.
 const RAISED: u32 = 4;
-/// The smallest working set, and the ratio of each to the one before. Of reading and clearing every second one is measured.
-const SMALLEST_SET_BYTES: u64 = 64 << 10;
-const SET_STEP: u64 = 4;
-/// The largest working set is at least so many times as large as the last cache, which is taken to be of this size where that is unknown.
-const CACHES: u64 = 4;
-const ASSUMED_CACHE_BYTES: u64 = 64 << 20;
-/// Memory that the measurement may take.
-const MOST_SET_BYTES: u64 = 512 << 20;
 
 /// Every limit that this adapter can be measured against.
 pub fn limits(gpu: &Gpu) -> Vec<Limit> {
-    use TexelFormat::*;
-    let of_buffers = |most: u64| working_sets(gpu, MOST_SET_BYTES.min(most));
-    let (buffer, bound) = (gpu.limits.max_buffer_size, gpu.limits.max_storage_buffer_binding_size);
-    let copies = of_buffers(buffer.saturating_mul(2)).into_iter();
-    let copies = copies.map(|bytes| Limit::Copy { working_set_bytes: bytes });
-    let reads = of_buffers(bound).into_iter().step_by(2);
-    let reads = reads.map(|bytes| Limit::Read { working_set_bytes: bytes });
-    let writes = of_buffers(buffer).into_iter().step_by(2);
-    let writes = writes.map(|bytes| Limit::Write { working_set_bytes: bytes });
-    let colors = [R8Unorm, Rgba8Unorm, R16Float, Rgba16Float, R32Float, Rgba32Float];
-    let opaque = colors.into_iter().chain([Depth32Float]);
-    let opaque = opaque.map(|format| Limit::Fill { format, blending: Blending::Opaque });
-    let blended = colors.into_iter().filter(|format| kernel::blends(gpu, *format));
-    let blended = blended.map(|format| Limit::Fill { format, blending: Blending::Additive });
-    let loads = [R8Unorm, Rgba8Unorm, R16Float, Rgba16Float, R32Float, Rgba32Float];
-    let loads = loads.into_iter().map(|format| Limit::Load2d { format });
-    // The kernel binds a filtering sampler.
-    let gathers = [R8Unorm, R32Float].into_iter().filter(|format| kernel::filters(gpu, *format));
-    let gathers = gathers.map(|format| Limit::Gather2d { format });
-    let volumes = [R8Unorm, Rgba8Unorm, R16Float, Rgba16Float, R32Float].into_iter();
-    let samples = volumes.filter(|format| kernel::filters(gpu, *format));
-    let samples = samples.map(|format| Limit::Sample3d { format });
-    let fixed = [
-        Limit::Atomics { addresses: Addresses::Spread },
-        Limit::Atomics { addresses: Addresses::Contended },
-        Limit::Arithmetic { pass: PassKind::Compute },
-        Limit::Arithmetic { pass: PassKind::Render },
-        Limit::Primitives { primitive: SmallPrimitive::Triangle },
-        Limit::Primitives { primitive: SmallPrimitive::CulledTriangle },
-        Limit::Primitives { primitive: SmallPrimitive::Point },
-        Limit::Primitives { primitive: SmallPrimitive::ClippedPoint },
-        Limit::EmptyPass { pass: PassKind::Compute },
-        Limit::EmptyPass { pass: PassKind::Render },
-        Limit::EmptyPass { pass: PassKind::Copy },
-    ];
-    copies
-        .chain(reads)
-        .chain(writes)
-        .chain(opaque)
-        .chain(blended)
-        .chain(loads)
-        .chain(gathers)
-        .chain(samples)
-        .chain(fixed)
-        .collect()
-}
-
-/// From what lies in the first cache to several times the last one, none larger than `most`, bytes.
-fn working_sets(gpu: &Gpu, most: u64) -> Vec<u64> {
-    let cache = last_cache_bytes().filter(|_| gpu.adapter.software);
-    let enough = CACHES * cache.unwrap_or(ASSUMED_CACHE_BYTES);
-    let sizes = std::iter::successors(Some(SMALLEST_SET_BYTES), |bytes| {
-        (*bytes < enough).then_some(bytes * SET_STEP)
-    });
-    sizes.take_while(|bytes| *bytes <= most).collect()
-}
-
-/// Size of the CPU's last cache.
-#[cfg(target_os = "linux")]
-fn last_cache_bytes() -> Option<u64> {
-    let size = |level: u32| {
-        let path = format!("/sys/devices/system/cpu/cpu0/cache/index{level}/size");
-        let text = std::fs::read_to_string(path).ok()?;
-        text.trim().strip_suffix('K')?.parse::<u64>().ok().map(|kibibytes| kibibytes << 10)
+    let can = |limit: &Limit| match limit {
+        // Shaders on a CPU are slower than its memory: half a second a turn, and the clear binds.
+        Limit::ReadMemory => {
+            !gpu.adapter.software && gpu.limits.max_storage_buffer_binding_size >= MEMORY_SET_BYTES
+        }
+        Limit::WriteMemory => gpu.limits.max_buffer_size >= MEMORY_SET_BYTES,
+        Limit::BlendFloat32 => gpu.features.contains(wgpu::Features::FLOAT32_BLENDABLE),
+        _ => true,
     };
-    (0..5).filter_map(size).max()
-}
-
-#[cfg(not(target_os = "linux"))]
-fn last_cache_bytes() -> Option<u64> {
-    None
+    Limit::iter().filter(can).collect()
 }
 
 /// Measures all of an adapter's [limits]. Takes some seconds on a software adapter.
@@ -139,13 +64,13 @@ pub fn ceilings(gpu: &Gpu, plan: ClockPlan) -> Result<Vec<Ceiling>, GpuError> {
 /// # Errors
 /// As of [`ceilings`].
 pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuError> {
-    let kernel = kernel::of(gpu, limit)?;
-    let mut stand = Stand::new(gpu, plan, kernel.as_ref())?;
-    let most = kernel.most_turns() / 2;
-    let turns = stand.calibrate(most)?;
-    let (turns, ceiling) = attempted(turns, most, |turns| stand.ceiling(limit, turns))?;
+    let kernel = Kernel::new(gpu, limit)?;
+    let mut bench = TestBench::new(gpu, plan, &kernel)?;
+    let most = kernel.max_turns / 2;
+    let turns = bench.calibrate(most)?;
+    let (turns, ceiling) = attempted(turns, most, |turns| bench.ceiling(limit, turns))?;
     let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
-    kernel::check(gpu, kernel.as_ref(), 2 * turns)?.map_err(wrong)?;
+    kernel.check(gpu, 2 * turns)?.map_err(wrong)?;
     Ok(ceiling)
 }
 
@@ -169,14 +94,14 @@ fn attempted(
 }
 
 /// A kernel and the clock that times it.
-struct Stand<'a> {
+struct TestBench<'a> {
     gpu: &'a Gpu,
-    kernel: &'a dyn Kernel,
+    kernel: &'a Kernel,
     timer: FrameTimer,
 }
 
-impl<'a> Stand<'a> {
-    fn new(gpu: &'a Gpu, plan: ClockPlan, kernel: &'a dyn Kernel) -> Result<Self, GpuError> {
+impl<'a> TestBench<'a> {
+    fn new(gpu: &'a Gpu, plan: ClockPlan, kernel: &'a Kernel) -> Result<Self, GpuError> {
         Ok(Self { gpu, kernel, timer: FrameTimer::new(gpu, plan, 1)? })
     }
 
@@ -189,12 +114,10 @@ impl<'a> Stand<'a> {
             // What was queued must not be part of the pass.
             gpu.queue.submit([]);
             gpu.wait()?;
-            let stage = &kernel::Turns { kernel: *kernel, turns };
-            let ns = match kernel.timing() {
-                Timing::Pass => timer.timed(gpu, &[stage])?.stages[0].ns,
-                Timing::Frame(kind) => {
-                    timer.untimed(gpu, &[stage])? - timer.plan().submit_cost.of(kind)
-                }
+            let stage = &Turns { kernel, turns };
+            let ns = match kernel.frame_of {
+                None => timer.timed(gpu, &[stage])?.stages[0].ns,
+                Some(kind) => timer.untimed(gpu, &[stage])? - timer.plan().submit_cost.of(kind),
             };
             if ns.is_finite() {
                 return Ok(ns);
@@ -231,7 +154,7 @@ impl<'a> Stand<'a> {
             }
         }
         let [once, twice] = times_ns;
-        let work = f64::from(turns) * self.kernel.work_per_turn();
+        let work = f64::from(turns) * self.kernel.work_per_turn;
         Ok(of_times(limit, work, &once, &twice))
     }
 }

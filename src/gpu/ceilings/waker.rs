@@ -5,9 +5,8 @@
 
 use std::time::Instant;
 
-use super::{Stand, kernel};
+use super::{Kernel, TestBench};
 use crate::{ClockPlan, Gpu, GpuError, SubmitCost};
-use fathom_record::PassKind;
 use fathom_record::ceilings::Limit;
 
 /// Longest that a GPU is given to reach its clock, seconds: three times what the H100 took.
@@ -34,16 +33,16 @@ impl Waker {
         if gpu.adapter.software {
             return Ok(());
         }
-        let kernel = kernel::of(gpu, Limit::Arithmetic { pass: PassKind::Compute })?;
+        let kernel = Kernel::new(gpu, Limit::MultiplyAdds)?;
         let plan = ClockPlan::fenced(SubmitCost::default());
-        let mut stand = Stand::new(gpu, plan, kernel.as_ref())?;
+        let mut bench = TestBench::new(gpu, plan, &kernel)?;
         if self.turns == 0 {
-            let most = kernel.most_turns() / REPEATED;
-            self.turns = REPEATED * stand.calibrate(most)?;
+            let most = kernel.max_turns / REPEATED;
+            self.turns = REPEATED * bench.calibrate(most)?;
         }
         let start = Instant::now();
         let turns = self.turns;
-        self.until_fast(|| Ok((stand.time_ns(turns)?, start.elapsed().as_secs_f64())))
+        self.until_fast(|| Ok((bench.time_ns(turns)?, start.elapsed().as_secs_f64())))
     }
 
     /// `reading` gives the kernel's time in ns, and the seconds since the first was begun.

@@ -7,7 +7,8 @@ use super::parts::{numbers, table, words};
 use super::{Fold, Page, PageRun, PageSection};
 use crate::ceilings::{Bound, bounds};
 use crate::format::{percent, si, three};
-use fathom_record::ceilings::{Basis, Ceiling, CeilingShare};
+use fathom_record::Interval;
+use fathom_record::ceilings::{Basis, Ceiling};
 
 pub const SECTION: PageSection = PageSection {
     id: "ceilings",
@@ -16,9 +17,6 @@ pub const SECTION: PageSection = PageSection {
     fold: Fold::Folded,
     write,
 };
-
-/// Stages that are shown unfolded.
-const OPEN_STAGES: usize = 12;
 
 /// Without measured limits the page has no such section.
 pub fn are_measured(run: &PageRun<'_>) -> bool {
@@ -37,57 +35,48 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         }
         @for run in runs {
             @if page.is_overlay() { h3 { (run.label) } }
-            (of_run(page, run))
+            (shares(run))
+            details { summary { "The limits" } (limits(run)) }
         }
     })
 }
 
-fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
-    let nearest: Vec<Bound<'_>> =
-        bounds(run.view).into_iter().unique_by(|bound| bound.stage.stage.as_str()).collect();
-    let (open, folded) = nearest.split_at(nearest.len().min(OPEN_STAGES));
+fn shares(run: &PageRun<'_>) -> Markup {
+    let bounds = bounds(run.view);
+    let nearest = || bounds.iter().unique_by(|bound| bound.stage.stage.as_str());
+    let timed = run.view.timed().flat_map(|(_, measured)| &measured.stages);
+    let names = timed.map(|stage| stage.stage.as_str()).sorted_unstable().dedup();
+    let unknown =
+        names.filter(|name| !nearest().any(|bound| bound.stage.stage == *name)).join(", ");
+    let heads = html! {
+        (words(&["Stage"])) (numbers(&["Share of its limit", "(interval)"])) (words(&["Limit", "Work in a frame", "Cell"]))
+    };
+    let rows = html! { @for bound in nearest() { (row(bound)) } };
     html! {
-        (shares(page, open))
-        @if !folded.is_empty() {
-            details { summary { (folded.len()) " more stages" } (shares(page, folded)) }
+        (table("Shares of limits", "", &heads, &rows))
+        @if !unknown.is_empty() {
+            p { "Unknown, because no limit bounds what they declare or the clock does not resolve them: " (unknown) "." }
         }
-        details { summary { "The limits" } (limits(run)) }
     }
 }
 
-fn shares(page: &Page<'_>, bounds: &[Bound<'_>]) -> Markup {
-    let heads = html! {
-        (words(&["Stage", "Share of its limit"])) (numbers(&["(interval)"])) (words(&["Limit", "Work in a frame", "Cell"]))
-    };
-    let rows = html! { @for bound in bounds { (row(page, bound)) } };
-    table("Shares of limits", "", &heads, &rows)
-}
-
-fn row(page: &Page<'_>, Bound { cell, stage, share }: &Bound<'_>) -> Markup {
-    let width = format!("width:{:.1}%", 100.0 * share.share.clamp(0.0, 1.0));
-    let color = page.colors.of(&stage.stage).hex();
+fn row(Bound { cell, stage, share }: &Bound<'_>) -> Markup {
+    let basis = if share.basis == Basis::Counted { "counted" } else { "declared" };
     html! {
         tr {
             th scope="row" { (stage.stage) }
-            td { span.share { span.share-bar style={ (width) ";background:" (color) } {} } " " b { (percent(share.share)) } }
-            td.number { (interval(share)) }
+            td.number { b { (percent(share.share)) } }
+            td.number { (ends(share.interval, |share| three(100.0 * share))) }
             td { (share.limit.name()) }
-            td { (si(share.amount as f64)) " " (share.work.name()) ", " (basis(share.basis)) }
+            td { (si(share.amount as f64)) " " (share.work.name()) ", " (basis) }
             td { (cell.experiment) ": " (cell.cell) }
         }
     }
 }
 
-fn interval(share: &CeilingShare) -> String {
-    let ends = share.interval.map(|ends| [ends.low, ends.high].map(|end| three(100.0 * end)));
-    ends.map_or_else(String::new, |[low, high]| format!("({low} – {high})"))
-}
-
-fn basis(basis: Basis) -> &'static str {
-    match basis {
-        Basis::Counted => "counted",
-        Basis::Declared => "declared",
-    }
+fn ends(interval: Option<Interval>, text: impl Fn(f64) -> String) -> String {
+    let of = |Interval { low, high }| format!("({} – {})", text(low), text(high));
+    interval.map(of).unwrap_or_default()
 }
 
 fn limits(run: &PageRun<'_>) -> Markup {
@@ -96,14 +85,13 @@ fn limits(run: &PageRun<'_>) -> Markup {
     let ceilings: &[Ceiling] = measured.map_or(&[], |run| &run.ceilings);
     let heads = html! { (words(&["Limit"])) (numbers(&["Rate", "(interval)", "n", "2 N / N"])) };
     let rows = html! {
-        @for ceiling in ceilings {
-            @let rate = ceiling.rate;
+        @for ceiling @ Ceiling { limit, rate, doubling } in ceilings {
             tr {
-                th scope="row" { (ceiling.limit.name()) }
-                td.number { (si(rate.median)) " " (ceiling.limit.unit()) }
-                td.number { @if let Some(ends) = rate.interval { "(" (si(ends.low)) " – " (si(ends.high)) ")" } }
+                th scope="row" { (limit.name()) }
+                td.number { (si(rate.median)) " " (limit.unit()) }
+                td.number { (ends(rate.interval, si)) }
                 td.number { (rate.n) }
-                td.number { (three(ceiling.doubling)) @if !ceiling.is_sound() { " unusable" } }
+                td.number { (three(*doubling)) @if !ceiling.is_sound() { " unusable" } }
             }
         }
     };
@@ -119,13 +107,16 @@ mod tests {
     use fathom_experiments::fixtures;
 
     #[test]
-    fn each_stage_stands_once_with_its_largest_share() {
+    fn each_stage_stands_once_with_its_largest_share_and_those_without_one_are_named() {
         assert_eq!(written(write, &fixtures::run()), "");
         let records = limited();
         let text = written(write, &records);
         let view = ReportView::new(&records, None);
-        let nearest = bounds(&view)[0];
+        let bounds = bounds(&view);
+        assert!(bounds.len() > 100 && bounds.is_sorted_by(|a, b| a.share.share >= b.share.share));
+        let nearest = bounds[0];
         assert_eq!(text.matches(&format!("{}</th>", nearest.stage.stage)).count(), 1);
         assert!(text.contains(&format!("<b>{}</b>", percent(nearest.share.share))), "{text}");
+        assert!(text.contains("does not resolve them: caustics/trace, "), "{text}");
     }
 }

@@ -144,7 +144,7 @@ fn limits(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
     let bounds = bounds(run.view);
     let nearest = bounds.iter().unique_by(|bound| &bound.stage.stage).take(MOST_LINES);
     let answer = html! {
-        @if bounds.is_empty() { p.faint { "The adapter's limits were not measured." } }
+        @if bounds.is_empty() { p.faint { "None of this version's limits was measured." } }
         @else { p.faint { "Best shares of the adapter's limits:" } }
         ul.lines {
             @for Bound { stage, share, .. } in nearest {

@@ -58,7 +58,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     Some(html! {
         p.lead {
             "The cells' last frames, compressed with loss if that is smaller. In a picture of errors white means no error. A picture "
-            "that is larger than its viewport has a scale below it or shows several views. "
+            "that is wider than its viewport shows several views. "
             span.script-only { "The slider shows two pictures of an experiment at the same place." }
         }
         @for group in several { (several_pictures(page, group)) }

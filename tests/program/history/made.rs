@@ -63,7 +63,7 @@ pub fn records(second: usize, cells: usize, ns: f64) -> String {
 pub fn with_limit(records: &str, rate: f64) -> String {
     let (header, rest) = records.split_once('\n').unwrap();
     let mut header: Record = serde_json::from_str(header).unwrap();
-    let limit = Limit::Read { working_set_bytes: 1 << 20 };
+    let limit = Limit::ReadCached;
     let rate = estimate(&samples(rate));
     header.try_as_run_mut().unwrap().ceilings = vec![Ceiling { limit, rate, doubling: 2.0 }];
     lines([header]) + rest

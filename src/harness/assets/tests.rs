@@ -1,9 +1,12 @@
 //! Assets in folders of their own.
 
+use std::io::Write as _;
+
 use flate2::{Compression, write::GzEncoder};
 use tempfile::TempDir;
 
 use super::*;
+use fathom_scene::assets::Content;
 
 /// An asset whose content is `abc`.
 const ABC: Asset = Asset {
@@ -40,7 +43,7 @@ fn absent_installed_and_cached_are_told_apart() {
     let (_folder, places) = places(&[(INSTALLED, "abc")]);
     let found = || places.locate(&ABC).expect("no failure").expect("found");
     assert_eq!(found().1, "installed by Debian package abc-data");
-    let stored = places.store(&ABC, &found().0).expect("stored");
+    let stored = store(&places, &ABC, &found().0).expect("stored");
     assert_eq!(std::fs::read_to_string(stored).expect("text"), "abc");
     assert_eq!(found().1, "cached");
 }
@@ -50,7 +53,7 @@ fn a_file_with_another_sum_is_never_used() {
     let (folder, places) = places(&[(INSTALLED, "abd")]);
     let fault = places.locate(&ABC).unwrap_err();
     assert!(fault.contains("SHA-256"), "{fault}");
-    let error = places.store(&ABC, &folder.path().join(INSTALLED)).unwrap_err();
+    let error = store(&places, &ABC, &folder.path().join(INSTALLED)).unwrap_err();
     assert!(error.contains("was not kept"), "{error}");
     assert!(!folder.path().join("cache/abc.txt").exists());
 }
@@ -69,7 +72,7 @@ const BY_HAND: Asset = Asset { source: Source::ByHand, ..ABC };
 #[test]
 fn an_asset_without_package_is_told_to_be_absent_and_that_is_no_failure() {
     let (_folder, places) = places(&[(INSTALLED, "abc")]);
-    let status = places.fetch(&BY_HAND).expect("no failure");
+    let status = fetch_one(&places, &BY_HAND).expect("no failure");
     assert_eq!(status.path, None);
     assert!(status.origin.contains("put abc.txt"), "{}", status.origin);
     assert!(status.origin.contains("cache"), "{}", status.origin);
@@ -90,9 +93,9 @@ fn an_asset_put_there_by_hand_is_found_plain_and_packed_by_the_sum_of_its_conten
     assert_eq!(found(&ABC), None);
     let plain = cache.join("abc.txt");
     std::fs::write(&plain, "abc").expect("file");
-    assert_eq!(places.fetch(&BY_HAND).expect("found").path, Some(plain));
+    assert_eq!(fetch_one(&places, &BY_HAND).expect("found").path, Some(plain));
     let (_folder, places) = self::places(&[("cache/abc.txt", "abd")]);
-    let error = places.fetch(&BY_HAND).err().expect("wrong");
+    let error = fetch_one(&places, &BY_HAND).err().expect("wrong");
     assert!(error.contains("put the right abc.txt"), "{error}");
 }
 

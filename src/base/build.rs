@@ -1,5 +1,5 @@
 //! Rebuilds a release when a file is added to an embedded folder: the compiler knows only of those that are there.
-//! A development build reads the folders from disk (`mod.rs`) and needs no build.
+//! A development build reads the folders from disk (`embedded.rs`) and needs no build.
 
 // How a build script speaks to cargo.
 #![allow(clippy::print_stdout)]
