@@ -1,7 +1,7 @@
 //! A history as a section of a page: what changed where, and a small chart for each series.
 
 use itertools::Itertools;
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::changes::LEAST_RUNS;
 use super::findings::{Certainty, Change, Findings};
@@ -9,20 +9,17 @@ use super::run::FRAME;
 use super::stored::{Point, Series, StoredRuns};
 use super::tables;
 use fathom_experiments::words;
-use fathom_report::axis::{Axis, tenth};
+use fathom_report::axis::Scale;
+use fathom_report::charts::points::{self, ChangeLine, PointChart};
+use fathom_report::charts::style::{self, Marker};
 use fathom_report::page::Tone;
 use fathom_report::page::parts::{self, table};
-use fathom_report::svg;
 
 /// Charts of a page. A page of as many charts of as many points stays below 5 MB.
 const MOST_CHARTS: usize = 60;
 /// Latest runs of a chart.
 const MOST_POINTS: usize = 200;
-const SIZE_PX: [f64; 2] = [324.0, 150.0];
-const LEFT_PX: f64 = 48.0;
-const RIGHT_PX: f64 = 318.0;
-const TOP_PX: f64 = 8.0;
-const BOTTOM_PX: f64 = 126.0;
+const SIZE_PX: (u32, u32) = (324, 170);
 
 /// Sure changes first, each kind by size; charts of series with changes first.
 pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Markup {
@@ -137,9 +134,8 @@ fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> Markup {
     html! {
         figure.multiple {
             figcaption { b { (name) } br; span.faint { (series.key.place()) } }
-            p.axis-title { "↑ " @if unit.is_empty() { "value" } @else { (unit) } }
             @match drawing(stored, series, points, &marks) {
-                Some(content) => (svg::chart(SIZE_PX, &about, &content)),
+                Some(chart) => (PreEscaped(chart.svg(SIZE_PX, &about))),
                 None => { p.faint { "No value can be drawn." } }
             }
             @if earlier > 0 { p.faint { (earlier) " earlier runs are not drawn." } }
@@ -159,33 +155,41 @@ fn drawing(
     series: &Series,
     points: &[Point],
     marks: &[Mark],
-) -> Option<Markup> {
+) -> Option<PointChart> {
     let factor = series.key.shown();
-    let values = points.iter().flat_map(|point| point.value.scaled(factor).ends());
-    let y = Axis::tight(values, [BOTTOM_PX, TOP_PX])?;
-    let last = points.len().saturating_sub(1).max(1) as f64;
-    let x = |at: f64| tenth(LEFT_PX + 6.0 + at / last * (RIGHT_PX - LEFT_PX - 12.0));
+    let drawn = (0..).zip(points).map(|(at, point)| points::Point {
+        x: f64::from(at),
+        y: point.value.scaled(factor),
+        tip: told(stored, series, point),
+        category: None,
+        published: None,
+    });
+    let drawn: Vec<points::Point> = drawn.collect();
     let commit = |point: &Point| stored.runs[point.run].short_commit();
-    Some(html! {
-        (svg::y_axis(&y, [LEFT_PX, RIGHT_PX], ""))
-        g.axis aria-hidden="true" {
-            @if let Some(point) = points.first() { text x=(LEFT_PX) y=(BOTTOM_PX + 18.0) { (commit(point)) } }
-            @if let [_, .., point] = points {
-                text x=(RIGHT_PX) y=(BOTTOM_PX + 18.0) text-anchor="end" { (commit(point)) }
-            }
-        }
-        @for mark in marks {
-            line.change.(mark.tone.class()) x1=(x(mark.at as f64 - 0.5)) x2=(x(mark.at as f64 - 0.5)) y1=(TOP_PX) y2=(BOTTOM_PX) {
-                title { (mark.told) }
-            }
-        }
-        @for (at, point) in points.iter().enumerate() {
-            @let value = point.value.scaled(factor);
-            @let [low, high] = value.ends().map(|end| y.px_within(end));
-            @let told = told(stored, series, point);
-            line.whisker.run x1=(x(at as f64)) x2=(x(at as f64)) y1=(low) y2=(high) {}
-            circle.mark.ink cx=(x(at as f64)) cy=(y.px_within(value.median)) r="2.5" { title { (told) } }
-        }
+    let end = points.len().checked_sub(1)?;
+    let names = [0, end].into_iter().dedup().map(|at| (at as f64, commit(&points[at])));
+    let unit = tables::unit(series);
+    let lines = marks.iter().map(|mark| ChangeLine {
+        x: mark.at as f64 - 0.5,
+        color: style::of_tone(mark.tone),
+        tip: mark.told.clone(),
+    });
+    Some(PointChart {
+        title: String::new(),
+        x_title: String::new(),
+        y_title: if unit.is_empty() { "value".to_owned() } else { unit },
+        x: Scale::named([-0.5, end as f64 + 0.5], names),
+        y: Scale::tight(drawn.iter().flat_map(|point| point.y.ends()))?,
+        changes: lines.collect(),
+        series: vec![points::Series {
+            name: String::new(),
+            remarks: Vec::new(),
+            color: style::color(0),
+            marker: Marker::of(0),
+            points: drawn,
+            is_joined: false,
+            fit: None,
+        }],
     })
 }
 

@@ -11,8 +11,8 @@ use indexmap::IndexMap;
 use itertools::Itertools;
 use serde_json::Value;
 
+use super::charts::Figure;
 use super::colors::StageColors;
-use super::plots::Figure;
 use fathom_base::folder::Folder;
 use fathom_base::private;
 use fathom_experiments as experiments;

@@ -6,15 +6,13 @@ use super::rows;
 use crate::noise;
 use crate::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
 use fathom_record::{Estimate, Interval};
-use fathom_report::axis::{Axis, ScaleKind, tenth};
+use fathom_report::charts::strip;
 use fathom_report::format::trim_zeros;
 use fathom_report::page::parts::{table, words};
 use fathom_report::page::{ComparisonOnPage, Page, Tone};
 
 /// Columns of [`rows::cell`] that the page shows as text: all but cell and verdict.
 const FIGURES: usize = 2;
-const WIDTH_PX: f64 = 200.0;
-const HEIGHT_PX: f64 = 26.0;
 /// Changes are shown up to this share, or to the largest of the comparison.
 const LEAST_SHOWN: f64 = 0.1;
 
@@ -88,11 +86,6 @@ fn reach(cells: &[&JudgedCell]) -> f64 {
 
 /// A change of time on an axis that all cells share.
 fn picture(change: &Estimate, threshold: f64, reach: f64) -> Markup {
-    let axis = Axis::spanning(ScaleKind::Linear, [-reach, reach], [6.0, WIDTH_PX - 6.0]);
-    let Some(axis) = axis else { return html! {} };
-    let middle = HEIGHT_PX / 2.0;
-    let [start, end, zero, at] =
-        [-threshold, threshold, 0.0, change.median].map(|value| axis.px_within(value));
     let median = percent(change.median);
     let tip = match change.interval {
         Some(Interval { low, high }) => {
@@ -100,17 +93,7 @@ fn picture(change: &Estimate, threshold: f64, reach: f64) -> Markup {
         }
         None => format!("{median}, too few launches for an interval"),
     };
-    html! {
-        svg.claim-axis role="img" aria-label=(tip) width=(WIDTH_PX) height=(HEIGHT_PX) {
-            title { (tip) }
-            rect.band x=(start) y="3" width=(tenth(end - start)) height=(HEIGHT_PX - 6.0) {}
-            line.rule x1=(zero) x2=(zero) y1="0" y2=(HEIGHT_PX) {}
-            @if let Some(Interval { low, high }) = change.interval {
-                line.interval x1=(axis.px_within(low)) x2=(axis.px_within(high)) y1=(middle) y2=(middle) {}
-            }
-            circle.value cx=(at) cy=(middle) r="4" {}
-        }
-    }
+    strip([-reach, reach], Interval { low: -threshold, high: threshold }, change, None, &tip)
 }
 
 /// `+5.1 %`, `0 %`.

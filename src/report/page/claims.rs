@@ -5,12 +5,12 @@ use maud::{Markup, html};
 
 use super::parts::{Tone, numbers, table, words};
 use super::{Fold, Page, PageSection};
-use crate::axis::{Axis, ScaleKind, tenth};
+use crate::charts::strip;
 use crate::claims::{balance, in_words};
-use crate::format::{three, trim_zeros};
+use crate::format::three;
 use fathom_experiments::schema::Claim;
-use fathom_experiments::{LOOKS, NO_VISIT, RuledFigure, Ruling, Verdict, Whose};
-use fathom_record::Interval;
+use fathom_experiments::{LOOKS, RuledFigure, Ruling, Verdict, Whose};
+use fathom_record::{Estimate, Interval};
 
 pub const SECTION: PageSection = PageSection {
     id: "claims",
@@ -20,10 +20,6 @@ pub const SECTION: PageSection = PageSection {
     write,
 };
 
-const WIDTH_PX: f64 = 180.0;
-const HEIGHT_PX: f64 = 30.0;
-/// Room beside the axis for the ends of marks.
-const MARGIN_PX: f64 = 8.0;
 /// Share of the spread of a row's figures that is shown beyond them.
 const ROOM: f64 = 0.25;
 
@@ -121,7 +117,7 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
 }
 
 fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
-    let axis = axis(row);
+    let ends = ends(row);
     let claim = row.claim;
     html! {
         @for (index, (place, ruling)) in row.rulings.iter().enumerate() {
@@ -138,9 +134,9 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
                 }
                 @match ruling.deciding.first() {
                     Some(deciding) => {
-                        td.number { (text(deciding)) @if let Some(n) = ruling.n { br; span.faint { "n = " (n) } } }
-                        td { @if let Some(axis) = &axis { (picture(axis, deciding, claim.published)) } }
-                        td.number { (asked(deciding.band)) }
+                        td.number { (deciding.text()) @if let Some(n) = deciding.n { br; span.faint { "n = " (n) } } }
+                        td { (picture(ends, deciding, claim.published)) }
+                        td.number { (deciding.asked()) }
                     }
                     None => { td.faint colspan="3" { (ruling.reason) } }
                 }
@@ -171,7 +167,7 @@ fn comparisons(ruling: &Ruling) -> Markup {
     let heads = html! { (words(&["Verdict", "Comparison"])) (numbers(&["Measured (interval for the claim)", "Band"])) };
     let rows = html! {
         @for figure in all.clone() {
-            tr { td.(Tone::of(figure.verdict).class()) { (figure.verdict) } td { (figure.name) } td.number { (text(figure)) } td.number { (asked(figure.band)) } }
+            tr { td.(Tone::of(figure.verdict).class()) { (figure.verdict) } td { (figure.name) } td.number { (figure.text()) } td.number { (figure.asked()) } }
         }
     };
     html! { @if all.count() > 1 { (table("Comparisons", "", &heads, &rows)) } }
@@ -187,31 +183,10 @@ pub fn ruled(ruling: &Ruling) -> Markup {
     Tone::of(ruling.verdict).chip(&ruling.marked())
 }
 
-/// `1.38 (1.30 – 1.46)`
-fn text(figure: &RuledFigure) -> String {
-    match figure.interval {
-        _ if figure.value.is_nan() => NO_VISIT.to_owned(),
-        Some(Interval { low, high }) if low < high => {
-            format!("{} ({} – {})", three(figure.value), three(low), three(high))
-        }
-        _ => three(figure.value),
-    }
-}
-
-fn asked(Interval { low, high }: Interval) -> String {
-    let short = |bound: f64| trim_zeros(&three(bound)).to_owned();
-    match (low.is_finite(), high.is_finite()) {
-        (true, true) => format!("{} – {}", short(low), short(high)),
-        (true, false) => format!("≥ {}", short(low)),
-        (false, true) => format!("≤ {}", short(high)),
-        (false, false) => "–".to_owned(),
-    }
-}
-
-/// One axis for a claim's figures of all runs, so that they can be compared by eye.
-fn axis(row: &Row<'_>) -> Option<Axis> {
-    let deciding = || row.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.first());
-    let ends = deciding().flat_map(|deciding| {
+/// Of one axis for a claim's figures of all runs, so that they can be compared by eye.
+fn ends(row: &Row<'_>) -> [f64; 2] {
+    let deciding = row.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.first());
+    let ends = deciding.flat_map(|deciding| {
         let Interval { low, high } = deciding.interval.unwrap_or(deciding.band);
         [deciding.value, low, high, deciding.band.low, deciding.band.high]
     });
@@ -220,29 +195,14 @@ fn axis(row: &Row<'_>) -> Option<Axis> {
         (low.min(value), high.max(value))
     });
     let room = ROOM * (high - low).max(1e-3 * high.abs().max(low.abs())).max(f64::MIN_POSITIVE);
-    Axis::spanning(ScaleKind::Linear, [low - room, high + room], [MARGIN_PX, WIDTH_PX - MARGIN_PX])
+    [low - room, high + room]
 }
 
-fn picture(axis: &Axis, deciding: &RuledFigure, published: Option<f64>) -> Markup {
-    let [start, end] = [deciding.band.low, deciding.band.high].map(|end| axis.px_within(end));
-    let middle = HEIGHT_PX / 2.0;
-    let at = axis.px_within(deciding.value);
-    let interval =
-        deciding.interval.unwrap_or(Interval { low: deciding.value, high: deciding.value });
-    let [from, to] = [interval.low, interval.high].map(|end| axis.px_within(end));
-    let tip = format!("{}: {} against {}", deciding.name, text(deciding), asked(deciding.band));
-    html! {
-        svg.claim-axis role="img" aria-label=(tip) width=(WIDTH_PX) height=(HEIGHT_PX) {
-            title { (tip) }
-            line.rule x1="0" x2=(WIDTH_PX) y1=(middle) y2=(middle) {}
-            rect.band x=(start) y="4" width=(tenth((end - start).max(1.0))) height=(HEIGHT_PX - 8.0) {}
-            @if let Some(x) = published.and_then(|value| axis.px(value)) {
-                path.published d={ "M" (x) " " (middle - 7.0) "l5 7l-5 7l-5 -7z" } {}
-            }
-            line.interval x1=(from) x2=(to) y1=(middle) y2=(middle) {}
-            circle.value cx=(at) cy=(middle) r="4" {}
-        }
-    }
+fn picture(ends: [f64; 2], deciding: &RuledFigure, published: Option<f64>) -> Markup {
+    let RuledFigure { value, interval, band, .. } = *deciding;
+    let figure = Estimate { median: value, interval, n: deciding.n.unwrap_or(1) };
+    let tip = format!("{}: {} against {}", deciding.name, deciding.text(), deciding.asked());
+    strip(ends, band, &figure, published, &tip)
 }
 
 #[cfg(test)]

@@ -29,6 +29,7 @@ use itertools::Itertools;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
+use super::charts::style;
 use super::colors::StageColors;
 use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written};
 use fathom_base::{private, text};
@@ -47,11 +48,9 @@ pub const EXPORTER: RunExporter = Exporter {
 
 const STYLES: [&str; 2] = [include_str!("assets/page.css"), include_str!("assets/charts.css")];
 /// In the order in which they run.
-const SCRIPTS: [&str; 5] = [
+const SCRIPTS: [&str; 3] = [
     include_str!("assets/core.js"),
-    include_str!("assets/time.js"),
     include_str!("assets/pictures.js"),
-    include_str!("assets/plots.js"),
     include_str!("assets/cells.js"),
 ];
 
@@ -219,7 +218,7 @@ impl<'a> Page<'a> {
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     meta name="color-scheme" content="light dark";
                     title { (self.title()) }
-                    style { (PreEscaped(STYLES.concat())) }
+                    style { (PreEscaped(STYLES.concat())) (PreEscaped(style::sheet())) }
                 }
                 body {
                     a.skip href="#main" { "Skip to the content" }

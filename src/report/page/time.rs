@@ -1,11 +1,11 @@
 //! Where the time of a frame goes: a bar for each frame that stands for a pipeline.
 
 use itertools::Itertools;
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::parts::{numbers, table, words};
 use super::{Fold, Page, PageRun, PageSection};
-use crate::axis::tenth;
+use crate::charts::shares;
 use crate::facts::{self, Representative, StageShare};
 use crate::format::{self, NS_PER_MS, three};
 use fathom_base::statistics;
@@ -29,16 +29,17 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             "One bar per pipeline, at the measurable setting closest to the defaults. A segment is a stage's share of the sum of all "
             "stages, by median times. A stage below the clock's resolution has no segment."
         }
-        div.controls.script-only {
-            label { "Length of the bars "
-                select #time-unit {
-                    option value="share" { "per cent of the frame's stages" }
-                    option value="ms" { "ms, one scale for all" }
-                }
-            }
-        }
-        div #time-frames { @for frame in &frames { (same_frame(page, frame)) } }
+        div.scroll tabindex="0" role="region" aria-label="Shares of stages" { (PreEscaped(bars(page, &frames))) }
+        @for frame in frames.iter().flatten() { (every_stage(page, frame)) }
     })
+}
+
+fn bars(page: &Page<'_>, frames: &[SameFrame<'_>]) -> String {
+    let rows = frames.iter().flatten().map(|(run, frame)| {
+        let run = if page.is_overlay() { format!(", {}", run.label) } else { String::new() };
+        (format!("{}{run}", frame.cell.pipeline), resolved(frame))
+    });
+    shares(&rows.collect_vec(), &page.colors)
 }
 
 /// The frame nearest to the defaults first.
@@ -55,71 +56,24 @@ fn frames<'a>(page: &'a Page<'a>) -> Vec<SameFrame<'a>> {
     in_runs.collect()
 }
 
-fn same_frame(page: &Page<'_>, frame: &SameFrame<'_>) -> Markup {
-    let Some((_, first)) = frame.first() else { return html! {} };
-    html! {
-        h3.frame-name {
-            (first.cell.pipeline) " "
-            span.faint { (first.cell.experiment) ", " (first.conditions()) }
-        }
-        @for (run, frame) in frame {
-            div.frame-head {
-                @if page.is_overlay() { span.run { (run.label) } " " }
-                span { "Frame: " b { (frame_ms(frame)) } " ms, n = " (frame.measured.frame.untimed.n) }
-            }
-            (bar(page, frame))
-            (every_stage(page, frame))
-        }
-    }
-}
-
 fn frame_ms(frame: &Representative<'_>) -> String {
     let frame = &frame.measured.frame;
     format::ms(&frame.untimed, &frame.untimed_samples_ns)
-}
-
-fn bar(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
-    let stages = resolved(frame);
-    let sum_ns: f64 = stages.iter().map(|share| share.stage.time.median).sum();
-    html! {
-        div.stack.chart-bars role="img" aria-label=(about(frame)) data-ms=(three(sum_ns / NS_PER_MS)) {
-            @for StageShare { stage, share } in &stages {
-                @let color = page.colors.of(&stage.stage);
-                @let tip = format!("{}: {} ms, {}", stage.stage, format::stage_ms(stage), facts::share(share));
-                span.part.mark data-tip=(tip) title=(tip)
-                    style={ "width:" (tenth(100.0 * stage.time.median / sum_ns.max(f64::MIN_POSITIVE))) "%;background:" (color.hex()) ";color:" (color.ink().hex()) } {
-                    span.part-name {
-                        span { (stage.stage) }
-                        span { (three(stage.time.median / NS_PER_MS)) " ms" }
-                    }
-                }
-            }
-        }
-    }
 }
 
 fn resolved<'a>(frame: &Representative<'a>) -> Vec<StageShare<'a>> {
     frame.stages().into_iter().filter(|share| share.stage.is_resolved()).collect()
 }
 
-/// The bar in one sentence.
-fn about(frame: &Representative<'_>) -> String {
-    let pipeline = &frame.cell.pipeline;
-    match frame.slowest() {
-        Some(slowest) => format!(
-            "Stages of {pipeline}; the longest is {} with {}.",
-            slowest.stage.stage,
-            facts::share(&slowest.share)
-        ),
-        None => format!("No stage of {pipeline} is above the clock's resolution."),
-    }
-}
-
-fn every_stage(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
+fn every_stage(page: &Page<'_>, (run, frame): &(&PageRun<'_>, Representative<'_>)) -> Markup {
     let gaps_ns = statistics::median(&frame.measured.frame.gap_samples_ns);
     html! {
         details.stage-table {
-            summary { "every stage" }
+            summary {
+                b { (frame.cell.pipeline) } @if page.is_overlay() { " " span.run { (run.label) } }
+                ": frame " (frame_ms(frame)) " ms, n = " (frame.measured.frame.untimed.n) " "
+                span.faint { (frame.cell.experiment) ", " (frame.conditions()) }
+            }
             @let heads = html! { (words(&["Stage"])) (numbers(&["Time, ms (95 %)", "Share (95 %)"])) (words(&["Clock"])) };
             @let rows = html! {
                 @for StageShare { stage, share } in &frame.stages() {
@@ -146,29 +100,23 @@ mod tests {
     use fathom_experiments::fixtures;
     use fathom_record::Cell;
 
-    /// Widths of the parts of the first bar, per cent.
-    fn widths(html: &str) -> Vec<f64> {
-        let bar = html.split("class=\"stack").nth(1).unwrap().split("</div>").next().unwrap();
-        let widths = bar.split("width:").skip(1);
-        widths.map(|rest| rest.split('%').next().unwrap().parse().unwrap()).collect()
-    }
-
     #[test]
     fn the_default_frame_comes_first_and_its_parts_fill_the_bar() {
-        let records = fixtures::run();
-        let html = written(write, &records);
-        let first = html.split("<h3").nth(1).unwrap();
+        let html = written(write, &fixtures::run());
+        let first = html.split("<details").nth(1).unwrap();
         assert!(first.contains("uw-default") && first.contains("caustics/trace"), "{first}");
-        let sum: f64 = widths(&html).iter().sum();
+        let titles = html.split("<title>underwater, ").skip(1);
+        let shares = titles.map(|title| title.split([';', '%']).nth(1).unwrap().trim());
+        let sum: f64 = shares.map(|share| share.parse::<f64>().unwrap()).sum();
         assert!((sum - 100.0).abs() < 1.0, "{sum}");
     }
 
     #[test]
     fn the_same_frame_of_two_runs_stands_together() {
         let html = overlaid(write);
-        let first = html.split("<h3").nth(1).unwrap();
-        assert_eq!(first.matches("class=\"stack").count(), 2);
-        assert!(first.contains(">one<") && first.contains(">two<"));
+        let rows: Vec<&str> = html.split("<details").skip(1).take(2).collect();
+        assert!(rows[0].contains(">one<") && rows[1].contains(">two<"), "{rows:?}");
+        assert!(rows.iter().all(|row| row.contains("uw-default")));
     }
 
     #[test]
@@ -185,9 +133,8 @@ mod tests {
             });
         }
         let html = written(write, &records);
-        let frame = html.split("<h3").find(|part| part.contains("uw-default")).unwrap();
-        let bar = frame.split("<details").next().unwrap();
-        assert!(!bar.contains("caustics/trace:"), "{bar}");
+        assert!(!html.contains("underwater, caustics/trace"), "{html}");
+        let frame = html.split("<details").find(|part| part.contains("uw-default")).unwrap();
         let row = frame.split("<tr>").find(|row| row.contains("caustics/trace")).unwrap();
         assert!(row.contains("&lt; ") && row.contains("–"), "{row}");
     }

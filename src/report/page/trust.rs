@@ -1,18 +1,19 @@
 //! How far the run can be trusted: its clocks, the cost and precision of its times, and how they moved while it ran.
 
 use itertools::Itertools;
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::parts::{numbers, table, words};
 use super::{Fold, Page, PageRun, PageSection};
 use crate::ReportView;
-use crate::axis::{Axis, ScaleKind, tenth};
+use crate::axis::{Scale, ScaleKind};
+use crate::charts::points::{Point, PointChart, Series};
+use crate::charts::style::{self, Marker};
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::noise::RunVerdict;
-use crate::svg::{chart, x_axis, y_axis};
 use crate::trust::{self, TimedSample};
 use fathom_base::statistics;
-use fathom_record::{AuditRow, Clock, PassKind, Rejection, Run};
+use fathom_record::{AuditRow, Clock, Estimate, Interval, PassKind, Rejection, Run};
 
 pub const SECTION: PageSection = PageSection {
     id: "trust",
@@ -22,20 +23,9 @@ pub const SECTION: PageSection = PageSection {
     write,
 };
 
-/// Of a chart, pixels.
-const WIDTH_PX: f64 = 340.0;
-const HEIGHT_PX: f64 = 240.0;
-const LEFT_PX: f64 = 46.0;
-const RIGHT_PX: f64 = 326.0;
-const TOP_PX: f64 = 30.0;
-const BOTTOM_PX: f64 = 196.0;
-
-/// Samples that are drawn over time.
-const MOST_SAMPLES: usize = 2_000;
-/// Spans of time whose median is a mark.
+const CHART_PX: (u32, u32) = (560, 260);
+/// Spans of time whose samples are a mark.
 const SPANS: usize = 24;
-/// Share of the samples that the axis may leave out at either end, so that a few slow frames do not press the others flat.
-const BEYOND: f64 = 0.005;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     let runs: Vec<(&PageRun<'_>, &Run)> =
@@ -49,7 +39,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
             p { b { (trust::verdict(run)) } " " "Clock: " (trust::conditions(run)) "." }
             @if on_page.view.runs.len() > 1 { (sittings(on_page.view)) }
             (audit(run))
-            div.grid.charts { (over_time(&trust::samples_by_time(on_page.view))) }
+            (over_time(&trust::samples_by_time(on_page.view)))
             (facts(on_page.view, run))
         }
     })
@@ -114,79 +104,60 @@ fn has_timestamps(view: &ReportView<'_>) -> bool {
     view.runs.iter().any(|run| run.clocks.values().contains(&Clock::Timestamp))
 }
 
-/// Every sample by the time when it was taken, as per cent off the median of its cell; and medians over spans of time.
+/// How frame times moved: the median and the middle half of all samples of each span of time, as per cent off the median of their cells.
 fn over_time(samples: &[TimedSample]) -> Markup {
     let Some(last) = samples.last() else { return html! {} };
-    let off: Vec<f64> = samples.iter().map(|sample| 100.0 * (sample.relative - 1.0)).collect();
-    let low = statistics::quantile(&off, BEYOND).min(-1.0);
-    let high = statistics::quantile(&off, 1.0 - BEYOND).max(1.0);
-    let vertical = Axis::spanning(ScaleKind::Linear, [low, high], [BOTTOM_PX, TOP_PX]);
-    let across = [0.0, (last.at_s / 60.0).max(1e-3)];
-    let horizontal = Axis::spanning(ScaleKind::Linear, across, [LEFT_PX, RIGHT_PX]);
-    let (Some(vertical), Some(horizontal)) = (vertical, horizontal) else { return html! {} };
-    let beyond = off.iter().filter(|off| !(low..=high).contains(*off)).count();
-    let step = samples.len().div_ceil(MOST_SAMPLES);
-    let place = |(sample, off): (&TimedSample, &f64)| {
-        [horizontal.px_within(sample.at_s / 60.0), vertical.px_within(*off)]
+    let index = |sample: &&TimedSample| {
+        ((sample.at_s / last.at_s.max(f64::MIN_POSITIVE) * SPANS as f64) as usize).min(SPANS - 1)
     };
-    let cloud = samples.iter().zip(&off).step_by(step).map(place);
-    let content = html! {
-        (x_axis(&horizontal, [TOP_PX, BOTTOM_PX], "Time since the first sample (min)"))
-        (y_axis(&vertical, [LEFT_PX, RIGHT_PX], "Frame time off its cell's median (%)"))
-        path.cloud d=(squares(cloud)) {}
-        @for span in spans(samples, last.at_s) {
-            circle.mark.median cx=(horizontal.px_within(span.at_s / 60.0)) cy=(vertical.px_within(span.off)) r="4" {
-                title { (span.tip()) }
-            }
-        }
+    let spans = samples.iter().chunk_by(|sample| index(sample));
+    let points = spans.into_iter().map(|(_, span)| point(&span.collect_vec())).collect();
+    let series = Series {
+        name: String::new(),
+        remarks: Vec::new(),
+        color: style::color(0),
+        marker: Marker::of(0),
+        points,
+        is_joined: false,
+        fit: None,
     };
+    let scales = [series.xs().collect_vec(), series.ys().collect_vec()]
+        .map(|values| Scale::fit(ScaleKind::Linear, values));
+    let [Some(x), Some(y)] = scales else { return html! {} };
+    let chart = PointChart {
+        title: String::new(),
+        x_title: "time since the first sample (min)".to_owned(),
+        y_title: "off the cell's median (%)".to_owned(),
+        x,
+        y,
+        series: vec![series],
+        changes: Vec::new(),
+    };
+    let svg = chart.svg(CHART_PX, "Frame times in the order in which they were measured");
     html! {
         figure {
-            (chart([WIDTH_PX, HEIGHT_PX], "Frame times in the order in which they were measured", &content))
+            div.scroll { (PreEscaped(svg)) }
             figcaption {
-                (samples.len().div_ceil(step)) " of " (samples.len()) " samples; large dots are medians over spans of time."
-                @if beyond > 0 { " " (beyond) " samples lie beyond the axis and are drawn at its edge." }
+                "Frame times off the medians of their cells: a dot is the median over a span of time, its line the middle half of the samples. "
+                (samples.len()) " samples."
             }
         }
     }
-}
-
-/// Squares of 2 pixels, as one path: thousands of elements would be slow.
-fn squares(places: impl Iterator<Item = [f64; 2]>) -> String {
-    places.map(|[x, y]| format!("M{} {}h2v2h-2z", tenth(x - 1.0), tenth(y - 1.0))).collect()
 }
 
 /// The samples of a span of time.
-struct Span {
-    at_s: f64,
-    /// Median, per cent off the cells' medians.
-    off: f64,
-    n: usize,
-}
-
-impl Span {
-    fn tip(&self) -> String {
-        format!("{} min: median {:+.2} %, n = {}", three(self.at_s / 60.0), self.off, self.n)
+fn point(samples: &[&TimedSample]) -> Point {
+    let all = |of: fn(&TimedSample) -> f64| samples.iter().map(|sample| of(sample)).collect_vec();
+    let minutes = statistics::median(&all(|sample| sample.at_s / 60.0));
+    let off = all(|sample| 100.0 * (sample.relative - 1.0));
+    let [low, median, high] = [0.25, 0.5, 0.75].map(|share| statistics::quantile(&off, share));
+    Point {
+        x: minutes,
+        y: Estimate { median, interval: Some(Interval { low, high }), n: off.len() },
+        tip: format!("{} min: median {median:+.2} %, n = {}", three(minutes), off.len()),
+        category: None,
+        published: None,
     }
-}
-
-fn spans(samples: &[TimedSample], last_s: f64) -> Vec<Span> {
-    let index = |sample: &&TimedSample| {
-        ((sample.at_s / last_s.max(f64::MIN_POSITIVE) * SPANS as f64) as usize).min(SPANS - 1)
-    };
-    let grouped = samples.iter().chunk_by(|sample| index(sample));
-    let span = |(_, samples): (usize, _)| {
-        let samples: Vec<&TimedSample> = Iterator::collect(samples);
-        let middle = |of: fn(&TimedSample) -> f64| {
-            statistics::median(&samples.iter().map(|sample| of(sample)).collect_vec())
-        };
-        Span {
-            at_s: middle(|sample| sample.at_s),
-            off: 100.0 * (middle(|sample| sample.relative) - 1.0),
-            n: samples.len(),
-        }
-    };
-    grouped.into_iter().map(span).collect()
 }
 
 fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
@@ -288,7 +259,7 @@ mod tests {
         for expected in [
             "✕ unusable",
             "begins late",
-            "Time since the first sample (min)",
+            "time since the first sample (min)",
             "Frames rejected: none",
             "set-up 21.0 s: pipelines 20.0 s, audit 1.00 s",
         ] {
@@ -297,14 +268,13 @@ mod tests {
     }
 
     #[test]
-    fn many_samples_are_thinned_and_said_to_be() {
+    fn samples_over_time_are_drawn_by_spans() {
         let sample =
             |i: usize| TimedSample { at_s: i as f64, relative: 1.0 + (i % 7) as f64 / 100.0 };
         let samples: Vec<TimedSample> = (0..10_000).map(sample).collect();
         let text = over_time(&samples).into_string();
-        assert_eq!(text.matches("h2v2h-2z").count(), 2_000);
-        assert!(text.contains("2000 of 10000 samples"), "{text}");
-        assert_eq!(text.matches("class=\"mark median\"").count(), SPANS);
+        assert!(text.contains("10000 samples") && text.contains("median +3.00 %"), "{text}");
+        assert_eq!(text.matches("<title>").count(), SPANS);
     }
 
     #[test]

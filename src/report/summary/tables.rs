@@ -4,7 +4,7 @@ use itertools::Itertools;
 
 use super::super::facts::{self, Exponent, Representative, RuledClaim, StageShare};
 use super::super::format::{self, Table, percent, si};
-use super::super::{ReportView, Section, plots};
+use super::super::{ReportView, Section, charts};
 use super::{cut, link};
 use fathom_base::text;
 use fathom_experiments::{RuledFigure, Ruling, Verdict, Whose};
@@ -107,7 +107,7 @@ fn marked_text(ruling: &Ruling) -> String {
 /// The experiment's name, linked to its plot where it has one.
 fn plot(section: &Section<'_>) -> String {
     if section.figure().svg.is_some() {
-        link(section.id, &plots::file_name(section))
+        link(section.id, &charts::file_name(section))
     } else {
         text::markdown(section.id)
     }
