@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
 use itertools::Itertools;
-use maud::{Markup, html};
 
 use crate::adapters::AdapterRelation;
 use crate::exact::{Difference, DifferenceScope, FigureKind};
@@ -19,12 +18,12 @@ use crate::verdict::{Status, Verdicts};
 pub use cells::redefinition;
 use cells::{Cells, Told};
 use claims::ClaimChange;
-use fathom_base::text;
 use fathom_record::comparison::{CellId, Side};
 use fathom_record::{Adapter, Cell, Run};
+use fathom_report::document::{self, Part, Span, Table};
 use fathom_report::format::{NS_PER_MS, interval, percent, three};
 use fathom_report::noise::{Noise, RunVerdict};
-use fathom_report::page::parts::{table, words};
+use fathom_report::page::Tone;
 use fathom_report::{ReportView, facts, run_conditions, shown_file};
 use times::{Common, StageChange, TimeChange, Times};
 
@@ -72,8 +71,16 @@ impl Block {
         Self { lead, ..self }
     }
 
-    fn more(&self) -> Option<String> {
-        (self.more > 0).then(|| format!("… and {} more", self.more))
+    fn parts(&self) -> Vec<Part> {
+        let used = self.heads.iter().filter(|head| !head.is_empty()).count();
+        let rows = self.rows.iter().map(|row| row[..used].iter().map(String::as_str));
+        let heads = self.heads[..used].iter().copied();
+        let table = Table::new(self.title, heads).with_rows(rows);
+        let more = (self.more > 0).then(|| Part::paragraph(format!("… and {} more", self.more)));
+        let lead = self.lead.iter().map(|line| Part::paragraph(line.as_str()));
+        let heading = Part::Heading(self.title.into());
+        let table = (!self.rows.is_empty()).then_some(Part::Table(table));
+        std::iter::once(heading).chain(lead).chain(table).chain(more).collect()
     }
 }
 
@@ -109,39 +116,20 @@ impl Changes {
         })
     }
 
-    /// For the terminal.
-    pub fn text(&self) -> String {
-        let first = self.noise.iter().chain([&self.headline]);
-        let mut lines = first.map(|line| text::line(line)).collect_vec();
-        lines.extend(self.doubts.iter().map(|doubt| format!("! {}", text::line(doubt))));
-        for block in &self.blocks {
-            let lead = block.lead.iter().map(|line| text::line(line)).join("\n  ");
-            lines.push(format!("\n{}: {lead}", block.title));
-            let rows = text::columns(&block.rows).into_iter().chain(block.more());
-            lines.extend(rows.map(|row| format!("  {}", text::line(&row))));
-        }
-        lines.join("\n") + "\n"
+    /// How noisy the runs were, the headline, doubts, and each block with its rows.
+    pub fn parts(&self) -> Vec<Part> {
+        let doubt = |doubt: &String| Span::Chip(Tone::Open, doubt.clone()).into();
+        let noise = self.noise.iter().cloned().map(Part::paragraph);
+        let mut parts = noise.collect_vec();
+        parts.push(Part::paragraph(self.headline.as_str()));
+        parts.push(Part::List(self.doubts.iter().map(doubt).collect()));
+        parts.extend(self.blocks.iter().flat_map(Block::parts));
+        parts
     }
 
-    /// For the page.
-    pub fn markup(&self) -> Markup {
-        html! {
-            @for doubt in &self.doubts { p.warning role="note" { (doubt) } }
-            @if let Some(noise) = &self.noise { p { (noise) "." } }
-            p.lead { (self.headline) "." }
-            @for block in &self.blocks {
-                h3 { (block.title) }
-                @for line in &block.lead { p { (line) } }
-                @if !block.rows.is_empty() {
-                    @let used = block.heads.iter().filter(|head| !head.is_empty()).count();
-                    @let rows = html! {
-                        @for row in &block.rows { tr { @for field in &row[..used] { td { (field) } } } }
-                    };
-                    (table(block.title, "", &words(&block.heads[..used]), &rows))
-                }
-                @if let Some(more) = block.more() { p.faint { (more) } }
-            }
-        }
+    /// For the terminal.
+    pub fn text(&self) -> String {
+        document::terminal(&self.parts())
     }
 }
 

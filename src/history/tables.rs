@@ -57,29 +57,6 @@ pub fn headline(stored: &StoredRuns, findings: &Findings) -> String {
     if changes.is_empty() { told + ". No change." } else { told + "." }
 }
 
-/// A line for each change.
-pub fn changes(stored: &StoredRuns, findings: &Findings) -> String {
-    let head = ["CHANGE", "", "COMMITS", "DAYS", "RUNS", "FIGURE", "WHERE", "MACHINE"];
-    let head = head.map(str::to_owned);
-    let rows = findings.changes.iter().map(|change| {
-        let series = &stored.series[change.series];
-        let [before, after] = change.runs.map(|run| &stored.runs[run]);
-        [
-            size(change, series),
-            change.certainty().to_string(),
-            commits(before, after),
-            format!("{} → {}", before.day(), after.day()),
-            format!("{} + {}", change.n[0], change.n[1]),
-            series.key.name(),
-            series.key.place(),
-            machine(change),
-        ]
-    });
-    let rows: Vec<[String; 8]> = std::iter::once(head).chain(rows).collect();
-    let table = if findings.changes.is_empty() { Vec::new() } else { text::columns(&rows) };
-    std::iter::once(headline(stored, findings)).chain(table).collect::<Vec<_>>().join("\n")
-}
-
 /// The two commits between which a figure changed.
 pub fn commits(before: &StoredRun, after: &StoredRun) -> String {
     if before.commit == after.commit {

@@ -9,6 +9,7 @@ mod cells_csv;
 pub mod charts;
 mod claims;
 pub mod colors;
+pub mod document;
 pub mod facts;
 pub mod format;
 pub mod noise;

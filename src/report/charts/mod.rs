@@ -335,7 +335,7 @@ mod tests {
             assert!(sizes.len() > 10, "{name}");
             assert!(!svg.contains(" id=\""), "{name}");
             let sheet = svg.split("<style>").nth(1).unwrap().split("</style>").next().unwrap();
-            let rules = sheet.split(" {").nth(1).unwrap();
+            let rules = sheet.split("dark) {").nth(1).unwrap();
             let selectors = rules.split('}').map(|rule| rule.split('{').next().unwrap());
             for selector in selectors.filter(|selector| !selector.is_empty()) {
                 assert!(selector.starts_with(".fathom-chart "), "{selector}");

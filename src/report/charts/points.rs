@@ -228,23 +228,24 @@ impl Canvas<'_, '_> {
 
     fn point(&self, point: &Point, series: &Series) -> Drawn {
         let Series { color, marker, .. } = *series;
-        let ends = point.y.ends().map(|y| self.at(point.x, y));
-        if point.y.interval.is_some() {
-            self.line(ends, color.stroke_width(2))?;
-            for at in ends.into_iter().flatten() {
-                let cap = EmptyElement::at(at)
-                    + PathElement::new(vec![(-4, 0), (4, 0)], color.stroke_width(2));
-                self.area.draw(&cap)?;
-            }
-        }
-        let Some(at) = self.at(point.x, point.y.median) else { return Ok(()) };
-        let (area, (x, y)) = (self.area.strip_coord_spec(), self.area.map_coordinate(&at));
+        let area = self.area.strip_coord_spec();
         let (x0, y0) = area.get_base_pixel();
-        Mark::Series(marker, color).draw(&area, (x - x0, y - y0))?;
+        let px = |y: f64| {
+            let (x, y) = self.area.map_coordinate(&self.at(point.x, y)?);
+            Some((x - x0, y - y0))
+        };
+        let ends = point.y.interval.and_then(|i| Some([px(i.low)?, px(i.high)?]));
+        if let Some([(x, low), (_, high)]) = ends {
+            let bar = [-4, 4, 0].map(|cap| (x + cap, low)).into_iter();
+            let bar = bar.chain([0, -4, 4].map(|cap| (x + cap, high)));
+            area.draw(&PathElement::new(bar.collect::<Vec<_>>(), color.stroke_width(2)))?;
+        }
+        let Some(middle) = px(point.y.median) else { return Ok(()) };
+        Mark::Series(marker, color).draw(&area, middle)?;
         tip(&area, &point.tip)?;
         if let Some(name) = point.category.as_ref().filter(|_| self.chart.is_uppermost(point)) {
-            let above = Text::new(name.clone(), (0, -15), style::centered(style::small()));
-            self.area.draw(&(EmptyElement::at(at) + above))?;
+            let above = (middle.0, middle.1 - 15);
+            area.draw_text(name, &style::centered(style::small()), above)?;
         }
         point.published.map_or(Ok(()), |span| self.published(point.x, span))
     }

@@ -53,7 +53,9 @@ const DARK: [(RGBColor, &str); 9] = [
 /// alone.
 pub fn sheet() -> String {
     let rules: String = DARK.iter().map(|(light, dark)| rule(*light, dark)).collect();
-    format!("@media (prefers-color-scheme: dark) {{{rules}}}")
+    format!(
+        ".{CLASS} text {{font-family: sans-serif}}@media (prefers-color-scheme: dark) {{{rules}}}"
+    )
 }
 
 /// The picture as a file, with the sheet in it.
@@ -71,11 +73,23 @@ fn rule(light: RGBColor, dark: &str) -> String {
     )
 }
 
+/// Attributes that say what holds without them, or what the sheet says.
+const DEFAULTS: [&str; 5] = [
+    " opacity=\"1\"",
+    " stroke=\"none\"",
+    " stroke-width=\"1\"",
+    " text-anchor=\"start\"",
+    " font-family=\"sans-serif\"",
+];
+
 /// The picture with its class, with what it shows in words, and with titles where the drawing has tips.
 pub fn titled(svg: &str, about: &str) -> String {
     let about = html! { (about) }.into_string();
     let root = format!("<svg class=\"{CLASS}\" role=\"img\" aria-label=\"{about}\" ");
-    let svg = svg.replacen("<svg ", &root, 1).replace(" opacity=\"1\"", "");
+    let mut svg = svg.replacen("<svg ", &root, 1);
+    for default in DEFAULTS {
+        svg = svg.replace(default, "");
+    }
     let mut pieces = svg.split("<text ");
     let mut titled = pieces.next().unwrap_or_default().to_owned();
     for piece in pieces {

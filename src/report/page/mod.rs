@@ -31,6 +31,7 @@ use sha2::{Digest, Sha256};
 
 use super::charts::style;
 use super::colors::StageColors;
+use super::document::{self, Part};
 use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written};
 use fathom_base::{private, text};
 use fathom_record::Run;
@@ -59,9 +60,9 @@ pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
     /// What changed from the first of two runs to the second.
-    pub changes: Option<Markup>,
+    pub changes: Option<Vec<Part>>,
     /// What a history says, as it stands in its section.
-    pub history: Option<Markup>,
+    pub history: Option<Vec<Part>>,
     pub left_out: Vec<LeftOut>,
     /// Of every stage of every run.
     pub colors: StageColors,
@@ -71,7 +72,7 @@ pub struct Page<'a> {
 pub struct ComparisonOnPage {
     /// What was compared.
     pub sides: String,
-    pub markup: Markup,
+    pub parts: Vec<Part>,
 }
 
 /// A run with the name that tells it from the others of the page.
@@ -123,7 +124,7 @@ const HISTORY: PageSection = PageSection {
     title: "History",
     question: "Between which commits did a figure change?",
     fold: Fold::Open,
-    write: |page| page.history.clone(),
+    write: |page| page.history.as_deref().map(document::html),
 };
 
 const CHANGES: PageSection = PageSection {
@@ -131,7 +132,7 @@ const CHANGES: PageSection = PageSection {
     title: "What changed",
     question: "What is different in the second run?",
     fold: Fold::Open,
-    write: |page| page.changes.clone(),
+    write: |page| page.changes.as_deref().map(document::html),
 };
 
 const COMPARED: PageSection = PageSection {
@@ -140,7 +141,8 @@ const COMPARED: PageSection = PageSection {
     question: "What did the comparison of two builds, drivers or environments conclude?",
     fold: Fold::Open,
     write: |page| {
-        let all = html! { @for comparison in &page.comparisons { (comparison.markup) } };
+        let all =
+            html! { @for comparison in &page.comparisons { (document::html(&comparison.parts)) } };
         (!page.comparisons.is_empty()).then_some(all)
     },
 };

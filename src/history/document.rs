@@ -1,4 +1,4 @@
-//! A history as a section of a page: what changed where, and a small chart for each series.
+//! A history as a document: what changed where, and on a page a small chart for each series.
 
 use itertools::Itertools;
 use maud::{Markup, PreEscaped, html};
@@ -12,8 +12,8 @@ use fathom_experiments::words;
 use fathom_report::axis::Scale;
 use fathom_report::charts::points::{self, ChangeLine, PointChart};
 use fathom_report::charts::style::{self, Marker};
+use fathom_report::document::{Field, Part, Span, Table};
 use fathom_report::page::Tone;
-use fathom_report::page::parts::{self, table};
 
 /// Charts of a page. A page of as many charts of as many points stays below 5 MB.
 const MOST_CHARTS: usize = 60;
@@ -21,66 +21,64 @@ const MOST_CHARTS: usize = 60;
 const MOST_POINTS: usize = 200;
 const SIZE_PX: (u32, u32) = (324, 170);
 
-/// Sure changes first, each kind by size; charts of series with changes first.
-pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Markup {
+/// What was searched and what was found: sure changes first, each kind by size.
+pub fn changes(stored: &StoredRuns, findings: &Findings) -> Vec<Part> {
+    let of = |kind: Certainty| {
+        let changes = findings.changes.iter().filter(|change| change.certainty() == kind);
+        let rows: Vec<[Field; 8]> = changes.map(|change| row(stored, change)).collect();
+        let heads = ["Figure", "Change", "", "Commits", "Days", "Runs", "Where", "Machine"];
+        let table = Table::new(kind.to_string(), heads).with_class("sortable changes");
+        (rows.len(), (!rows.is_empty()).then(|| Part::Table(table.with_rows(rows))))
+    };
+    let [(_, sure), (possible, unsure), (drifted, drift)] =
+        [Certainty::Sure, Certainty::Possible, Certainty::Drift].map(of);
+    let fold =
+        |words: String, part: Option<Part>| part.map(|part| Part::Fold(words.into(), vec![part]));
+    let parts = [
+        Some(Part::paragraph(tables::headline(stored, findings))),
+        sure,
+        fold(format!("{possible} possible changes"), unsure),
+        fold(format!("{drifted} of the machine: the controls share them"), drift),
+    ];
+    parts.into_iter().flatten().collect()
+}
+
+/// With a small chart for each series; those with changes first.
+pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Vec<Part> {
     let changed = findings.changes.iter().map(|change| change.series);
     let shown = changed.chain(0..stored.series.len()).unique().take(MOST_CHARTS);
     let not_shown = stored.series.len().saturating_sub(MOST_CHARTS);
-    let of = |kind: Certainty| -> Vec<&Change> {
-        findings.changes.iter().filter(|change| change.certainty() == kind).collect()
-    };
-    let [sure, possible, drift] = [Certainty::Sure, Certainty::Possible, Certainty::Drift].map(of);
-    html! {
-        p.lead { (tables::headline(stored, findings)) }
-        @if !sure.is_empty() { (changes("Changes", stored, &sure)) }
-        @if !possible.is_empty() {
-            details {
-                summary { (possible.len()) " possible changes" }
-                (changes("Possible changes", stored, &possible))
-            }
-        }
-        @if !drift.is_empty() {
-            details {
-                summary { (drift.len()) " of the machine: the controls share them" }
-                (changes("Machine drift", stored, &drift))
-            }
-        }
-        h3 { "Figures over commits" }
-        p.lead {
-            "A point is the median of a run, a bar its 95 % interval. Runs stand in the order of their commits' dates, equally far apart. "
-            "A dashed line is a change, named below the chart. The vertical axis does not begin at 0."
-        }
-        div.multiples { @for place in shown { (chart(stored, findings, place)) } }
-        @if not_shown > 0 {
-            p.faint { (not_shown) " more series are not drawn; fathom history show FILTER --out DIR draws those whose names hold FILTER." }
-        }
+    let mut parts = changes(stored, findings);
+    parts.push(Part::Heading("Figures over commits".into()));
+    parts.push(Part::paragraph(
+        "A point is the median of a run, a bar its 95 % interval. Runs stand in the order of their commits' dates, equally far apart. \
+         A dashed line is a change, named below the chart. The vertical axis does not begin at 0.",
+    ));
+    let charts =
+        html! { div.multiples { @for place in shown { (chart(stored, findings, place)) } } };
+    parts.push(Part::Chart(charts.into_string()));
+    if not_shown > 0 {
+        parts.push(Part::paragraph(format!(
+            "{not_shown} more series are not drawn; fathom history show FILTER --out DIR draws those whose names hold FILTER."
+        )));
     }
+    parts
 }
 
-fn changes(about: &str, stored: &StoredRuns, changes: &[&Change]) -> Markup {
-    let heads = parts::words(&["Figure", "Change", "Between the commits", "Days", "Runs", "Where"]);
-    let rows = html! { @for change in changes { (row(stored, change)) } };
-    table(about, "sortable changes", &heads, &rows)
-}
-
-fn row(stored: &StoredRuns, change: &Change) -> Markup {
+fn row(stored: &StoredRuns, change: &Change) -> [Field; 8] {
     let series = &stored.series[change.series];
     let [before, after] = change.runs.map(|run| &stored.runs[run]);
-    html! {
-        tr {
-            th scope="row" { (name(series)) }
-            td data-v=(change.size.estimate().median) {
-                (tone(series, change).chip(&tables::size(change, series)))
-                @if change.certainty() == Certainty::Possible { " " span.faint { "possible" } }
-                @let machine = tables::machine(change);
-                @if !machine.is_empty() { " " span.faint { (machine) } }
-            }
-            td { (tables::commits(before, after)) }
-            td { (before.day()) " → " (after.day()) }
-            td { (change.n[0]) " + " (change.n[1]) }
-            td.faint.where { (series.key.place()) }
-        }
-    }
+    let size = Span::Chip(tone(series, change), tables::size(change, series));
+    [
+        name(series).into(),
+        Field { value: Some(change.size.estimate().median), line: size.into() },
+        change.certainty().to_string().into(),
+        tables::commits(before, after).into(),
+        format!("{} → {}", before.day(), after.day()).into(),
+        format!("{} + {}", change.n[0], change.n[1]).into(),
+        series.key.place().into(),
+        tables::machine(change).into(),
+    ]
 }
 
 /// Longer times and larger errors are worse; of what is not sure neither is said.
