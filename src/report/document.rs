@@ -17,6 +17,11 @@ pub enum Span {
         to: String,
     },
     Chip(Tone, String),
+    /// An experiment, with the file that holds its plots: a page has them itself.
+    Experiment {
+        id: String,
+        file: Option<String>,
+    },
     /// Seen on a page alone.
     Drawn(Markup),
 }
@@ -55,12 +60,13 @@ impl Line {
                 words
             }
             Span::Link { words, .. } | Span::Chip(_, words) => words,
+            Span::Experiment { id, .. } => id,
             Span::Drawn(_) => "",
         });
         text::line(&words.collect::<String>())
     }
 
-    fn markdown(&self) -> String {
+    pub fn markdown(&self) -> String {
         self.markdown_with(text::code)
     }
 
@@ -75,6 +81,10 @@ impl Line {
             Span::Bold(words) => format!("**{}**", text::markdown(words)),
             Span::Code(words) => code(words),
             Span::Link { words, to } => format!("[{}]({})", text::markdown(words), text::link(to)),
+            Span::Experiment { id, file: Some(file) } => {
+                format!("[{}]({})", text::markdown(id), text::link(file))
+            }
+            Span::Experiment { id, .. } => text::markdown(id),
             Span::Drawn(_) => String::new(),
         });
         spans.collect()
@@ -90,6 +100,7 @@ impl Line {
                     Span::Code(words) => code { (words) },
                     Span::Link { words, to } => a href=(to) { (words) },
                     Span::Chip(tone, words) => (tone.chip(words)),
+                    Span::Experiment { id, .. } => a.source href={ "#plot-" (id) } { (id) },
                     Span::Drawn(markup) => (markup),
                 }
             }
@@ -98,6 +109,8 @@ impl Line {
 }
 
 pub enum Part {
+    /// Of a document's largest parts.
+    Title(Line),
     Heading(Line),
     Paragraph(Line),
     List(Vec<Line>),
@@ -109,6 +122,30 @@ pub enum Part {
 }
 
 impl Part {
+    /// The same with at most so many rows or items and without what is folded, and words on where the rest is.
+    pub fn cut(self, most: usize, place: &Line) -> Vec<Part> {
+        let more_on =
+            |more: usize| Line::from(format!("… and {more} more on the ")).and(place.clone());
+        match self {
+            Part::Table(mut table) => {
+                let more = table.rows.len().saturating_sub(most);
+                table.rows.truncate(most);
+                let words = (more > 0).then(|| Part::Paragraph(more_on(more)));
+                std::iter::once(Part::Table(table)).chain(words).collect()
+            }
+            Part::List(mut lines) => {
+                let more = lines.len().saturating_sub(most);
+                lines.truncate(most);
+                lines.extend((more > 0).then(|| more_on(more)));
+                vec![Part::List(lines)]
+            }
+            Part::Fold(line, _) => {
+                vec![Part::Paragraph(line.and(": on the ").and(place.clone()))]
+            }
+            part => vec![part],
+        }
+    }
+
     pub fn paragraph(words: impl Into<Line>) -> Part {
         Part::Paragraph(words.into())
     }
@@ -134,6 +171,8 @@ impl<T: Into<Line>> From<T> for Field {
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum ColumnKind {
     Words,
+    /// Wide.
+    Sentences,
     Numbers,
     /// Seen on a page alone.
     Drawings,
@@ -142,7 +181,11 @@ pub enum ColumnKind {
 impl ColumnKind {
     /// Of CSS.
     fn class(self) -> Option<&'static str> {
-        (self == ColumnKind::Numbers).then_some("number")
+        match self {
+            ColumnKind::Numbers => Some("number"),
+            ColumnKind::Sentences => Some("claim"),
+            _ => None,
+        }
     }
 }
 
@@ -197,7 +240,7 @@ impl Table {
     }
 
     /// With an empty line after it.
-    fn markdown(&self) -> String {
+    pub fn markdown(&self) -> String {
         let mut lines = self.texts(Line::markdown_field).into_iter();
         let row = |fields: Vec<String>| format!("| {} |\n", fields.join(" | "));
         let head = lines.next().unwrap_or_default();
@@ -227,7 +270,7 @@ impl Table {
 /// Text for a terminal: columns in step, and nothing folded.
 pub fn terminal(parts: &[Part]) -> String {
     let write = |part: &Part| match part {
-        Part::Heading(line) => format!("\n{}\n", line.plain()),
+        Part::Title(line) | Part::Heading(line) => format!("\n{}\n", line.plain()),
         Part::Paragraph(line) => line.plain() + "\n",
         Part::List(lines) if lines.is_empty() => String::new(),
         Part::List(lines) => {
@@ -245,6 +288,7 @@ pub fn terminal(parts: &[Part]) -> String {
 
 pub fn markdown(parts: &[Part]) -> String {
     let write = |part: &Part| match part {
+        Part::Title(line) => format!("## {}\n\n", line.markdown()),
         Part::Heading(line) => format!("### {}\n\n", line.markdown()),
         Part::Paragraph(line) => line.markdown() + "\n\n",
         Part::List(lines) if lines.is_empty() => String::new(),
@@ -263,11 +307,16 @@ pub fn markdown(parts: &[Part]) -> String {
     parts.iter().map(write).collect()
 }
 
+/// For a section of a page, which is left out where it has no parts.
+pub fn of(parts: Vec<Part>) -> Option<Markup> {
+    (!parts.is_empty()).then(|| html(&parts))
+}
+
 pub fn html(parts: &[Part]) -> Markup {
     html! {
         @for part in parts {
             @match part {
-                Part::Heading(line) => h3 { (line.html()) },
+                Part::Title(line) | Part::Heading(line) => h3 { (line.html()) },
                 Part::Paragraph(line) => p { (line.html()) },
                 Part::List(lines) => @if !lines.is_empty() { ul { @for line in lines { li { (line.html()) } } } },
                 Part::Table(table) => (table.html()),

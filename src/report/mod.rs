@@ -25,7 +25,8 @@ pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use charts::EXPORTER as PLOTS;
 pub use claims::EXPORTER as CLAIMS;
 pub use page::EXPORTER as PAGE;
-pub use summary::{EXPORTER as SUMMARY, in_short};
+pub use page::overview::in_short;
+pub use summary::EXPORTER as SUMMARY;
 pub use trust::conditions as run_conditions;
 
 use std::io::{self, Write};

@@ -5,16 +5,16 @@
 
 mod ceilings;
 mod cells;
-mod claims;
+pub(crate) mod claims;
 mod data;
 mod host;
-mod overview;
+pub(crate) mod overview;
 pub mod parts;
 mod pictures;
 mod plots;
 mod published;
-mod scaling;
-mod time;
+pub(crate) mod scaling;
+pub(crate) mod time;
 mod trust;
 
 pub use parts::Tone;
@@ -31,7 +31,7 @@ use sha2::{Digest, Sha256};
 
 use super::charts::style;
 use super::colors::StageColors;
-use super::document::{self, Part};
+use super::document::{self, Field, Part, Table};
 use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written};
 use fathom_base::{private, text};
 use fathom_record::Run;
@@ -97,7 +97,7 @@ pub fn labelled<'a>(views: &'a [(&Path, ReportView<'a>)]) -> Vec<PageRun<'a>> {
 }
 
 /// A part of the page.
-struct PageSection {
+pub(crate) struct PageSection {
     /// Its anchor.
     id: &'static str,
     title: &'static str,
@@ -196,6 +196,22 @@ impl<'a> Page<'a> {
     /// Several runs are compared: marks and rows name theirs.
     pub fn is_overlay(&self) -> bool {
         self.runs.len() > 1
+    }
+
+    /// A table whose rows name their run first, where there are several.
+    fn table(&self, about: &str, columns: &[&str]) -> Table {
+        let run = self.is_overlay().then_some("Run");
+        Table::new(about, run.into_iter().chain(columns.iter().copied()))
+    }
+
+    /// The fields of a row of such a table.
+    fn of_run(
+        &self,
+        run: &PageRun<'_>,
+        fields: impl IntoIterator<Item = Field>,
+    ) -> impl Iterator<Item = Field> {
+        let label = self.is_overlay().then(|| Field::from(run.label.as_str()));
+        label.into_iter().chain(fields)
     }
 
     /// The head of the column that names the run, where there are several.

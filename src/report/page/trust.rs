@@ -1,102 +1,98 @@
 //! How far the run can be trusted: its clocks, the cost and precision of its times, and how they moved while it ran.
 
-use itertools::Itertools;
-use maud::{Markup, PreEscaped, html};
-
-use super::parts::{numbers, table, words};
-use super::{Fold, Page, PageRun, PageSection};
+use super::{Fold, Page, PageSection, Tone};
 use crate::ReportView;
 use crate::axis::{Scale, ScaleKind};
 use crate::charts::points::{Point, PointChart, Series};
 use crate::charts::style::{self, Marker};
+use crate::document::{self, ColumnKind, Line, Part, Span, Table};
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::noise::RunVerdict;
 use crate::trust::{self, TimedSample};
 use fathom_base::statistics;
 use fathom_record::{AuditRow, Clock, Estimate, Interval, PassKind, Rejection, Run};
+use itertools::Itertools;
 
 pub const SECTION: PageSection = PageSection {
     id: "trust",
     title: "Trust",
     question: "Which clocks were used, how precise are the times, did the machine drift?",
     fold: Fold::Folded,
-    write,
+    write: |page| document::of(parts(page)),
 };
 
 const CHART_PX: (u32, u32) = (560, 260);
 /// Spans of time whose samples are a mark.
 const SPANS: usize = 24;
 
-fn write(page: &Page<'_>) -> Option<Markup> {
-    let runs: Vec<(&PageRun<'_>, &Run)> =
-        page.runs.iter().filter_map(|run| Some((run, trust::worst(run.view)?))).collect();
-    if runs.is_empty() {
-        return None;
-    }
-    Some(html! {
-        @for (on_page, run) in runs {
-            @if page.is_overlay() { h3 { (on_page.label) } }
-            p { b { (trust::verdict(run)) } " " "Clock: " (trust::conditions(run)) "." }
-            @if on_page.view.runs.len() > 1 { (sittings(on_page.view)) }
-            (audit(run))
-            (over_time(&trust::samples_by_time(on_page.view)))
-            (facts(on_page.view, run))
+fn parts(page: &Page<'_>) -> Vec<Part> {
+    let mut parts = Vec::new();
+    for on_page in &page.runs {
+        let view = on_page.view;
+        let Some(run) = trust::worst(view) else { continue };
+        parts.extend(page.is_overlay().then(|| Part::Heading(on_page.label.as_str().into())));
+        let verdict = Line::from(Span::Bold(trust::verdict(run)));
+        parts.push(Part::Paragraph(verdict.and(format!(" Clock: {}.", trust::conditions(run)))));
+        if view.runs.len() > 1 {
+            parts.push(Part::paragraph(format!(
+                "The run was measured in {} sittings. The audit and the costs below are those of the sitting with the least reliable clocks.",
+                view.runs.len()
+            )));
+            parts.push(Part::Table(sittings(view)));
         }
-    })
+        if !run.audit.is_empty() {
+            let about =
+                "Each clock compared with the host clock, for a kernel of N and of 2 N work:";
+            parts.extend([Part::paragraph(about), Part::Table(audit(run))]);
+        }
+        parts.extend(over_time(&trust::samples_by_time(view)));
+        parts.push(Part::list(facts(view, run)));
+    }
+    parts
 }
 
 /// What each sitting of a run that was resumed or merged was timed by.
-fn sittings(view: &ReportView<'_>) -> Markup {
+fn sittings(view: &ReportView<'_>) -> Table {
     let cells = view.entries().filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
-    html! {
-        p.faint { "The run was measured in " (view.runs.len()) " sittings. The audit and the costs below are those of the sitting with the least reliable clocks." }
-        @let heads = html! {
-            (words(&["Started", "Machine"])) (numbers(&["Cells"])) (words(&["Clock", "Can it be trusted?"]))
-        };
-        @let rows = html! {
-            @for run in &view.runs {
-                tr {
-                    th scope="row" { (run.started_at) }
-                    td { (run.conditions.host.as_deref().unwrap_or("–")) }
-                    td.number { (cells.get(&std::ptr::from_ref(*run)).copied().unwrap_or(0)) }
-                    td { (trust::conditions(run)) }
-                    td { (trust::verdict(run)) }
-                }
-            }
-        };
-        (table("Sittings", "", &heads, &rows))
-    }
+    let columns = ["Started", "Machine", "Cells", "Clock", "Can it be trusted?"];
+    let rows = view.runs.iter().map(|run| {
+        let count = cells.get(&std::ptr::from_ref(*run)).copied().unwrap_or(0);
+        let host = run.conditions.host.clone().unwrap_or_else(|| "–".to_owned());
+        let [clock, verdict] = [trust::conditions(run), trust::verdict(run)];
+        [run.started_at.clone(), host, count.to_string(), clock, verdict]
+    });
+    Table::new("Sittings", columns).with(ColumnKind::Numbers, &columns[2..3]).with_rows(rows)
 }
 
-fn audit(run: &Run) -> Markup {
-    html! {
-        @if !run.audit.is_empty() {
-            p.faint { "Each clock compared with the host clock, for a kernel of N and of 2 N work:" }
-            @let heads = html! {
-                (words(&["Clock", "Pass", "In its command buffer"]))
-                (numbers(&["Clock (ms)", "Host (ms)", "Clock / host", "2 N / N"]))
-                (words(&["Verdict", "Why"]))
-            };
-            (table("Clock audit", "", &heads, &html! { @for row in &run.audit { (audit_row(row)) } }))
-        }
-    }
-}
-
-fn audit_row(row: &AuditRow) -> Markup {
-    let (class, verdict) = if row.sound { ("good", "✓ sound") } else { ("bad", "✕ unusable") };
-    html! {
-        tr {
-            td { (row.clock.name()) }
-            td { (row.pass) }
-            td { (row.context) }
-            td.number { (three(row.clock_ns / NS_PER_MS)) }
-            td.number { (three(row.host_ns / NS_PER_MS)) }
-            td.number { (format!("{:.3}", row.ratio)) }
-            td.number { (format!("{:.2}", row.doubling)) }
-            td { span.chip.(class) { (verdict) } }
-            td { (row.reason) }
-        }
-    }
+fn audit(run: &Run) -> Table {
+    let columns = [
+        "Clock",
+        "Pass",
+        "In its command buffer",
+        "Clock (ms)",
+        "Host (ms)",
+        "Clock / host",
+        "2 N / N",
+        "Verdict",
+        "Why",
+    ];
+    let row = |row: &AuditRow| {
+        let sound = if row.sound { (Tone::Good, "sound") } else { (Tone::Bad, "unusable") };
+        [
+            row.clock.name().into(),
+            row.pass.to_string().into(),
+            row.context.to_string().into(),
+            three(row.clock_ns / NS_PER_MS).into(),
+            three(row.host_ns / NS_PER_MS).into(),
+            format!("{:.3}", row.ratio).into(),
+            format!("{:.2}", row.doubling).into(),
+            Span::Chip(sound.0, sound.1.to_owned()).into(),
+            Line::from(row.reason.as_str()),
+        ]
+    };
+    Table::new("Clock audit", columns)
+        .with(ColumnKind::Numbers, &columns[3..7])
+        .with_rows(run.audit.iter().map(row))
 }
 
 /// Only timestamps measure the frame apart from its stages.
@@ -105,8 +101,8 @@ fn has_timestamps(view: &ReportView<'_>) -> bool {
 }
 
 /// How frame times moved: the median and the middle half of all samples of each span of time, as per cent off the median of their cells.
-fn over_time(samples: &[TimedSample]) -> Markup {
-    let Some(last) = samples.last() else { return html! {} };
+fn over_time(samples: &[TimedSample]) -> Vec<Part> {
+    let Some(last) = samples.last() else { return Vec::new() };
     let index = |sample: &&TimedSample| {
         ((sample.at_s / last.at_s.max(f64::MIN_POSITIVE) * SPANS as f64) as usize).min(SPANS - 1)
     };
@@ -123,7 +119,7 @@ fn over_time(samples: &[TimedSample]) -> Markup {
     };
     let scales = [series.xs().collect_vec(), series.ys().collect_vec()]
         .map(|values| Scale::fit(ScaleKind::Linear, values));
-    let [Some(x), Some(y)] = scales else { return html! {} };
+    let [Some(x), Some(y)] = scales else { return Vec::new() };
     let chart = PointChart {
         title: String::new(),
         x_title: "time since the first sample (min)".to_owned(),
@@ -134,15 +130,12 @@ fn over_time(samples: &[TimedSample]) -> Markup {
         changes: Vec::new(),
     };
     let svg = chart.svg(CHART_PX, "Frame times in the order in which they were measured");
-    html! {
-        figure {
-            div.scroll { (PreEscaped(svg)) }
-            figcaption {
-                "Frame times off the medians of their cells: a dot is the median over a span of time, its line the middle half of the samples. "
-                (samples.len()) " samples."
-            }
-        }
-    }
+    let words = format!(
+        "Frame times off the medians of their cells: a dot is the median over a span of time, its line the middle half of the samples. \
+         {} samples.",
+        samples.len()
+    );
+    vec![Part::Chart(svg), Part::paragraph(words)]
 }
 
 /// The samples of a span of time.
@@ -160,29 +153,34 @@ fn point(samples: &[&TimedSample]) -> Point {
     }
 }
 
-fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
+fn facts(view: &ReportView<'_>, run: &Run) -> Vec<String> {
     let costs = run.submit_cost_ns.iter();
     let costs = costs.map(|(kind, ns)| submission(*kind, *ns)).join(", ");
-    html! {
-        ul.facts {
-            @for fact in trust::facts(view) { li { (fact.about) ": " (fact.words) "." } }
-            @if view.timed().next().is_some() { li { (accounting(view)) } }
-            @if let Some(drift) = RunVerdict::of(view).and_then(|verdict| verdict.drift) {
-                li {
-                    "Drift of frame times: " (drift.words()) ", n = " (drift.per_minute.n) " spans of time. Median slope over all pairs of "
-                    "spans (Sen 1968) of the median change of the cells that both have; spans of 10 s or more are taken for independent."
-                }
-            }
-            li { (rejected(view)) }
-            @if !costs.is_empty() { li { "Cost of a submission as the audit measured it: " (costs) "." } }
-            @if let Some(set_up) = set_up(view) { li { (set_up) } }
-            @if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
-                li { "Peak memory of the process: " (mebibytes(bytes)) "." }
-            }
-            @if view.ends.last().is_none_or(|end| end.interrupted) { li { "The run ended early. What was measured until then is shown." } }
-            @for note in &run.notes { li { "Note: " (note.text) "." } }
-        }
-    }
+    let drift = RunVerdict::of(view).and_then(|verdict| verdict.drift).map(|drift| {
+        format!(
+            "Drift of frame times: {}, n = {} spans of time. Median slope over all pairs of spans (Sen 1968) of the median change of the \
+             cells that both have; spans of 10 s or more are taken for independent.",
+            drift.words(),
+            drift.per_minute.n
+        )
+    });
+    let peak = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max();
+    let is_cut = view.ends.last().is_none_or(|end| end.interrupted);
+    let facts = trust::facts(view).into_iter();
+    let mut all = facts.map(|fact| format!("{}: {}.", fact.about, fact.words)).collect_vec();
+    let others = [
+        view.timed().next().map(|_| accounting(view)),
+        drift,
+        Some(rejected(view)),
+        (!costs.is_empty())
+            .then(|| format!("Cost of a submission as the audit measured it: {costs}.")),
+        set_up(view),
+        peak.map(|bytes| format!("Peak memory of the process: {}.", mebibytes(bytes))),
+        is_cut.then(|| "The run ended early. What was measured until then is shown.".to_owned()),
+    ];
+    all.extend(others.into_iter().flatten());
+    all.extend(run.notes.iter().map(|note| format!("Note: {}.", note.text)));
+    all
 }
 
 fn submission(kind: PassKind, ns: f64) -> String {
@@ -255,9 +253,9 @@ mod tests {
 
     #[test]
     fn the_section_holds_audit_charts_and_facts() {
-        let text = written(write, &fixtures::run());
+        let text = written(SECTION.write, &fixtures::run());
         for expected in [
-            "✕ unusable",
+            "✕ </span>unusable",
             "begins late",
             "time since the first sample (min)",
             "Frames rejected: none",
@@ -272,7 +270,7 @@ mod tests {
         let sample =
             |i: usize| TimedSample { at_s: i as f64, relative: 1.0 + (i % 7) as f64 / 100.0 };
         let samples: Vec<TimedSample> = (0..10_000).map(sample).collect();
-        let text = over_time(&samples).into_string();
+        let text = document::html(&over_time(&samples)).into_string();
         assert!(text.contains("10000 samples") && text.contains("median +3.00 %"), "{text}");
         assert_eq!(text.matches("<title>").count(), SPANS);
     }
@@ -284,7 +282,7 @@ mod tests {
             let of = |fault: FaultKind| RejectedFrames { rejection: fault.into(), frames: 2 };
             measured.rejected = vec![of(FaultKind::Stale), of(FaultKind::Zero)];
         }
-        let text = written(write, &records);
+        let text = written(SECTION.write, &records);
         assert!(
             text.contains("Frames rejected: 6 (zero duration), 6 (stale timestamps)."),
             "{text}"
