@@ -320,7 +320,7 @@ pub fn html(parts: &[Part]) -> Markup {
                 Part::Paragraph(line) => p { (line.html()) },
                 Part::List(lines) => @if !lines.is_empty() { ul { @for line in lines { li { (line.html()) } } } },
                 Part::Table(table) => (table.html()),
-                Part::Chart(svg) => div.scroll { (PreEscaped(svg)) },
+                Part::Chart(svg) => div.scroll tabindex="0" role="region" aria-label="Chart" { (PreEscaped(svg)) },
                 Part::Fold(line, parts) => details { summary { (line.html()) } (html(parts)) },
             }
         }

@@ -102,7 +102,7 @@ fn claims(section: &Section<'_>) -> Markup {
 fn plot(page: &Page<'_>, (_, section): &Part<'_>) -> Markup {
     html! {
         @if let Some(svg) = &section.figure().svg {
-            div.scroll { (PreEscaped(svg)) }
+            div.scroll tabindex="0" role="region" aria-label={ "Plot of " (section.id) } { (PreEscaped(svg)) }
             @if !page.is_overlay() {
                 p { a href=(text::link(&charts::file_name(section))) { "The plot as a file" } }
             }
