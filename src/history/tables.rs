@@ -9,7 +9,7 @@ use super::run::NANOSECONDS;
 use super::stored::{Series, StoredRun, StoredRuns};
 use fathom_base::text;
 use fathom_record::Estimate;
-use fathom_report::format::{three, trim_zeros};
+use fathom_report::format::{interval, three, trim_zeros};
 
 /// Unit in records of errors that have none.
 const WITHOUT_UNIT: &str = "1";
@@ -100,11 +100,7 @@ pub fn machine(change: &Change) -> String {
 
 /// A value in the unit that people read.
 pub fn value(series: &Series, value: &Estimate) -> String {
-    let Estimate { median, interval, .. } = value.scaled(series.key.shown());
-    match interval {
-        Some(i) => format!("{} ({} – {})", three(median), three(i.low), three(i.high)),
-        None => three(median),
-    }
+    interval(&value.scaled(series.key.shown()))
 }
 
 /// Unit of a series for people; empty where there is none.

@@ -1,15 +1,13 @@
 //! What a comparison says, for a terminal, in Markdown and on a page.
 
 use itertools::{Itertools, chain};
-use maud::Markup;
 
 use super::rows;
 use crate::noise;
 use crate::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
-use fathom_record::{Estimate, Interval};
+use fathom_record::Interval;
 use fathom_report::charts::strip;
 use fathom_report::document::{self, ColumnKind, Field, Line, Part, Span, Table};
-use fathom_report::format::trim_zeros;
 use fathom_report::page::{ComparisonOnPage, Page, Tone};
 
 /// Changes are shown up to this share, or to the largest of the comparison.
@@ -84,13 +82,22 @@ pub fn on_page(verdicts: &Verdicts<'_>) -> ComparisonOnPage {
 
 fn cells(verdicts: &Verdicts<'_>) -> Table {
     let (threshold, reach) = (verdicts.comparison.header.settings.threshold, reach(verdicts));
-    let band = format!("{} to {} shaded", percent(-threshold), percent(threshold));
+    let band = Interval { low: -threshold, high: threshold };
+    let shaded = format!("shaded: ± {:.1} %", 100.0 * threshold);
     let mut columns = rows::HEADER.map(str::to_owned).to_vec();
-    columns.insert(2, band.clone());
+    columns.insert(2, shaded.clone());
     let row = |cell: &JudgedCell| {
         let [name, verdict, figures @ ..] = rows::cell(cell);
         let drawn = cell.time.as_ref().map(|time| Field {
-            line: Span::Drawn(picture(&time.change, threshold, reach)).into(),
+            // All cells have one axis.
+            line: Span::Drawn(strip(
+                [-reach, reach],
+                band,
+                &time.change,
+                None,
+                &rows::change(time),
+            ))
+            .into(),
             value: Some(time.change.median),
         });
         let verdict = Span::Chip(tone(cell.verdict), verdict);
@@ -98,7 +105,7 @@ fn cells(verdicts: &Verdicts<'_>) -> Table {
         chain![first, figures.map(Field::from)].collect_vec()
     };
     Table::new("Compared cells", columns)
-        .with(ColumnKind::Drawings, &[&band])
+        .with(ColumnKind::Drawings, &[&shaded])
         .with_class("sortable")
         .with_rows(verdicts.cells.iter().map(row))
 }
@@ -121,24 +128,4 @@ fn reach(verdicts: &Verdicts<'_>) -> f64 {
         [time.change.median.abs(), low.abs(), high.abs()]
     });
     ends.filter(|end| end.is_finite()).fold(LEAST_SHOWN, f64::max)
-}
-
-/// A change of time on an axis that all cells share.
-fn picture(change: &Estimate, threshold: f64, reach: f64) -> Markup {
-    let median = percent(change.median);
-    let tip = match change.interval {
-        Some(Interval { low, high }) => {
-            format!("{median} ({} … {})", percent(low), percent(high))
-        }
-        None => format!("{median}, too few launches for an interval"),
-    };
-    strip([-reach, reach], Interval { low: -threshold, high: threshold }, change, None, &tip)
-}
-
-/// `+5.1 %`, `0 %`.
-fn percent(share: f64) -> String {
-    let text = format!("{:.1}", 100.0 * share);
-    let text = trim_zeros(&text);
-    let sign = if share > 0.0 && text != "0" { "+" } else { "" };
-    format!("{sign}{} %", if text == "-0" { "0" } else { text })
 }

@@ -75,7 +75,8 @@ type PlotArea<'b> = DrawingArea<SVGBackend<'b>, Cartesian2d<Scale, Scale>>;
 impl PointChart {
     /// The chart as a picture of its own; `about` says in one sentence what it shows.
     pub fn svg(&self, size_px: (u32, u32), about: &str) -> String {
-        drawing(size_px, about, |area| self.axes(area, 4, 14).map(|_| ()))
+        // At the right there is room for half of a label below the axis.
+        drawing(size_px, about, |area| self.axes(area, 4, 44).map(|_| ()))
     }
 
     /// The only chart of a panel, with names at the ends of its series.

@@ -2,7 +2,7 @@
 
 use super::{Fold, Page, PageRun, PageSection};
 use crate::document::{self, ColumnKind, Part, Table};
-use crate::format::{NS_PER_MS, three};
+use crate::format::{NS_PER_MS, interval, three};
 use fathom_base::statistics::Estimate;
 use fathom_record::{Cell, HostCosts};
 use itertools::Itertools;
@@ -78,9 +78,7 @@ fn stages(cell: &Cell, host: &HostCosts) -> Part {
     Part::Fold(words.into(), vec![Part::Table(table)])
 }
 
-/// `12.3 (11.9–12.8)`, in microseconds.
+/// `12.3 (11.9 – 12.8)`, in microseconds.
 fn spread(of: &Estimate) -> String {
-    let us = |ns: f64| three(ns / NS_PER_US);
-    let interval = of.interval.map(|i| format!(" ({}–{})", us(i.low), us(i.high)));
-    format!("{}{}", us(of.median), interval.unwrap_or_default())
+    interval(&of.scaled(1.0 / NS_PER_US))
 }

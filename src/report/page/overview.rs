@@ -196,8 +196,7 @@ pub fn identity(view: &ReportView<'_>) -> Option<Table> {
     rows.push(("command", Span::Code(run.command.join(" ")).into()));
     rows.push(("cells", outcomes(view).into()));
     rows.extend(clock.map(|clock| ("clock", clock.into())));
-    let facts = trust::facts(view).into_iter();
-    rows.extend(facts.map(|fact| (fact.about, Line::from(fact.words))));
+    rows.extend(trust::facts(view).map(|(about, words)| (about, words.into())));
     let rows = rows.into_iter().map(|(about, words)| [about.into(), words]);
     Some(Table::new("The run", ["", ""]).with_rows(rows))
 }

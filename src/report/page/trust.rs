@@ -166,8 +166,8 @@ fn facts(view: &ReportView<'_>, run: &Run) -> Vec<String> {
     });
     let peak = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max();
     let is_cut = view.ends.last().is_none_or(|end| end.interrupted);
-    let facts = trust::facts(view).into_iter();
-    let mut all = facts.map(|fact| format!("{}: {}.", fact.about, fact.words)).collect_vec();
+    let facts = trust::facts(view);
+    let mut all = facts.map(|(about, words)| format!("{about}: {words}.")).collect_vec();
     let others = [
         view.timed().next().map(|_| accounting(view)),
         drift,
