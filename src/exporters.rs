@@ -168,7 +168,7 @@ impl Folders {
 
     /// One page of all.
     pub fn page(self) -> Artifact {
-        let changes = self.changes().ok().map(|changes| changes.markup());
+        let changes = self.changes().ok().map(|changes| changes.into_parts());
         let folders = self.runs.iter().map(|file| file.path.parent().unwrap_or(Path::new("")));
         let records = self.runs.iter().map(|file| &file.reading.records);
         let views = folders.zip(records);

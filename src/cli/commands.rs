@@ -370,13 +370,10 @@ pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
         return written(report_of(folder)?);
     }
     let read = exporters::Folders::read(&folders)?;
-    let changes = read.changes();
-    if let Ok(changes) = &changes {
-        tell::answer(changes.text());
-    }
+    let changes = read.changes().map(|changes| tell::answer(changes.into_text()));
     match out {
         Some(out) => write_into(&out, vec![read.page()]),
-        None => changes.map(|_| ExitCode::SUCCESS).context(
+        None => changes.map(|()| ExitCode::SUCCESS).context(
             "nothing to compare: for one page of these folders say with --out where to write it",
         ),
     }

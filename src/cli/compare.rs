@@ -188,7 +188,7 @@ fn two_runs(files: [&PathBuf; 2], gates: &[Gate]) -> Outcome {
         status => status,
     };
     let headline = format!("{status} (status {}): {}", status as u8, changes.headline);
-    tell::answer(Changes { headline, ..changes }.text());
+    tell::answer(Changes { headline, ..changes }.into_text());
     Ok(ExitCode::from(status as u8))
 }
 

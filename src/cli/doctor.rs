@@ -196,8 +196,7 @@ fn clock(run: &Run) -> Finding {
 }
 
 fn load(verdict: &RunVerdict) -> Finding {
-    let figures = verdict.figures().into_iter().map(|(about, words)| format!("{about} {words}"));
-    let found = format!("{} machine: {}", verdict.noise, figures.collect::<Vec<_>>().join(", "));
+    let found = format!("{} machine: {}", verdict.noise, verdict.figures());
     match verdict.noise {
         Noise::Quiet => Finding::new("load", Level::Ok, found),
         Noise::Drifting | Noise::Noisy => Finding::new("load", Level::Warning, found)

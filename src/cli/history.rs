@@ -9,9 +9,10 @@ use super::commands::Outcome;
 use super::export::write_into;
 use crate::history::{
     self, Added, DEFAULT_FILE, Findings, History, NewRun, Said, Selection, StoredRuns, VARIABLE,
-    on_page, tables,
+    document, tables,
 };
 use crate::record::output::RECORDS;
+use crate::report::document::terminal;
 use crate::report::page::Page;
 use crate::tell;
 
@@ -101,7 +102,7 @@ pub fn history(command: HistoryCommand) -> Outcome {
             let findings = Findings::of(&stored);
             answered(match json {
                 true => format!("{:#}", tables::changes_json(&stored, &findings)),
-                false => tables::changes(&stored, &findings),
+                false => terminal(&document::changes(&stored, &findings)).trim_end().to_owned(),
             })
         }
     }
@@ -132,7 +133,7 @@ fn add(folders: &[PathBuf], said: Said, location: &Path) -> Outcome {
 }
 
 fn show(stored: &StoredRuns, out: &Path) -> Outcome {
-    let shown = Some(on_page::on_page(stored, &Findings::of(stored)));
+    let shown = Some(document::on_page(stored, &Findings::of(stored)));
     let page = Page { history: shown, ..Page::new(Vec::new()) }.file();
     write_into(out, vec![page])
 }

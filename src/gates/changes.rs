@@ -8,8 +8,7 @@ mod times;
 use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
-use itertools::Itertools;
-use maud::{Markup, html};
+use itertools::{Itertools, chain};
 
 use crate::adapters::AdapterRelation;
 use crate::exact::{Difference, DifferenceScope, FigureKind};
@@ -19,12 +18,12 @@ use crate::verdict::{Status, Verdicts};
 pub use cells::redefinition;
 use cells::{Cells, Told};
 use claims::ClaimChange;
-use fathom_base::text;
 use fathom_record::comparison::{CellId, Side};
 use fathom_record::{Adapter, Cell, Run};
+use fathom_report::document::{self, Part, Span, Table};
 use fathom_report::format::{NS_PER_MS, interval, percent, three};
 use fathom_report::noise::{Noise, RunVerdict};
-use fathom_report::page::parts::{table, words};
+use fathom_report::page::Tone;
 use fathom_report::{ReportView, facts, run_conditions, shown_file};
 use times::{Common, StageChange, TimeChange, Times};
 
@@ -43,38 +42,23 @@ pub struct Changes {
     pub headline: String,
     /// Why the runs are hard to compare.
     pub doubts: Vec<String>,
-    pub blocks: Vec<Block>,
+    pub blocks: Vec<Part>,
 }
 
-/// A table with words above it.
-pub struct Block {
-    pub title: &'static str,
-    pub lead: Vec<String>,
-    heads: [&'static str; 4],
-    pub rows: Vec<[String; 4]>,
-    /// Rows that are left out.
-    pub more: usize,
-}
-
-impl Block {
-    fn new(
-        title: &'static str,
-        heads: [&'static str; 4],
-        rows: impl IntoIterator<Item = [String; 4]>,
-    ) -> Self {
-        let mut rows = rows.into_iter().collect_vec();
-        let more = rows.len().saturating_sub(MOST_ROWS);
-        rows.truncate(MOST_ROWS);
-        Self { title, lead: Vec::new(), heads, rows, more }
-    }
-
-    fn led_by(self, lead: Vec<String>) -> Self {
-        Self { lead, ..self }
-    }
-
-    fn more(&self) -> Option<String> {
-        (self.more > 0).then(|| format!("… and {} more", self.more))
-    }
+/// A table of at most [`MOST_ROWS`] rows with words above it.
+fn block<const N: usize>(
+    title: &str,
+    lead: Vec<String>,
+    heads: [&str; N],
+    rows: impl IntoIterator<Item = [String; N]>,
+) -> Vec<Part> {
+    let mut table = Table::new(title, heads).with_rows(rows);
+    let more = table.rows.len().saturating_sub(MOST_ROWS);
+    table.rows.truncate(MOST_ROWS);
+    let more = (more > 0).then(|| Part::paragraph(format!("… and {more} more")));
+    let table = (!table.rows.is_empty()).then_some(Part::Table(table));
+    let lead = lead.into_iter().map(Part::paragraph);
+    chain![[Part::Heading(title.into())], lead, table, more].collect()
 }
 
 impl Changes {
@@ -99,49 +83,30 @@ impl Changes {
             noise: noise_words(views, &times),
             headline: format!("{}; {not_judged}", exact_headline(verdicts)),
             doubts: [comparison.header.notes.clone(), doubts(views)].concat(),
-            blocks: vec![
+            blocks: [
                 claims_block(views),
                 times_block(&times, views),
                 exact_block(verdicts),
                 machine_block(views, paths),
                 cells_block(&cells),
-            ],
+            ]
+            .into_iter()
+            .flatten()
+            .collect(),
         })
     }
 
-    /// For the terminal.
-    pub fn text(&self) -> String {
-        let first = self.noise.iter().chain([&self.headline]);
-        let mut lines = first.map(|line| text::line(line)).collect_vec();
-        lines.extend(self.doubts.iter().map(|doubt| format!("! {}", text::line(doubt))));
-        for block in &self.blocks {
-            let lead = block.lead.iter().map(|line| text::line(line)).join("\n  ");
-            lines.push(format!("\n{}: {lead}", block.title));
-            let rows = text::columns(&block.rows).into_iter().chain(block.more());
-            lines.extend(rows.map(|row| format!("  {}", text::line(&row))));
-        }
-        lines.join("\n") + "\n"
+    /// How noisy the runs were, the headline, doubts, and each block with its rows.
+    pub fn into_parts(self) -> Vec<Part> {
+        let doubts = self.doubts.into_iter().map(|doubt| Span::Chip(Tone::Open, doubt));
+        let noise = self.noise.map(Part::paragraph);
+        let headline = Part::paragraph(self.headline);
+        chain![noise, [headline, Part::list(doubts)], self.blocks].collect()
     }
 
-    /// For the page.
-    pub fn markup(&self) -> Markup {
-        html! {
-            @for doubt in &self.doubts { p.warning role="note" { (doubt) } }
-            @if let Some(noise) = &self.noise { p { (noise) "." } }
-            p.lead { (self.headline) "." }
-            @for block in &self.blocks {
-                h3 { (block.title) }
-                @for line in &block.lead { p { (line) } }
-                @if !block.rows.is_empty() {
-                    @let used = block.heads.iter().filter(|head| !head.is_empty()).count();
-                    @let rows = html! {
-                        @for row in &block.rows { tr { @for field in &row[..used] { td { (field) } } } }
-                    };
-                    (table(block.title, "", &words(&block.heads[..used]), &rows))
-                }
-                @if let Some(more) = block.more() { p.faint { (more) } }
-            }
-        }
+    /// For the terminal.
+    pub fn into_text(self) -> String {
+        document::terminal(&self.into_parts())
     }
 }
 
@@ -228,7 +193,7 @@ fn noise_words(views: [&ReportView<'_>; 2], times: &Times<'_>) -> Option<String>
     ))
 }
 
-fn claims_block(views: [&ReportView<'_>; 2]) -> Block {
+fn claims_block(views: [&ReportView<'_>; 2]) -> Vec<Part> {
     let (count, changed) = claims::changed(views);
     let row = |claim: &ClaimChange<'_>| {
         let [from, to] = [claim.rulings[0].verdict.to_string(), claim.rulings[1].marked()];
@@ -237,10 +202,10 @@ fn claims_block(views: [&ReportView<'_>; 2]) -> Block {
     };
     let lead = format!("{} of {} changed verdict", changed.len(), counted(count, "claim"));
     let heads = ["Verdict", "Experiment", "Claim", "Figure that decided"];
-    Block::new("Claims", heads, changed.iter().map(row)).led_by(vec![lead])
+    block("Claims", vec![lead], heads, changed.iter().map(row))
 }
 
-fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Block {
+fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Vec<Part> {
     let common = times.common.map_or(1.0, |common| common.ratio);
     let mut lead = vec![times.common.as_ref().map_or_else(
         || format!("{} are too few to judge one among them", counted(times.stages, "stage")),
@@ -273,7 +238,7 @@ fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Block {
         ]
     };
     let heads = ["Stage", "In", "Beyond the common ratio", "Cell with the largest change"];
-    Block::new("Times", heads, times.changed.iter().map(row)).led_by(lead)
+    block("Times", lead, heads, times.changed.iter().map(row))
 }
 
 /// `322 → 473 ms, × 1.47 (1.40 – 1.54), n = 12 and 15`
@@ -302,7 +267,7 @@ fn chance_words(times: &Times<'_>) -> String {
 }
 
 /// Differences grouped by figure: errors first, what became worse first.
-fn exact_block(verdicts: &Verdicts<'_>) -> Block {
+fn exact_block(verdicts: &Verdicts<'_>) -> Vec<Part> {
     let mut groups = IndexMap::<(bool, bool, &str), Vec<&Difference>>::new();
     for difference in differences(verdicts) {
         let is_error = difference.kind == FigureKind::Error;
@@ -332,17 +297,17 @@ fn exact_block(verdicts: &Verdicts<'_>) -> Block {
         lead.push(format!("{}, such as: {first}", counted(faults.len(), "missing figure")));
     }
     let heads = ["Change", "In", "Figure, where it moved most", "Cell"];
-    Block::new("Errors and other exact figures", heads, rows).led_by(lead)
+    block("Errors and other exact figures", lead, heads, rows)
 }
 
 /// What of machine, program and conditions differs.
-fn machine_block(views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Block {
+fn machine_block(views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Vec<Part> {
     let [base, head] = views.map(|view| view.run().map(identity).unwrap_or_default());
     let differing = base.iter().zip(&head).filter(|(base, head)| base != head);
     let row = |((name, base), (_, head)): (&Known, &Known)| {
         let told =
             |value: &Option<String>| value.clone().unwrap_or_else(|| "not recorded".to_owned());
-        [(*name).to_owned(), told(base), told(head), String::new()]
+        [(*name).to_owned(), told(base), told(head)]
     };
     let rows = differing.map(row).collect_vec();
     let started = |view: &ReportView<'_>| view.run().map_or("", |run| &run.started_at).to_owned();
@@ -353,7 +318,7 @@ fn machine_block(views: [&ReportView<'_>; 2], paths: [&Path; 2]) -> Block {
         let mut known = base.iter().filter_map(|(_, value)| value.as_deref());
         lead.push(format!("as far as recorded the same: {}", known.join("; ")));
     }
-    Block::new("Machine and program", ["What", "Base", "Head", ""], rows).led_by(lead)
+    block("Machine and program", lead, ["What", "Base", "Head"], rows)
 }
 
 /// Something of a run, and what the records say of it.
@@ -375,7 +340,7 @@ fn identity(run: &Run) -> Vec<Known> {
     ]
 }
 
-fn cells_block(cells: &Cells<'_>) -> Block {
+fn cells_block(cells: &Cells<'_>) -> Vec<Part> {
     let kinds: [(&str, &[Told<'_>]); 5] = [
         ("no longer measured", &cells.lost),
         ("missing", &cells.missing),
@@ -389,13 +354,12 @@ fn cells_block(cells: &Cells<'_>) -> Block {
             why => format!("{} ({why})", cell_name(cell)),
         });
         let more = (told.len() > MOST_NAMED).then(|| "…".to_owned());
-        [kind.to_owned(), counted(told.len(), "cell"), named.chain(more).join("; "), String::new()]
+        [kind.to_owned(), counted(told.len(), "cell"), named.chain(more).join("; ")]
     };
     let kinds = kinds.into_iter().filter(|(_, told)| !told.is_empty());
     let lead =
         format!("{} measured in both runs in the same way", counted(cells.both.len(), "cell"));
-    Block::new("Cells", ["What became of them", "How many", "Which", ""], kinds.map(row))
-        .led_by(vec![lead])
+    block("Cells", vec![lead], ["What became of them", "How many", "Which"], kinds.map(row))
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@
 
 pub mod changes;
 mod controls;
+pub mod document;
 pub mod findings;
-pub mod on_page;
 pub mod origin;
 pub mod run;
 mod scores;

@@ -9,7 +9,7 @@ use super::run::NANOSECONDS;
 use super::stored::{Series, StoredRun, StoredRuns};
 use fathom_base::text;
 use fathom_record::Estimate;
-use fathom_report::format::{three, trim_zeros};
+use fathom_report::format::{interval, three, trim_zeros};
 
 /// Unit in records of errors that have none.
 const WITHOUT_UNIT: &str = "1";
@@ -57,29 +57,6 @@ pub fn headline(stored: &StoredRuns, findings: &Findings) -> String {
     if changes.is_empty() { told + ". No change." } else { told + "." }
 }
 
-/// A line for each change.
-pub fn changes(stored: &StoredRuns, findings: &Findings) -> String {
-    let head = ["CHANGE", "", "COMMITS", "DAYS", "RUNS", "FIGURE", "WHERE", "MACHINE"];
-    let head = head.map(str::to_owned);
-    let rows = findings.changes.iter().map(|change| {
-        let series = &stored.series[change.series];
-        let [before, after] = change.runs.map(|run| &stored.runs[run]);
-        [
-            size(change, series),
-            change.certainty().to_string(),
-            commits(before, after),
-            format!("{} → {}", before.day(), after.day()),
-            format!("{} + {}", change.n[0], change.n[1]),
-            series.key.name(),
-            series.key.place(),
-            machine(change),
-        ]
-    });
-    let rows: Vec<[String; 8]> = std::iter::once(head).chain(rows).collect();
-    let table = if findings.changes.is_empty() { Vec::new() } else { text::columns(&rows) };
-    std::iter::once(headline(stored, findings)).chain(table).collect::<Vec<_>>().join("\n")
-}
-
 /// The two commits between which a figure changed.
 pub fn commits(before: &StoredRun, after: &StoredRun) -> String {
     if before.commit == after.commit {
@@ -123,11 +100,7 @@ pub fn machine(change: &Change) -> String {
 
 /// A value in the unit that people read.
 pub fn value(series: &Series, value: &Estimate) -> String {
-    let Estimate { median, interval, .. } = value.scaled(series.key.shown());
-    match interval {
-        Some(i) => format!("{} ({} – {})", three(median), three(i.low), three(i.high)),
-        None => three(median),
-    }
+    interval(&value.scaled(series.key.shown()))
 }
 
 /// Unit of a series for people; empty where there is none.

@@ -1,6 +1,6 @@
-//! Linear and logarithmic axes with ticks at round numbers, of the plots and of the page.
+//! Linear and logarithmic axes with ticks at round numbers.
 
-use std::ops::{Deref, Range};
+use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
@@ -40,6 +40,8 @@ pub struct Scale {
     pub low: f64,
     pub high: f64,
     ticks: Vec<f64>,
+    /// In place of numbers at the ticks.
+    names: Vec<String>,
 }
 
 /// Coordinates of a plot's axis on pixels.
@@ -82,7 +84,7 @@ impl Scale {
 
     /// A linear scale about the values, of at least [`LEAST_SPREAD`] of them, so that the eye does not take noise for steps; none
     /// where no value is finite.
-    fn tight(values: impl IntoIterator<Item = f64>) -> Option<Scale> {
+    pub fn tight(values: impl IntoIterator<Item = f64>) -> Option<Scale> {
         let [low, high] = ends(values.into_iter().filter(|value| value.is_finite()))?;
         let least = LEAST_SPREAD * low.abs().max(high.abs());
         let missing = (least - (high - low)).max(0.0) / 2.0;
@@ -94,7 +96,14 @@ impl Scale {
         let mut scale = Scale::fit(kind, values)?;
         let [low, high] = values;
         (scale.low, scale.high) = (scale.at(low)?, scale.at(high)?);
+        scale.ticks.retain(|tick| (scale.low..=scale.high).contains(tick));
         Some(scale)
+    }
+
+    /// A linear scale with names at some places.
+    pub fn named([low, high]: [f64; 2], names: impl IntoIterator<Item = (f64, String)>) -> Scale {
+        let (ticks, names) = names.into_iter().unzip();
+        Scale { kind: ScaleKind::Linear, low, high, ticks, names }
     }
 
     fn linear(low: f64, high: f64) -> Scale {
@@ -105,7 +114,8 @@ impl Scale {
         let margin = 0.03 * (high - low);
         let ticks = (first..=last).map(|index| index as f64 * step);
         let ticks = ticks.filter(|tick| (low - margin..=high + margin).contains(tick)).collect();
-        Scale { kind: ScaleKind::Linear, low: low - margin, high: high + margin, ticks }
+        let (low, high) = (low - margin, high + margin);
+        Scale { kind: ScaleKind::Linear, low, high, ticks, names: Vec::new() }
     }
 
     fn log(low: f64, high: f64) -> Scale {
@@ -123,7 +133,7 @@ impl Scale {
             [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]];
         let ticks = choices.into_iter().map(within).find(|ticks| ticks.len() >= 3);
         let ticks = ticks.unwrap_or_else(|| within(choices[3]));
-        Scale { kind: ScaleKind::Log, low, high, ticks }
+        Scale { kind: ScaleKind::Log, low, high, ticks, names: Vec::new() }
     }
 
     /// The coordinate of a value; none for what a logarithm cannot show.
@@ -141,6 +151,10 @@ impl Scale {
     }
 
     pub fn tick_label(&self, coordinate: f64) -> String {
+        let named = self.ticks.iter().zip(&self.names);
+        if let Some((_, name)) = named.into_iter().find(|(tick, _)| **tick == coordinate) {
+            return name.clone();
+        }
         let value = match self.kind {
             ScaleKind::Linear if coordinate.abs() < 1e-12 => 0.0,
             ScaleKind::Linear => coordinate,
@@ -154,80 +168,6 @@ impl Scale {
         }
         format::si(value)
     }
-}
-
-/// A scale that lies along pixels of a chart.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
-    scale: Scale,
-    /// The pixels of the low and the high end.
-    pub ends_px: [f64; 2],
-}
-
-impl Deref for Axis {
-    type Target = Scale;
-
-    fn deref(&self) -> &Scale {
-        &self.scale
-    }
-}
-
-impl Axis {
-    /// See [`Scale::fit`].
-    pub fn fit(
-        kind: ScaleKind,
-        values: impl IntoIterator<Item = f64>,
-        ends_px: [f64; 2],
-    ) -> Option<Axis> {
-        Some(Axis { scale: Scale::fit(kind, values)?, ends_px })
-    }
-
-    /// A linear axis about the values, wide enough that the eye does not take noise for steps; none where no value is finite.
-    pub fn tight(values: impl IntoIterator<Item = f64>, ends_px: [f64; 2]) -> Option<Axis> {
-        Some(Axis { scale: Scale::tight(values)?, ends_px })
-    }
-
-    /// See [`Scale::spanning`].
-    pub fn spanning(kind: ScaleKind, values: [f64; 2], ends_px: [f64; 2]) -> Option<Axis> {
-        Some(Axis { scale: Scale::spanning(kind, values)?, ends_px })
-    }
-
-    /// The pixel of a value; none for what a logarithm cannot show.
-    pub fn px(&self, value: f64) -> Option<f64> {
-        Some(self.px_at(self.at(value)?))
-    }
-
-    /// The pixel of a coordinate: of a value, or of its decimal logarithm.
-    pub fn px_at(&self, coordinate: f64) -> f64 {
-        let [low, high] = self.ends_px;
-        tenth(low + self.share(coordinate) * (high - low))
-    }
-
-    /// The coordinates of its ends.
-    pub fn coordinates(&self) -> [f64; 2] {
-        [self.low, self.high]
-    }
-
-    /// The pixel of a value, or that of the end of the axis beyond which it lies.
-    pub fn px_within(&self, value: f64) -> f64 {
-        let [low, high] = self.ends_px;
-        match self.px(value) {
-            Some(px) => px.clamp(low.min(high), low.max(high)),
-            None if value == f64::INFINITY => high,
-            None => low,
-        }
-    }
-
-    /// Pixels and labels.
-    pub fn ticks(&self) -> Vec<(f64, String)> {
-        let ticks = self.scale.ticks.iter();
-        ticks.map(|tick| (self.px_at(*tick), self.tick_label(*tick))).collect()
-    }
-}
-
-/// A tenth of a pixel is fine enough, and short.
-pub fn tenth(px: f64) -> f64 {
-    (10.0 * px).round() / 10.0
 }
 
 /// The least and the largest value.
@@ -251,8 +191,8 @@ fn nice(value: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn fit(kind: ScaleKind, values: &[f64]) -> Option<Axis> {
-        Axis::fit(kind, values.iter().copied(), [0.0, 100.0])
+    fn fit(kind: ScaleKind, values: &[f64]) -> Option<Scale> {
+        Scale::fit(kind, values.iter().copied())
     }
 
     #[test]
@@ -263,8 +203,9 @@ mod tests {
             (ScaleKind::Linear, [0.05, 0.21], &["0", "0.05", "0.1", "0.15", "0.2"]),
             (ScaleKind::Linear, [0.0, 4e-6], &["0", "1e-6", "2e-6", "3e-6", "4e-6"]),
         ] {
-            let ticks = fit(kind, &values).unwrap().ticks();
-            assert!(ticks.iter().map(|(_, label)| label).eq(expected), "{ticks:?}");
+            let scale = fit(kind, &values).unwrap();
+            let labels = scale.ticks.iter().map(|tick| scale.tick_label(*tick));
+            assert!(labels.eq(expected.iter().copied()), "{:?}", scale.ticks);
         }
     }
 

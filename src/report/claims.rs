@@ -3,12 +3,12 @@
 use indexmap::IndexMap;
 use serde_json::{Map, Value};
 
-use super::format::Table;
+use super::document::{Part, Table, markdown};
 use super::page::setting_words;
 use super::{Exporter, OfRun, ReportView, RunExporter, Section, Written, facts};
-use fathom_base::text;
 use fathom_experiments::schema::{Balance, Claim};
 use fathom_experiments::{Ruling, Whose, flatten};
+use fathom_record::Run;
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "claims",
@@ -38,37 +38,39 @@ fn export(view: &ReportView<'_>) -> String {
     let rows: Vec<Row<'_, '_>> = view.sections.iter().flat_map(rows).collect();
     let (of_papers, own): (Vec<_>, Vec<_>) =
         rows.into_iter().partition(|row| row.claim.whose() == Whose::Publication);
-    let mut text = "# Claims of the papers\n\n\
-        `fathom export claims RUN` writes this page from the records of a run. A claim of a paper is tested only on cells that run the \
-        paper's own method. Where its balance counts, it is tested only where triangles, pixels, voxels and photons are to each other as in \
-        the paper, within a factor of 2. *Our bound*: the paper prints no number, so that the band is this project's choice; a figure that \
-        is not told from it is *near the bound*.\n"
-        .to_owned();
-    if let Some(run) = view.run() {
-        text += &format!(
-            "\nThe run: {}, profile {}, {}, started {}.\n",
-            text::markdown(&run.adapter.title()),
-            run.profile,
-            text::markdown(&facts::program(run)),
-            run.started_at
-        );
-    }
+    let mut parts = vec![Part::paragraph(
+        "`fathom export claims RUN` writes this page from the records of a run. A claim of a paper is tested only on cells that run the \
+         paper's own method. Where its balance counts, it is tested only where triangles, pixels, voxels and photons are to each other as in \
+         the paper, within a factor of 2. Our bound: the paper prints no number, so that the band is this project's choice; a figure that \
+         is not told from it is near the bound.",
+    )];
+    parts.extend(view.run().map(|run| {
+        let (adapter, program) = (run.adapter.title(), facts::program(run));
+        let Run { profile, started_at, .. } = run;
+        Part::paragraph(format!(
+            "The run: {adapter}, profile {profile}, {program}, started {started_at}."
+        ))
+    }));
     let mut papers = IndexMap::<&str, Vec<Row<'_, '_>>>::new();
     for row in of_papers {
         papers.entry(paper(row.claim)).or_default().push(row);
     }
     papers.sort_unstable_keys();
+    let mut add = |title: &str, about: Option<&str>, table: Table| {
+        if !table.rows.is_empty() {
+            parts.push(Part::Title(title.into()));
+            parts.extend(about.map(Part::paragraph));
+            parts.push(Part::Table(table));
+        }
+    };
     for (paper, mut rows) in papers {
         rows.sort_by_key(|row| item(row.claim));
-        let above = format!("\n## {}\n\n", text::markdown(paper));
-        table(&rows).add_to(&mut text, &above);
+        add(paper, None, table(&rows));
     }
-    table(&own).add_to(&mut text, "\n## Own hypotheses\n\nNo paper contains these sentences.\n\n");
-    methods(view).add_to(
-        &mut text,
-        "\n## The papers' methods\n\nWhat the experiments set for claims of the papers.\n\n",
-    );
-    text
+    add("Own hypotheses", Some("No paper contains these sentences."), table(&own));
+    let about = "What the experiments set for claims of the papers.";
+    add("The papers' methods", Some(about), methods(view));
+    format!("# Claims of the papers\n\n{}", markdown(&parts))
 }
 
 fn rows<'v, 'a>(section: &'v Section<'a>) -> impl Iterator<Item = Row<'v, 'a>> {
@@ -87,20 +89,18 @@ fn item(claim: &Claim) -> &str {
 }
 
 fn table(rows: &[Row<'_, '_>]) -> Table {
-    let mut table = Table::new(HEAD);
-    for Row { section, claim, ruling } in rows {
-        let cells = [
-            item(claim),
-            &claim.text,
-            claim.printed.as_deref().unwrap_or("–"),
-            section.id,
-            &verdict(ruling),
-            &balance(claim, ruling).unwrap_or_else(|| "–".to_owned()),
-            &claim.otherwise,
-        ];
-        table.row_of_markdown(cells.map(text::markdown));
-    }
-    table
+    let fields = rows.iter().map(|Row { section, claim, ruling }| {
+        [
+            item(claim).to_owned(),
+            claim.text.clone(),
+            claim.printed.clone().unwrap_or_else(|| "–".to_owned()),
+            section.id.to_owned(),
+            verdict(ruling),
+            balance(claim, ruling).unwrap_or_else(|| "–".to_owned()),
+            claim.otherwise.clone(),
+        ]
+    });
+    Table::new("Claims", HEAD).with_rows(fields)
 }
 
 /// With the figure that decided, or the reason why nothing did.
@@ -114,14 +114,11 @@ fn verdict(ruling: &Ruling) -> String {
 }
 
 fn methods(view: &ReportView<'_>) -> Table {
-    let mut table = Table::new(["experiment", "settings"]);
-    for section in &view.sections {
-        let method = section.experiment.as_ref().map(|experiment| &experiment.method);
-        if let Some(method) = method.filter(|method| !method.is_empty()) {
-            table.row([section.id, &in_words(method)]);
-        }
-    }
-    table
+    let rows = view.sections.iter().filter_map(|section| {
+        let method = &section.experiment.as_ref()?.method;
+        (!method.is_empty()).then(|| [section.id.to_owned(), in_words(method)])
+    });
+    Table::new("Methods", ["experiment", "settings"]).with_rows(rows)
 }
 
 /// At which sizes a claim was tested, or why that does not matter.
@@ -145,6 +142,7 @@ mod tests {
 
     use super::*;
     use crate::testing;
+    use fathom_base::text;
 
     #[test]
     fn every_claim_has_a_row_below_its_paper() {

@@ -4,8 +4,8 @@
 use indexmap::IndexMap;
 use itertools::Itertools;
 
+use super::charts::names;
 use super::format::{self, percent};
-use super::plots::names;
 use super::{ReportView, Section};
 use fathom_base::statistics;
 use fathom_experiments as experiments;

@@ -1,6 +1,5 @@
-//! Numbers and tables as text.
+//! Numbers as text.
 
-use fathom_base::text;
 use fathom_record::{Estimate, Interval, StageRecord};
 
 pub const NS_PER_MS: f64 = 1e6;
@@ -79,60 +78,4 @@ pub fn mebibytes(bytes: u64) -> String {
 
 pub fn percent(share: f64) -> String {
     format!("{} %", three(share * 100.0))
-}
-
-/// A table in Markdown. Its cells are Markdown already.
-pub struct Table {
-    header: Vec<String>,
-    rows: Vec<Vec<String>>,
-}
-
-impl Table {
-    /// With a header of plain text.
-    pub fn new<S: AsRef<str>>(header: impl IntoIterator<Item = S>) -> Table {
-        Table::of_markdown(escaped(header))
-    }
-
-    /// With a header of Markdown.
-    pub fn of_markdown(header: impl IntoIterator<Item = String>) -> Table {
-        Table { header: header.into_iter().collect(), rows: Vec::new() }
-    }
-
-    /// Adds a row of plain text.
-    pub fn row<S: AsRef<str>>(&mut self, cells: impl IntoIterator<Item = S>) {
-        self.row_of_markdown(escaped(cells));
-    }
-
-    /// Adds a row of Markdown.
-    pub fn row_of_markdown(&mut self, cells: impl IntoIterator<Item = String>) {
-        self.rows.push(cells.into_iter().collect());
-    }
-
-    /// Adds the table below these words to a page, if it has any rows.
-    pub fn add_to(&self, text: &mut String, above: &str) {
-        if !self.rows.is_empty() {
-            *text += above;
-            *text += &self.markdown();
-        }
-    }
-
-    /// The table, with an empty line after it.
-    pub fn markdown(&self) -> String {
-        let mut text = line(&self.header);
-        text += &"|---".repeat(self.header.len());
-        text += "|\n";
-        for row in &self.rows {
-            text += &line(row);
-        }
-        text + "\n"
-    }
-}
-
-fn line(cells: &[String]) -> String {
-    format!("| {} |\n", cells.join(" | "))
-}
-
-fn escaped<S: AsRef<str>>(cells: impl IntoIterator<Item = S>) -> Vec<String> {
-    let cells = cells.into_iter();
-    cells.map(|cell| text::markdown(cell.as_ref())).collect()
 }

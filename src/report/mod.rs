@@ -6,16 +6,15 @@ pub mod axis;
 pub mod bencher;
 pub mod ceilings;
 mod cells_csv;
+pub mod charts;
 mod claims;
 pub mod colors;
+pub mod document;
 pub mod facts;
 pub mod format;
 pub mod noise;
 pub mod page;
-mod plots;
-mod series;
 mod summary;
-pub mod svg;
 #[cfg(test)]
 mod testing;
 pub mod trust;
@@ -23,10 +22,11 @@ mod view;
 
 pub use bencher::EXPORTER as BENCHER;
 pub use cells_csv::EXPORTER as CELLS_CSV;
+pub use charts::EXPORTER as PLOTS;
 pub use claims::EXPORTER as CLAIMS;
 pub use page::EXPORTER as PAGE;
-pub use plots::EXPORTER as PLOTS;
-pub use summary::{EXPORTER as SUMMARY, in_short};
+pub use page::overview::in_short;
+pub use summary::EXPORTER as SUMMARY;
 pub use trust::conditions as run_conditions;
 
 use std::io::{self, Write};

@@ -1,12 +1,12 @@
 //! `summary.md`: what a run says within a minute, on at most [`MOST_LINES`] lines. Everything else is on the page and in
 //! `cells.csv`.
 
-mod head;
-mod tables;
+use indexmap::IndexSet;
+use itertools::Itertools;
 
-use super::noise::RunVerdict;
-use super::{Exporter, OfRun, ReportView, RunExporter, Written, page};
-use fathom_base::text;
+use super::document::{self, Line, Part, Span};
+use super::page::{self, Page, PageRun, overview};
+use super::{CELLS_CSV, Exporter, OfRun, ReportView, RunExporter, Section, Written};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "markdown",
@@ -20,39 +20,79 @@ pub const EXPORTER: RunExporter = Exporter {
 #[cfg(test)]
 const MOST_LINES: usize = 200;
 
+/// Rows of tables: of the papers' claims that are not supported, of own hypotheses, of stages, of exponents.
+const MOST_CLAIMS: [usize; 2] = [36, 10];
+const MOST_STAGES: usize = 30;
+const MOST_EXPONENTS: usize = 22;
+const MOST_NOTES: usize = 5;
+
 fn export(view: &ReportView<'_>) -> String {
-    let mut text = String::new();
-    head::write(view, &mut text);
-    tables::claims(view, &mut text);
-    tables::frames(view, &mut text);
-    tables::scaling(view, &mut text);
-    text
-}
-
-/// What a run says in a few lines, for the terminal: the verdict on itself, the tally of verdicts and the slowest stages.
-pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
-    let claims = head::tallies(view).map(|(whose, tally)| format!("{whose}: {tally}"));
-    let slowest = head::slowest(view);
-    let slowest =
-        (!slowest.is_empty()).then(|| format!("slowest stage of each pipeline: {slowest}"));
-    let of_run = RunVerdict::of(view).map_or_else(Vec::new, |verdict| verdict.lines());
-    of_run.into_iter().chain(claims).chain(slowest).collect()
-}
-
-/// The rows that fit, and words on how many are left out.
-fn cut<T>(mut rows: Vec<T>, most: usize) -> (Vec<T>, String) {
-    let more = rows.len().saturating_sub(most);
-    rows.truncate(most);
-    let words = if more > 0 {
-        format!(" … and {more} more on the [page]({})", page::FILE)
-    } else {
-        String::new()
+    let Some(run) = view.run() else {
+        return "# fathom\n\nThe records hold no run.\n".to_owned();
     };
-    (rows, words)
+    let link = |words: &str, to: &str| {
+        Line::from(Span::Link { words: words.to_owned(), to: to.to_owned() })
+    };
+    let place = link("page", page::FILE);
+    let mut parts = overview::doubts(view);
+    // Of exponents there is a table, and of limits the page has one.
+    for card in overview::cards(view).into_iter().take(3) {
+        parts.push(Part::paragraph(Span::Bold(card.question.to_owned())));
+        parts.extend(card.parts);
+    }
+    parts.extend(overview::identity(view).map(Part::Table));
+    let files = place.clone().and(" and ").and(link(CELLS_CSV.file, CELLS_CSV.file));
+    parts.push(Part::Paragraph(Line::from("Every cell, picture and plot: ").and(files)));
+    parts.extend(Part::list(notes(view)).cut(MOST_NOTES, &place));
+    let page = Page::new(vec![PageRun { label: String::new(), view }]);
+    let [of_papers, own] = MOST_CLAIMS;
+    for (title, of_section, most) in [
+        ("Claims", page::claims::parts(&page), vec![of_papers, own]),
+        ("Where the time goes", page::time::parts(&page), vec![MOST_STAGES]),
+        ("How it scales", page::scaling::parts(&page), vec![MOST_EXPONENTS]),
+    ] {
+        parts.extend((!of_section.is_empty()).then(|| Part::Title(title.into())));
+        let mut most = most.into_iter();
+        parts.extend(of_section.into_iter().flat_map(|part| {
+            let is_table = matches!(part, Part::Table(_));
+            part.cut(if is_table { most.next().unwrap_or_default() } else { 0 }, &place)
+        }));
+    }
+    let title = Line::from(format!("fathom on {}", run.adapter.title()));
+    format!("# {}\n\n{}", title.markdown(), document::markdown(&parts))
 }
 
-fn link(name: &str, path: &str) -> String {
-    format!("[{}]({})", text::markdown(name), text::link(path))
+/// Notes on the run, the stand-ins that cells ran on, and what cannot be shown, once each.
+fn notes(view: &ReportView<'_>) -> IndexSet<String> {
+    let of_runs = view.runs.iter().flat_map(|run| &run.notes).map(|note| &note.text);
+    let stand_ins = view.entries().flat_map(|entry| &entry.cell.stand_ins);
+    let mut all: IndexSet<String> = of_runs.chain(stand_ins).cloned().collect();
+    let left_out = view.left_out.iter();
+    all.extend(
+        left_out.map(|left_out| format!("left out: {}: {}", left_out.what, left_out.reason)),
+    );
+    all.extend(view.sections.iter().flat_map(left_out_of));
+    if !view.runs.iter().map(|run| run.adapter.title()).all_equal() {
+        let words =
+            "These records hold cells of several adapters; cells.csv names the adapter of each.";
+        all.insert(words.to_owned());
+    }
+    if view.standing.is_none() && view.ends.last().is_none_or(|end| end.interrupted) {
+        all.insert("The run ended early. What was measured until then is shown.".to_owned());
+    }
+    all
+}
+
+/// What an experiment cannot show, and why.
+fn left_out_of(section: &Section<'_>) -> Vec<String> {
+    let problem = section.problem.iter();
+    let problem =
+        problem.map(|problem| format!("{} has no claims and plots: {problem}", section.id));
+    let missing = section.figure().missing.iter();
+    let missing = missing.map(|(title, reason)| {
+        format!("The plot “{title}” of {} is left out: {reason}", section.id)
+    });
+    problem.chain(missing).collect()
 }
 
 #[cfg(test)]
@@ -85,7 +125,7 @@ mod tests {
             "(uw-photons.svg)",
             "(index.html)",
             "(cells.csv)",
-            "\nContradicted",
+            "| contradicted",
             "caustics/splat",
         ] {
             assert!(text.contains(expected), "{expected}");
@@ -96,9 +136,9 @@ mod tests {
     fn a_run_ends_with_its_verdicts_and_slowest_stages() {
         let records = fixtures::run();
         let view = ReportView::new(&records, None);
-        let lines = in_short(&view);
+        let lines = overview::in_short(&view);
         let tallies: Vec<String> =
-            head::tallies(&view).map(|(whose, _)| whose.to_string()).collect();
+            crate::facts::tallies(&view).map(|(whose, _)| whose.to_string()).collect();
         assert_eq!(lines.len(), 4 + tallies.len(), "{lines:?}");
         assert!(lines[0].starts_with("quiet run: ") && lines[0].ends_with(" cells reached ±2 %"));
         assert!(lines[1].contains("load and steal time not recorded"));
@@ -109,7 +149,7 @@ mod tests {
         assert!(
             lines[3 + tallies.len()].starts_with("slowest stage of each pipeline: underwater: ")
         );
-        assert!(in_short(&ReportView::new(&[], None)).is_empty());
+        assert!(overview::in_short(&ReportView::new(&[], None)).is_empty());
     }
 
     /// Of no records, and of cells that were all skipped: every report is written, and says nothing that was not measured.

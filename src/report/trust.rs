@@ -97,22 +97,16 @@ pub fn conditions(run: &Run) -> String {
     if conditions.is_empty() { clocks } else { format!("{clocks}; {}", conditions.join(", ")) }
 }
 
-/// A fact about how far a run can be trusted.
-pub struct Fact {
-    pub about: &'static str,
-    pub words: String,
-}
-
-/// Of what was timed, then of the verdicts; of the clocks [`verdict`] tells. What cannot be said of a run is left out.
-pub fn facts(view: &ReportView<'_>) -> Vec<Fact> {
+/// What they are about, and words: of what was timed, then of the verdicts; of the clocks [`verdict`] tells. What cannot be said of a
+/// run is left out.
+pub fn facts(view: &ReportView<'_>) -> impl Iterator<Item = (&'static str, String)> {
     let all = [
         ("cells with few samples", few_samples(view)),
         ("cost of timing", timing_cost(view)),
         ("throttled by heat or power", throttled(view)),
         ("verdicts by chance", by_chance(view)),
     ];
-    let facts = all.into_iter();
-    facts.filter_map(|(about, words)| Some(Fact { about, words: words? })).collect()
+    all.into_iter().filter_map(|(about, words)| Some((about, words?)))
 }
 
 /// Timed cells with fewer samples than a verdict needs.

@@ -11,8 +11,9 @@ use indexmap::IndexMap;
 use itertools::Itertools;
 use serde_json::Value;
 
+use super::charts::{self, Figure};
 use super::colors::StageColors;
-use super::plots::Figure;
+use super::document::Span;
 use fathom_base::folder::Folder;
 use fathom_base::private;
 use fathom_experiments as experiments;
@@ -259,6 +260,12 @@ impl<'a> Section<'a> {
 
     pub(super) fn figure(&self) -> &Figure {
         self.figure.get_or_init(|| Figure::of(self))
+    }
+
+    /// Its name, with its plots where it has some.
+    pub fn span(&self) -> Span {
+        let file = self.figure().svg.is_some().then(|| charts::file_name(self));
+        Span::Experiment { id: self.id.to_owned(), file }
     }
 
     pub fn title(&self) -> &str {

@@ -147,10 +147,10 @@ fn a_comment_stays_short_and_begins_with_what_is_worst() {
     let lines: Vec<&str> = comment.lines().collect();
     assert_eq!(lines[0], "### ❌ fathom compare: regression");
     assert!(lines[2].starts_with("too few launches to see a slowdown in half"), "{comment}");
-    assert_eq!(lines[3], "40 cells: 40 costlier");
-    assert!(lines[5].starts_with("- `tank stage-39`: costlier: "), "{comment}");
-    assert!(lines[5].ends_with("; instructions +44.00 %"), "{comment}");
-    assert_eq!(lines[10], "- and 35 more");
+    assert!(lines[2].ends_with(". 40 cells: 40 costlier"), "{comment}");
+    assert!(lines[4].starts_with("- `tank stage-39`: costlier: "), "{comment}");
+    assert!(lines[4].ends_with("; instructions +44.00 %"), "{comment}");
+    assert_eq!(lines[9], "- and 35 more");
 }
 
 #[test]

@@ -74,7 +74,7 @@ fn words(base: &Path, folder: &Path) -> BTreeMap<String, usize> {
         (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read(&path).unwrap())
     }));
     let changes = [base, folder].map(|of| RunFile::read(&of.join("records.jsonl")).unwrap());
-    let changes = Changes::of_files([&changes[0], &changes[1]]).map(|changes| changes.text());
+    let changes = Changes::of_files([&changes[0], &changes[1]]).map(Changes::into_text);
     files.extend(changes.into_iter().map(|text| ("changes".to_owned(), text.into_bytes())));
     let count = |bytes: &[u8]| {
         let text = String::from_utf8_lossy(bytes).to_lowercase();

@@ -42,7 +42,7 @@ fn two_runs_stand_beside_each_other_under_names_that_tell_them_apart() {
     let headed =
         headline.starts_with("exact figures of 11 cells: same; times of 11 cells not judged");
     assert!(headed, "{told}");
-    holds(&told, &["! two versions of the driver: ", "one/records.jsonl, started 2026-"]);
+    holds(&told, &["\ntwo versions of the driver: ", "one/records.jsonl, started 2026-"]);
     let rows = both.matches("<tr data-experiment=\"uw-photons\"");
     assert_eq!(rows.count(), 22, "11 cells of each run");
     assert_eq!(both, page(&place, "one two"), "the same records give the same bytes");

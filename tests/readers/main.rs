@@ -23,7 +23,7 @@ use fathom::compare::{cells::Gates, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
-use fathom::history::{Findings, History, NewRun, Selection, on_page, tables};
+use fathom::history::{Findings, History, NewRun, Selection, document, tables};
 use fathom::record::comparison::Compared;
 use fathom::record::{Definition, Profile, Record};
 use fathom::report::{self, ReportView};
@@ -175,7 +175,7 @@ fn history(path: &Path) -> Answer {
     let stored = told(history.stored(&Selection::default()))?;
     let findings = Findings::of(&stored);
     tables::changes_json(&stored, &findings);
-    on_page::on_page(&stored, &findings);
+    document::on_page(&stored, &findings);
     Ok(())
 }
 

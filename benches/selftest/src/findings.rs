@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{JudgedCell, Verdicts};
 use fathom::record::comparison::Gate;
-use fathom::report::format::Table;
+use fathom::report::document::Table;
 use fathom::text;
 use itertools::Itertools;
 
@@ -55,10 +55,9 @@ pub fn markdown(made: &[(Trial, StoredComparison)]) -> String {
     }
     let header =
         ["builds", "gates", "trials", "caught", "named first", "others blamed", "measured"];
-    let mut table = Table::new(header);
-    for ((group, gates), found) in groups {
+    let rows = groups.into_iter().map(|((group, gates), found)| {
         let span = |(least, most)| format!("{:+.1} … {:+.1} %", 100.0 * least, 100.0 * most);
-        table.row([
+        [
             group.to_owned(),
             gates.iter().join(", "),
             found.trials.to_string(),
@@ -66,14 +65,11 @@ pub fn markdown(made: &[(Trial, StoredComparison)]) -> String {
             found.named_first.to_string(),
             format!("{} of {}", found.blamed, found.others),
             found.changes.into_iter().minmax().into_option().map_or("–".to_owned(), span),
-        ]);
-    }
+        ]
+    });
+    let table = Table::new("Trials", header).with_rows(rows).markdown();
     let adapter = made.first().map(|(_, stored)| text::markdown(&stored.header.adapter.name));
-    format!(
-        "# Self-test of `fathom compare`\n\n{}\n\n{}",
-        adapter.unwrap_or_default(),
-        table.markdown()
-    )
+    format!("# Self-test of `fathom compare`\n\n{}\n\n{}", adapter.unwrap_or_default(), table)
 }
 
 #[cfg(test)]

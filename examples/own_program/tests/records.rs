@@ -96,5 +96,6 @@ fn compared(folder: &Path) {
     let file = RunFile::read(&folder.join(RECORDS)).expect("it was just written");
     let changes = Changes::of_files([&file, &file]).expect("they compare");
     assert_eq!(changes.status, Status::TimesNotJudged);
-    assert!(changes.text().contains("exact figures of 1 cell: same"), "{}", changes.text());
+    let told = changes.into_text();
+    assert!(told.contains("exact figures of 1 cell: same"), "{told}");
 }

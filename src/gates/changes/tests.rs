@@ -105,8 +105,9 @@ fn noise_comes_first_and_a_change_that_it_says_can_be_seen_is_listed() {
             file("head", again(|stage| if stage == "caustics/trace" { share } else { 1.0 })),
         ];
         let changes = Changes::of_files([&base, &head]).unwrap();
-        let first = changes.text().lines().next().unwrap().to_owned();
-        assert_eq!(Some(&first), changes.noise.as_ref());
+        let noise = changes.noise.clone();
+        let first = changes.into_text().lines().next().unwrap().to_owned();
+        assert_eq!(Some(&first), noise.as_ref());
         let views = [&base, &head].map(|file| ReportView::new(&file.reading.records, None));
         let times = Times::of(&Cells::of([&views[0], &views[1]]).both);
         let is_listed = times.changed.iter().any(|change| change.name == "caustics/trace");
@@ -122,7 +123,7 @@ fn noise_comes_first_and_a_change_that_it_says_can_be_seen_is_listed() {
 #[test]
 fn known_changes_stand_in_the_first_lines_of_their_blocks_and_no_other_stage_does() {
     let [base, head] = known();
-    let told = changes(base, head).text();
+    let told = changes(base, head).into_text();
     // Each block from its title on. What scatters between runs also settles some claims that were open.
     let lines: Vec<&str> = told.lines().collect();
     let holds = |title: &str, line: usize, words: &[&str]| {
@@ -131,19 +132,19 @@ fn known_changes_stand_in_the_first_lines_of_their_blocks_and_no_other_stage_doe
         assert!(words.iter().all(|word| found.contains(word)), "{words:?} in {found}: {told}");
     };
     holds("exact figures of", 0, &["1 worse", "not judged: two runs share no pairs"]);
-    holds("exact figures of", 1, &["two versions of the driver", "Mesa 22.3.6 →", "Mesa 23.0.0"]);
-    holds("Claims", 1, &["supported → contradicted", "uw-waves", "the higher the waves are"]);
-    holds("Times", 0, &["the median stage takes 1.40 times as long", "the machine's state"]);
-    holds("Times", 1, &["default frame (uw-default base): ", " ms, × 1.39 ("]);
-    holds("Times", 3, &["caustics/trace slower", "88 of 88 cells", "× 1.3"]);
-    let times = told.split("\n\n").find(|block| block.starts_with("Times")).unwrap();
+    holds("exact figures of", 2, &["two versions of the driver", "Mesa 22.3.6 →", "Mesa 23.0.0"]);
+    holds("Claims", 4, &["supported → contradicted", "uw-waves", "the higher the waves are"]);
+    holds("Times", 1, &["the median stage takes 1.40 times as long", "the machine's state"]);
+    holds("Times", 2, &["default frame (uw-default base): ", " ms, × 1.39 ("]);
+    holds("Times", 6, &["caustics/trace slower", "88 of 88 cells", "× 1.3"]);
+    let times = told.split("\nTimes\n").nth(1).unwrap().split("\nErrors").next().unwrap();
     assert_eq!(times.matches(" slower ").count() + times.matches(" faster ").count(), 1, "{told}");
-    holds("Errors", 0, &["in some cell another value of 1 figure"]);
+    holds("Errors", 1, &["in some cell another value of 1 figure"]);
     let error = "irradiance_error 0.100 → 0.200 (+100 %)";
-    holds("Errors", 1, &["worse", error, "uw-default:base caustics/filter"]);
-    holds("Machine", 1, &["driver", "llvmpipe Mesa 22.3.6", "llvmpipe Mesa 23.0.0"]);
-    holds("Cells", 1, &["missing", "1 cell", "uw-default gone"]);
-    holds("Cells", 2, &["new", "1 cell", "uw-default added"]);
+    holds("Errors", 4, &["worse", error, "uw-default:base caustics/filter"]);
+    holds("Machine", 4, &["driver", "llvmpipe Mesa 22.3.6", "llvmpipe Mesa 23.0.0"]);
+    holds("Cells", 4, &["missing", "1 cell", "uw-default gone"]);
+    holds("Cells", 5, &["new", "1 cell", "uw-default added"]);
 }
 
 #[test]
@@ -153,15 +154,15 @@ fn a_change_in_one_cell_is_found_where_the_stage_as_a_whole_did_not_change() {
     let stage = measured.stages.iter_mut().find(|stage| stage.stage == "compose").unwrap();
     stage.samples_ns.iter_mut().for_each(|ns| *ns *= 3.0);
     stage.time = estimate(&stage.samples_ns);
-    let told = changes(fixtures::run(), head).text();
+    let told = changes(fixtures::run(), head).into_text();
     let line = told.lines().find(|line| line.contains("compose slower")).expect(&told);
     assert!(line.contains(" 1 of ") && line.contains("uw-default base: "), "{line}");
 }
 
 #[test]
 fn equal_runs_have_no_change_and_few_stages_none_either() {
-    let told = changes(fixtures::run(), fixtures::run()).text();
-    assert!(told.contains("Claims: 0 of ") && !told.contains("slower"), "{told}");
+    let told = changes(fixtures::run(), fixtures::run()).into_text();
+    assert!(told.contains("Claims\n0 of ") && !told.contains("slower"), "{told}");
     assert!(told.contains("the median stage takes 1.00 times as long"), "{told}");
     let few = |records: Vec<Record>| {
         let keep = |record: &Record| match record {
@@ -170,7 +171,7 @@ fn equal_runs_have_no_change_and_few_stages_none_either() {
         };
         records.into_iter().filter(keep).collect::<Vec<_>>()
     };
-    let told = changes(few(fixtures::run()), few(again(|_| 1.0))).text();
+    let told = changes(few(fixtures::run()), few(again(|_| 1.0))).into_text();
     assert!(told.contains("too few to judge"), "{told}");
 }
 
@@ -182,7 +183,7 @@ fn what_is_not_measured_in_the_same_way_is_told_and_not_compared() {
     cells[1].outcome = Outcome::Failed { reason: "device lost".to_owned() };
     let stages = &mut cells[2].measured_mut().unwrap().stages;
     stages.iter_mut().for_each(|stage| stage.clock = Clock::ProcessCpu);
-    let told = changes(fixtures::run(), head).text();
+    let told = changes(fixtures::run(), head).into_text();
     let line = |words: &str| told.lines().find(|line| line.contains(words)).expect(&told);
     assert!(line("no longer measured").contains("(device lost)"));
     assert!(line("measured in another way").contains(&format!("scene {scene} → elsewhere")));
@@ -208,7 +209,7 @@ fn no_comparison_takes_more_than_sixty_lines() {
         }
     }
     base[0].try_as_run_mut().unwrap().adapter.host_threads = 99;
-    let told = changes(base, head).text();
+    let told = changes(base, head).into_text();
     assert!(told.lines().count() <= 60, "{told}");
     assert!(told.contains("… and "), "{told}");
 }

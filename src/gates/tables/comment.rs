@@ -3,10 +3,10 @@
 
 use itertools::Itertools;
 
-use super::rows;
+use super::{document, rows};
 use crate::noise;
 use crate::verdict::{CellVerdict, JudgedCell, Verdicts};
-use fathom_base::text;
+use fathom_report::document::{Line, Part, Span, markdown};
 
 /// Cells and faults that are listed; the rest is counted.
 const MOST_ITEMS: usize = 5;
@@ -14,27 +14,22 @@ const MOST_ITEMS: usize = 5;
 const MOST_CHARACTERS: usize = 160;
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {
-    let mut lines = vec![
-        format!("### {} fathom compare: {}", rows::mark(verdicts.status), verdicts.status),
-        String::new(),
-    ];
-    lines.extend(noise::told(verdicts).map(|noise| text::markdown(&short(&noise)) + "  "));
-    lines.extend([rows::counted(verdicts), String::new()]);
+    let noise = noise::told(verdicts).map(|noise| short(&noise) + ". ").unwrap_or_default();
     let items = items(verdicts);
     let more = items.len().saturating_sub(MOST_ITEMS);
-    lines.extend(items.into_iter().take(MOST_ITEMS).map(|item| format!("- {item}")));
-    if more > 0 {
-        lines.push(format!("- and {more} more"));
-    }
-    if lines.last().is_some_and(|line| !line.is_empty()) {
-        lines.push(String::new());
-    }
-    lines.push(rows::sides(verdicts).map(|side| name(&side)).join(" on "));
-    lines.join("\n") + "\n"
+    let more = (more > 0).then(|| format!("and {more} more").into());
+    let [sides, adapters] = rows::sides(verdicts).map(|side| name(&side));
+    let parts = [
+        Part::Heading(document::title(verdicts)),
+        Part::paragraph(noise + &rows::counted(verdicts)),
+        Part::list(items.into_iter().take(MOST_ITEMS).chain(more)),
+        Part::paragraph(sides.and(" on ").and(adapters)),
+    ];
+    markdown(&parts).trim_end().to_owned() + "\n"
 }
 
 /// What is wrong or open, the worst first.
-fn items(verdicts: &Verdicts<'_>) -> Vec<String> {
+fn items(verdicts: &Verdicts<'_>) -> Vec<Line> {
     let threshold = verdicts.comparison.header.settings.threshold;
     let whole = verdicts.configurations.iter().filter(|difference| difference.worse);
     let unmeasured = [CellVerdict::Failed, CellVerdict::NotMeasured];
@@ -59,19 +54,20 @@ fn high(cell: &JudgedCell) -> f64 {
 }
 
 /// `tank caustics/trace`: slower: time +5.0 % (4.8 … 5.2); instructions +6.10 %
-fn of_cell(cell: &JudgedCell) -> String {
+fn of_cell(cell: &JudgedCell) -> Line {
     let faults = cell.faults.iter().map(rows::fault);
     let others = cell.differences.iter().filter(|other| other.worse).map(rows::difference);
     let others = others.chain(faults).collect_vec();
     // Their names come from workers.
     let others = (!others.is_empty()).then(|| name(&others.join("; ")));
-    let because = rows::because(cell).into_iter().chain(others).join("; ");
-    format!("{}: {}: {because}", name(cell.cell.as_str()), cell.verdict)
+    let because = rows::because(cell).into_iter().map(Line::from).chain(others);
+    let because = because.reduce(|line, more| line.and("; ").and(more)).unwrap_or_default();
+    name(cell.cell.as_str()).and(format!(": {}: ", cell.verdict)).and(because)
 }
 
 /// As code: nothing in it becomes a link, a mention or markup.
-fn name(text: &str) -> String {
-    text::code(&short(text))
+fn name(text: &str) -> Line {
+    Span::Code(short(text)).into()
 }
 
 fn short(text: &str) -> String {

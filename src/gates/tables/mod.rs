@@ -2,14 +2,11 @@
 
 mod benchmark;
 mod comment;
+mod document;
 mod junit;
-mod markdown;
-mod page;
 pub(crate) mod rows;
-mod terminal;
 
-pub use markdown::export as markdown;
-pub use page::on_page;
+pub use document::{markdown, on_page};
 
 use super::verdict::Verdicts;
 use fathom_report::{Exporter, Written, page as html};
@@ -21,16 +18,16 @@ pub type ComparisonExporter = Exporter<fn(&Verdicts<'_>) -> String>;
 pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
     Exporter {
         written: Written::OnRequest,
-        ..format("text", "a table for the terminal", "comparison.txt", terminal::export)
+        ..format("text", "a table for the terminal", "comparison.txt", document::terminal)
     },
-    format("markdown", "Markdown for the page of a job", "summary.md", markdown::export),
+    format("markdown", "Markdown for the page of a job", "summary.md", document::markdown),
     format(
         "comment",
         "a comment of at most 13 lines for a pull request",
         "comment.md",
         comment::export,
     ),
-    format("page", "one HTML page with every cell's change", html::FILE, page::export),
+    format("page", "one HTML page with every cell's change", html::FILE, document::page),
     format("junit", "JUnit XML: regressions as failures", "junit.xml", junit::export),
     format(
         "github-action-benchmark",

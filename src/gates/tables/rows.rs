@@ -58,7 +58,7 @@ fn rounded(value: f64, digits: usize) -> f64 {
 }
 
 /// `+5.1 % (4.2 … 6.0)`, and with times of different adapters that they are.
-fn change(time: &CellTime) -> String {
+pub fn change(time: &CellTime) -> String {
     let interval = match time.change.interval {
         Some(Interval { low, high }) => {
             format!("{:.1} … {:.1}", rounded(100.0 * low, 1), rounded(100.0 * high, 1))

@@ -5,32 +5,29 @@ use maud::{Markup, html};
 
 use super::parts::{Tone, numbers, table, words};
 use super::{Fold, Page, PageSection};
-use crate::axis::{Axis, ScaleKind, tenth};
+use crate::Section;
+use crate::charts::strip;
 use crate::claims::{balance, in_words};
-use crate::format::{three, trim_zeros};
+use crate::document::{self, ColumnKind, Line, Part, Span, Table};
+use crate::format::three;
 use fathom_experiments::schema::Claim;
-use fathom_experiments::{LOOKS, NO_VISIT, RuledFigure, Ruling, Verdict, Whose};
-use fathom_record::Interval;
+use fathom_experiments::{LOOKS, RuledFigure, Ruling, Verdict, Whose};
+use fathom_record::{Estimate, Interval};
 
 pub const SECTION: PageSection = PageSection {
     id: "claims",
     title: "Claims",
     question: "Which claims of the papers hold, and by how much do others fail?",
     fold: Fold::Folded,
-    write,
+    write: |page| document::of(parts(page)),
 };
 
-const WIDTH_PX: f64 = 180.0;
-const HEIGHT_PX: f64 = 30.0;
-/// Room beside the axis for the ends of marks.
-const MARGIN_PX: f64 = 8.0;
 /// Share of the spread of a row's figures that is shown beyond them.
 const ROOM: f64 = 0.25;
 
 /// A claim as each run rules on it.
 struct Row<'a> {
-    experiment: &'a str,
-    title: &'a str,
+    section: &'a Section<'a>,
     claim: &'a Claim,
     /// By the run's place on the page.
     rulings: Vec<(usize, &'a Ruling)>,
@@ -50,54 +47,68 @@ impl Row<'_> {
     }
 }
 
-fn write(page: &Page<'_>) -> Option<Markup> {
+pub fn parts(page: &Page<'_>) -> Vec<Part> {
     let mut rows = rows(page);
     if rows.is_empty() {
-        return None;
+        return Vec::new();
     }
     rows.sort_by(|a, b| {
         a.verdict().cmp(&b.verdict()).then_with(|| b.excess().total_cmp(&a.excess()))
     });
-    let published = rows.iter().any(|row| row.claim.published.is_some());
-    Some(html! {
-        p.lead {
-            "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, near the "
-            "bound if the bound is our own and the figure is not told from it, and otherwise inconclusive. The dot is the measured figure, the line its interval, the shaded part the claim's band"
-            @if published { ", the diamond the published figure" }
-            ". The interval for the claim is wider than the 95 % interval of the same figure in plots and other tables: a run looks at its "
-            "samples up to " (LOOKS) " times, and a claim that compares several figures could fail by chance in each. "
-            a href="#experiments" { "Experiments" } " has the plots."
-        }
-        @for whose in Whose::ALL { (part(page, whose, rows.iter().filter(|row| row.claim.whose() == whose))) }
-    })
+    let lead = format!(
+        "A claim is supported if the interval of its figure lies inside the band, contradicted if it lies outside, near the \
+         bound if the bound is our own and the figure is not told from it, and otherwise inconclusive. \
+         The interval for the claim is wider than the 95 % interval of the same figure in plots and other tables: a run looks at its \
+         samples up to {LOOKS} times, and a claim that compares several figures could fail by chance in each. On the page the dot is the \
+         measured figure, the line its interval, the shaded part the claim's band, and the diamond the published figure."
+    );
+    let of =
+        |whose| part(page, whose, rows.iter().filter(|row| row.claim.whose() == whose).collect());
+    std::iter::once(Part::paragraph(lead)).chain(Whose::ALL.into_iter().flat_map(of)).collect()
 }
 
 /// The papers' claims, or own hypotheses: those that are not supported first.
-fn part<'a>(page: &Page<'_>, whose: Whose, rows: impl Iterator<Item = &'a Row<'a>>) -> Markup {
+fn part(page: &Page<'_>, whose: Whose, rows: Vec<&Row<'_>>) -> Vec<Part> {
+    if rows.is_empty() {
+        return Vec::new();
+    }
     let (supported, open): (Vec<_>, Vec<_>) =
-        rows.partition(|row| row.verdict() == Verdict::Supported);
-    let title = whose.title();
+        rows.into_iter().partition(|row| row.verdict() == Verdict::Supported);
     let about = match whose {
         Whose::Publication => "Each is tested with the method that its paper describes.",
         Whose::Own => "No paper contains these sentences: this project or a user states them.",
     };
-    html! {
-        @if supported.len() + open.len() > 0 { h3 { (title) } p.faint { (about) } }
-        @if !open.is_empty() { (table_of(page, &open, &format!("{title} that are not supported"))) }
-        @if !supported.is_empty() {
-            details.supported {
-                summary { (supported.len()) " supported " (whose) }
-                (table_of(page, &supported, &format!("{title} that are supported")))
-            }
-        }
+    let title = whose.title();
+    let table = |rows: &[&Row<'_>], words: &str| {
+        Part::Table(table_of(page, rows, &format!("{title} that are {words}")))
+    };
+    let mut parts = vec![Part::Heading(title.into()), Part::paragraph(about)];
+    if !open.is_empty() {
+        parts.push(table(&open, "not supported"));
     }
+    if !supported.is_empty() {
+        let words = format!("{} supported {whose}", supported.len());
+        parts.push(Part::Fold(words.into(), vec![table(&supported, "supported")]));
+    }
+    parts
 }
 
-fn table_of(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Markup {
-    let heads = html! {
-        (words(&["Verdict", "Claim"])) (numbers(&["Measured (interval for the claim)"])) (words(&["Against its band"])) (numbers(&["Band", "Published"]))
-    };
-    table(about, "claims", &heads, &html! { @for row in rows { (row_markup(page, row)) } })
+fn table_of(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Table {
+    let columns = [
+        "Verdict",
+        "Claim",
+        "Measured (interval for the claim)",
+        "Against its band",
+        "Band",
+        "Published",
+    ];
+    let fields = rows.iter().flat_map(|row| fields(page, row));
+    Table::new(about, columns)
+        .with(ColumnKind::Sentences, &columns[1..2])
+        .with(ColumnKind::Numbers, &columns[4..])
+        .with(ColumnKind::Drawings, &columns[3..4])
+        .with_class("claims")
+        .with_rows(fields)
 }
 
 /// Claims in the order of their experiments, each once.
@@ -108,8 +119,7 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
             let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
             for (claim, ruling) in claims.zip(section.rulings()) {
                 let row = rows.entry((section.id, &claim.id)).or_insert_with(|| Row {
-                    experiment: section.id,
-                    title: section.title(),
+                    section,
                     claim,
                     rulings: Vec::new(),
                 });
@@ -120,34 +130,39 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
     rows.into_values().collect()
 }
 
-fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
-    let axis = axis(row);
-    let claim = row.claim;
-    html! {
-        @for (index, (place, ruling)) in row.rulings.iter().enumerate() {
-            tr data-verdict=(ruling.verdict.to_string()) {
-                td { (ruled(ruling)) }
-                td.claim {
-                    @if index == 0 {
-                        (claim.text)
-                        " "
-                        a.source href={ "#plot-" (row.experiment) } title=(row.title) { (row.experiment) }
-                    }
-                    @if page.is_overlay() { " " span.run { (page.runs[*place].label) } }
-                    details { summary { "why" } p { (ruling.reason) } (comparisons(ruling)) (grounds(claim, ruling)) }
-                }
-                @match ruling.deciding.first() {
-                    Some(deciding) => {
-                        td.number { (text(deciding)) @if let Some(n) = ruling.n { br; span.faint { "n = " (n) } } }
-                        td { @if let Some(axis) = &axis { (picture(axis, deciding, claim.published)) } }
-                        td.number { (asked(deciding.band)) }
-                    }
-                    None => { td.faint colspan="3" { (ruling.reason) } }
-                }
-                td.number { @if let Some(published) = claim.published { (three(published)) } @else { "–" } }
-            }
+/// A row for each run.
+fn fields(page: &Page<'_>, row: &Row<'_>) -> Vec<[Line; 6]> {
+    let (claim, ends) = (row.claim, ends(row));
+    let of_run = |(index, (place, ruling)): (usize, &(usize, &Ruling))| {
+        let mut told = Line::default();
+        if index == 0 {
+            told = Line::from(claim.text.as_str()).and(" ").and(row.section.span());
         }
-    }
+        if page.is_overlay() {
+            told = told.and(Span::Faint(format!(" {}", page.runs[*place].label)));
+        }
+        let why = html! {
+            details { summary { "why" } p { (ruling.reason) } (comparisons(ruling)) (grounds(claim, ruling)) }
+        };
+        let [measured, drawn, asked] = match ruling.deciding.first() {
+            Some(figure) => {
+                let n = figure.n.map_or_else(String::new, |n| format!(", n = {n}"));
+                let name = Span::Faint(format!(" {}{n}", figure.name));
+                let drawn = Span::Drawn(picture(ends, figure, claim.published));
+                [Line::from(figure.text()).and(name), drawn.into(), figure.asked().into()]
+            }
+            None => [ruling.reason.as_str().into(), Line::default(), "–".into()],
+        };
+        [
+            Span::Chip(Tone::of(ruling.verdict), ruling.marked()).into(),
+            told.and(Span::Drawn(why)),
+            measured,
+            drawn,
+            asked,
+            claim.published.map_or_else(|| "–".to_owned(), three).into(),
+        ]
+    };
+    row.rulings.iter().enumerate().map(of_run).collect()
 }
 
 /// Whose sentence it is, at which sizes it was tested, and what else could make it true.
@@ -171,7 +186,7 @@ fn comparisons(ruling: &Ruling) -> Markup {
     let heads = html! { (words(&["Verdict", "Comparison"])) (numbers(&["Measured (interval for the claim)", "Band"])) };
     let rows = html! {
         @for figure in all.clone() {
-            tr { td.(Tone::of(figure.verdict).class()) { (figure.verdict) } td { (figure.name) } td.number { (text(figure)) } td.number { (asked(figure.band)) } }
+            tr { td.(Tone::of(figure.verdict).class()) { (figure.verdict) } td { (figure.name) } td.number { (figure.text()) } td.number { (figure.asked()) } }
         }
     };
     html! { @if all.count() > 1 { (table("Comparisons", "", &heads, &rows)) } }
@@ -187,31 +202,10 @@ pub fn ruled(ruling: &Ruling) -> Markup {
     Tone::of(ruling.verdict).chip(&ruling.marked())
 }
 
-/// `1.38 (1.30 – 1.46)`
-fn text(figure: &RuledFigure) -> String {
-    match figure.interval {
-        _ if figure.value.is_nan() => NO_VISIT.to_owned(),
-        Some(Interval { low, high }) if low < high => {
-            format!("{} ({} – {})", three(figure.value), three(low), three(high))
-        }
-        _ => three(figure.value),
-    }
-}
-
-fn asked(Interval { low, high }: Interval) -> String {
-    let short = |bound: f64| trim_zeros(&three(bound)).to_owned();
-    match (low.is_finite(), high.is_finite()) {
-        (true, true) => format!("{} – {}", short(low), short(high)),
-        (true, false) => format!("≥ {}", short(low)),
-        (false, true) => format!("≤ {}", short(high)),
-        (false, false) => "–".to_owned(),
-    }
-}
-
-/// One axis for a claim's figures of all runs, so that they can be compared by eye.
-fn axis(row: &Row<'_>) -> Option<Axis> {
-    let deciding = || row.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.first());
-    let ends = deciding().flat_map(|deciding| {
+/// Of one axis for a claim's figures of all runs, so that they can be compared by eye.
+fn ends(row: &Row<'_>) -> [f64; 2] {
+    let deciding = row.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.first());
+    let ends = deciding.flat_map(|deciding| {
         let Interval { low, high } = deciding.interval.unwrap_or(deciding.band);
         [deciding.value, low, high, deciding.band.low, deciding.band.high]
     });
@@ -220,29 +214,14 @@ fn axis(row: &Row<'_>) -> Option<Axis> {
         (low.min(value), high.max(value))
     });
     let room = ROOM * (high - low).max(1e-3 * high.abs().max(low.abs())).max(f64::MIN_POSITIVE);
-    Axis::spanning(ScaleKind::Linear, [low - room, high + room], [MARGIN_PX, WIDTH_PX - MARGIN_PX])
+    [low - room, high + room]
 }
 
-fn picture(axis: &Axis, deciding: &RuledFigure, published: Option<f64>) -> Markup {
-    let [start, end] = [deciding.band.low, deciding.band.high].map(|end| axis.px_within(end));
-    let middle = HEIGHT_PX / 2.0;
-    let at = axis.px_within(deciding.value);
-    let interval =
-        deciding.interval.unwrap_or(Interval { low: deciding.value, high: deciding.value });
-    let [from, to] = [interval.low, interval.high].map(|end| axis.px_within(end));
-    let tip = format!("{}: {} against {}", deciding.name, text(deciding), asked(deciding.band));
-    html! {
-        svg.claim-axis role="img" aria-label=(tip) width=(WIDTH_PX) height=(HEIGHT_PX) {
-            title { (tip) }
-            line.rule x1="0" x2=(WIDTH_PX) y1=(middle) y2=(middle) {}
-            rect.band x=(start) y="4" width=(tenth((end - start).max(1.0))) height=(HEIGHT_PX - 8.0) {}
-            @if let Some(x) = published.and_then(|value| axis.px(value)) {
-                path.published d={ "M" (x) " " (middle - 7.0) "l5 7l-5 7l-5 -7z" } {}
-            }
-            line.interval x1=(from) x2=(to) y1=(middle) y2=(middle) {}
-            circle.value cx=(at) cy=(middle) r="4" {}
-        }
-    }
+fn picture(ends: [f64; 2], deciding: &RuledFigure, published: Option<f64>) -> Markup {
+    let RuledFigure { value, interval, band, .. } = *deciding;
+    let figure = Estimate { median: value, interval, n: deciding.n.unwrap_or(1) };
+    let tip = format!("{}: {} against {}", deciding.name, deciding.text(), deciding.asked());
+    strip(ends, band, &figure, published, &tip)
 }
 
 #[cfg(test)]

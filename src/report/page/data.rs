@@ -1,4 +1,4 @@
-//! What the page's script reads: the times of every cell's stages and the plots, compressed.
+//! What the page's script reads: the times of every cell's stages, compressed.
 
 use std::io::BufWriter;
 
@@ -8,8 +8,8 @@ use flate2::{Compression, GzBuilder};
 use serde::{Serialize, Serializer};
 
 use super::{Page, PageRun};
+use crate::ReportView;
 use crate::format::{NS_PER_MS, three};
-use crate::{ReportView, Section};
 use fathom_base::statistics;
 use fathom_record::Measured;
 
@@ -25,14 +25,6 @@ struct Data<'a> {
 struct RunData<'a> {
     label: &'a str,
     cells: Cells<'a>,
-    plots: Vec<PlotData<'a>>,
-}
-
-/// Of an experiment, by its id.
-#[derive(Serialize)]
-struct PlotData<'a> {
-    name: &'a str,
-    svg: &'a str,
 }
 
 /// The measured cells of a run, each made when it is written: rows of a table of its frame's and stages' times.
@@ -85,11 +77,7 @@ pub fn packed(page: &Page<'_>) -> String {
 }
 
 fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
-    let plot = |section: &'a Section<'a>| {
-        Some(PlotData { name: section.id, svg: section.figure().svg.as_deref()? })
-    };
-    let plots = run.view.sections.iter().filter_map(plot).collect();
-    RunData { label: &run.label, cells: Cells(run.view), plots }
+    RunData { label: &run.label, cells: Cells(run.view) }
 }
 
 #[cfg(test)]

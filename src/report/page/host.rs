@@ -1,20 +1,18 @@
 //! What a frame costs the CPU: encoding, submission, making of pipelines.
 
-use itertools::Itertools;
-use maud::{Markup, html};
-
-use super::parts::{numbers, table, words};
 use super::{Fold, Page, PageRun, PageSection};
-use crate::format::{NS_PER_MS, three};
+use crate::document::{self, ColumnKind, Part, Table};
+use crate::format::{NS_PER_MS, interval, three};
 use fathom_base::statistics::Estimate;
 use fathom_record::{Cell, HostCosts};
+use itertools::Itertools;
 
 pub const SECTION: PageSection = PageSection {
     id: "host",
     title: "What it costs the CPU",
     question: "How long does the CPU encode and submit a frame?",
     fold: Fold::Folded,
-    write,
+    write: |page| document::of(parts(page)),
 };
 
 const NS_PER_US: f64 = 1e3;
@@ -28,70 +26,59 @@ fn costs<'a>(run: &PageRun<'a>) -> Vec<(&'a Cell, &'a HostCosts)> {
         .collect()
 }
 
-fn write(page: &Page<'_>) -> Option<Markup> {
+fn parts(page: &Page<'_>) -> Vec<Part> {
     let runs = page.runs.iter().map(|run| (run, costs(run))).filter(|(_, costs)| !costs.is_empty());
-    let runs: Vec<_> = runs.collect();
-    if runs.is_empty() {
-        return None;
+    let mut parts = Vec::new();
+    for (run, costs) in runs {
+        if parts.is_empty() {
+            parts.push(Part::paragraph(
+                "One cell per pipeline. Encoding and submission are CPU time of the thread that does them (on Linux), with the interval at 95 %. \
+                 A software driver may do a frame's work within the submission. The driver's cache on disk may know pipelines from earlier runs; \
+                 a driver may compile a part of their code in the first frame, which is not in these figures.",
+            ));
+        }
+        parts.extend(page.is_overlay().then(|| Part::Heading(run.label.as_str().into())));
+        parts.push(Part::Table(frames(&costs)));
+        parts.extend(costs.iter().map(|(cell, host)| stages(cell, host)));
     }
-    Some(html! {
-        p.lead {
-            "One cell per pipeline. Encoding and submission are CPU time of the thread that does them (on Linux), with the interval at 95 %. "
-            "A software driver may do a frame's work within the submission. The driver's cache on disk may know pipelines from earlier runs; "
-            "a driver may compile a part of their code in the first frame, which is not in these figures."
-        }
-        @for (run, costs) in &runs {
-            @if page.is_overlay() { h3 { (run.label) } }
-            (frames(costs))
-            @for (cell, host) in costs { (stages(cell, host)) }
-        }
-    })
+    parts
 }
 
-fn frames(costs: &[(&Cell, &HostCosts)]) -> Markup {
-    let heads = html! {
-        (words(&["pipeline", "cell"]))
-        (numbers(&["encode (µs)", "submit (µs)", "pipelines", "make, first (ms)", "again (ms)"]))
-    };
-    let rows = html! {
-        @for (cell, host) in costs {
-            tr {
-                th scope="row" { (cell.pipeline) }
-                td { (cell.cell) }
-                td.number { (spread(&host.encode)) }
-                td.number { (spread(&host.submit)) }
-                @match &host.creation {
-                    Some(made) => {
-                        td.number { (made.pipelines) }
-                        td.number { (three(made.first_ns / NS_PER_MS)) }
-                        td.number { (three(made.again_ns / NS_PER_MS)) }
-                    }
-                    None => { td.number { "–" } td.number { "–" } td.number { "–" } }
-                }
-            }
-        }
-    };
-    table("What a frame of each pipeline costs the CPU", "", &heads, &rows)
+fn frames(costs: &[(&Cell, &HostCosts)]) -> Table {
+    let columns = [
+        "pipeline",
+        "cell",
+        "encode (µs)",
+        "submit (µs)",
+        "pipelines",
+        "make, first (ms)",
+        "again (ms)",
+    ];
+    let rows = costs.iter().map(|(cell, host)| {
+        let made = host.creation.as_ref().map(|made| {
+            let [first, again] = [made.first_ns, made.again_ns].map(|ns| three(ns / NS_PER_MS));
+            [made.pipelines.to_string(), first, again]
+        });
+        let [pipelines, first, again] = made.unwrap_or_else(|| ["–"; 3].map(str::to_owned));
+        let [encode, submit] = [&host.encode, &host.submit].map(spread);
+        [cell.pipeline.clone(), cell.cell.clone(), encode, submit, pipelines, first, again]
+    });
+    Table::new("What a frame of each pipeline costs the CPU", columns)
+        .with(ColumnKind::Numbers, &columns[2..])
+        .with_rows(rows)
 }
 
-fn stages(cell: &Cell, host: &HostCosts) -> Markup {
-    let heads = html! { (words(&["stage"])) (numbers(&["encode (µs)"])) };
-    let rows = html! {
-        @for stage in &host.stages {
-            tr { th scope="row" { (stage.stage.as_str()) } td.number { (spread(&stage.encode)) } }
-        }
-    };
-    html! {
-        details {
-            summary { "Stages of " (cell.pipeline) ", each encoded alone" }
-            (table("CPU time to encode each stage", "", &heads, &rows))
-        }
-    }
+fn stages(cell: &Cell, host: &HostCosts) -> Part {
+    let columns = ["stage", "encode (µs)"];
+    let rows = host.stages.iter().map(|stage| [stage.stage.to_string(), spread(&stage.encode)]);
+    let table = Table::new("CPU time to encode each stage", columns)
+        .with(ColumnKind::Numbers, &columns[1..])
+        .with_rows(rows);
+    let words = format!("Stages of {}, each encoded alone", cell.pipeline);
+    Part::Fold(words.into(), vec![Part::Table(table)])
 }
 
-/// `12.3 (11.9–12.8)`, in microseconds.
+/// `12.3 (11.9 – 12.8)`, in microseconds.
 fn spread(of: &Estimate) -> String {
-    let us = |ns: f64| three(ns / NS_PER_US);
-    let interval = of.interval.map(|i| format!(" ({}–{})", us(i.low), us(i.high)));
-    format!("{}{}", us(of.median), interval.unwrap_or_default())
+    interval(&of.scaled(1.0 / NS_PER_US))
 }

@@ -5,16 +5,16 @@
 
 mod ceilings;
 mod cells;
-mod claims;
+pub(crate) mod claims;
 mod data;
 mod host;
-mod overview;
+pub(crate) mod overview;
 pub mod parts;
 mod pictures;
 mod plots;
 mod published;
-mod scaling;
-mod time;
+pub(crate) mod scaling;
+pub(crate) mod time;
 mod trust;
 
 pub use parts::Tone;
@@ -29,7 +29,9 @@ use itertools::Itertools;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
+use super::charts::style;
 use super::colors::StageColors;
+use super::document::{self, Field, Part, Table};
 use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written};
 use fathom_base::{private, text};
 use fathom_record::Run;
@@ -47,11 +49,9 @@ pub const EXPORTER: RunExporter = Exporter {
 
 const STYLES: [&str; 2] = [include_str!("assets/page.css"), include_str!("assets/charts.css")];
 /// In the order in which they run.
-const SCRIPTS: [&str; 5] = [
+const SCRIPTS: [&str; 3] = [
     include_str!("assets/core.js"),
-    include_str!("assets/time.js"),
     include_str!("assets/pictures.js"),
-    include_str!("assets/plots.js"),
     include_str!("assets/cells.js"),
 ];
 
@@ -60,9 +60,9 @@ pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
     /// What changed from the first of two runs to the second.
-    pub changes: Option<Markup>,
+    pub changes: Option<Vec<Part>>,
     /// What a history says, as it stands in its section.
-    pub history: Option<Markup>,
+    pub history: Option<Vec<Part>>,
     pub left_out: Vec<LeftOut>,
     /// Of every stage of every run.
     pub colors: StageColors,
@@ -72,7 +72,7 @@ pub struct Page<'a> {
 pub struct ComparisonOnPage {
     /// What was compared.
     pub sides: String,
-    pub markup: Markup,
+    pub parts: Vec<Part>,
 }
 
 /// A run with the name that tells it from the others of the page.
@@ -97,7 +97,7 @@ pub fn labelled<'a>(views: &'a [(&Path, ReportView<'a>)]) -> Vec<PageRun<'a>> {
 }
 
 /// A part of the page.
-struct PageSection {
+pub(crate) struct PageSection {
     /// Its anchor.
     id: &'static str,
     title: &'static str,
@@ -124,7 +124,7 @@ const HISTORY: PageSection = PageSection {
     title: "History",
     question: "Between which commits did a figure change?",
     fold: Fold::Open,
-    write: |page| page.history.clone(),
+    write: |page| page.history.as_deref().map(document::html),
 };
 
 const CHANGES: PageSection = PageSection {
@@ -132,7 +132,7 @@ const CHANGES: PageSection = PageSection {
     title: "What changed",
     question: "What is different in the second run?",
     fold: Fold::Open,
-    write: |page| page.changes.clone(),
+    write: |page| page.changes.as_deref().map(document::html),
 };
 
 const COMPARED: PageSection = PageSection {
@@ -141,7 +141,8 @@ const COMPARED: PageSection = PageSection {
     question: "What did the comparison of two builds, drivers or environments conclude?",
     fold: Fold::Open,
     write: |page| {
-        let all = html! { @for comparison in &page.comparisons { (comparison.markup) } };
+        let all =
+            html! { @for comparison in &page.comparisons { (document::html(&comparison.parts)) } };
         (!page.comparisons.is_empty()).then_some(all)
     },
 };
@@ -197,6 +198,22 @@ impl<'a> Page<'a> {
         self.runs.len() > 1
     }
 
+    /// A table whose rows name their run first, where there are several.
+    fn table(&self, about: &str, columns: &[&str]) -> Table {
+        let run = self.is_overlay().then_some("Run");
+        Table::new(about, run.into_iter().chain(columns.iter().copied()))
+    }
+
+    /// The fields of a row of such a table.
+    fn of_run(
+        &self,
+        run: &PageRun<'_>,
+        fields: impl IntoIterator<Item = Field>,
+    ) -> impl Iterator<Item = Field> {
+        let label = self.is_overlay().then(|| Field::from(run.label.as_str()));
+        label.into_iter().chain(fields)
+    }
+
     /// The head of the column that names the run, where there are several.
     fn run_head(&self) -> Markup {
         html! { @if self.is_overlay() { (parts::words(&["Run"])) } }
@@ -219,7 +236,7 @@ impl<'a> Page<'a> {
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     meta name="color-scheme" content="light dark";
                     title { (self.title()) }
-                    style { (PreEscaped(STYLES.concat())) }
+                    style { (PreEscaped(STYLES.concat())) (PreEscaped(style::sheet())) }
                 }
                 body {
                     a.skip href="#main" { "Skip to the content" }

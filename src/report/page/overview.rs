@@ -1,15 +1,19 @@
-//! The first screen: a card for each question of a reader, with the answer and a link to its section.
+//! What a run says in short: the answer to each question of a reader. The page has a card for each with a link to its section, the
+//! summary has them one after the other, and the terminal the first three.
 
 use itertools::Itertools;
 use maud::{Markup, html};
 
-use super::claims::chip;
 use super::{Fold, Page, PageRun, PageSection};
-use crate::ceilings::{Bound, bounds};
+use crate::ceilings::bounds;
+use crate::document::{self, Line, Part, Span, Table};
+use crate::facts::{self, SlowStage};
 use crate::format::{NS_PER_MS, percent, three};
 use crate::noise::RunVerdict;
-use crate::{facts, trust};
-use fathom_record::Run;
+use crate::page::Tone;
+use crate::{ReportView, Section, trust};
+use fathom_experiments::{Ruling, Whose};
+use fathom_record::{OVER_BUDGET, Outcome, Run};
 
 pub const SECTION: PageSection = PageSection {
     id: "overview",
@@ -21,6 +25,7 @@ pub const SECTION: PageSection = PageSection {
 
 /// Lines of a card that has one for each stage, axis or pipeline.
 const MOST_LINES: usize = 5;
+const MOST_PIPELINES: usize = 10;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     if page.runs.is_empty() && page.left_out.is_empty() {
@@ -35,128 +40,176 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
     html! {
         @if page.is_overlay() { h3 { (run.label) } }
-        @if let Some(header) = run.view.run() { (device(header)) }
-        @for open in facts::still_open(run.view) { p { span.chip.open { "open" } " " (open) } }
-        @for note in facts::incomplete(run.view) {
-            p { span.chip.open { "incomplete" } " " (note.text) }
-        }
+        (document::html(&doubts(run.view)))
         div.cards {
-            (how_far(run))
-            (verdicts(run))
-            (slowest(page, run))
-            (growth(run))
-            (limits(page, run))
+            @for Card { section, question, parts } in cards(run.view) {
+                article.card { h3 { a href={ "#" (section) } { (question) } } (document::html(&parts)) }
+            }
+        }
+        @if let Some(table) = identity(run.view) {
+            (document::html(&[Part::Fold("Device, program and command".into(), vec![Part::Table(table)])]))
         }
     }
 }
 
-/// A question that links to the section with the whole answer.
-fn card(section: &str, question: &str, answer: &Markup) -> Markup {
-    html! { article.card { h3 { a href={ "#" (section) } { (question) } } (answer) } }
+/// What a reader must know before any figure.
+pub fn doubts(view: &ReportView<'_>) -> Vec<Part> {
+    let open = |word: &str, words: String| {
+        let chip = Span::Chip(Tone::Open, word.to_owned());
+        Part::Paragraph(Line::from(chip).and(format!(": {words}")))
+    };
+    let mut doubts = Vec::new();
+    if view.run().is_some_and(|run| run.adapter.software) {
+        let words = "Absolute times and frame rates say little about a GPU; ratios, exponents and shares are what to read.";
+        doubts.push(open("software driver", words.to_owned()));
+    }
+    if let Some(shard) = view.run().and_then(|run| run.shard.as_ref()) {
+        let words = "A part of a run: `fathom merge` joins the parts.";
+        doubts.push(open(&format!("shard {shard}"), words.to_owned()));
+    }
+    doubts.extend(facts::still_open(view).into_iter().map(|words| open("open", words)));
+    doubts.extend(facts::incomplete(view).map(|note| open("incomplete", note.text.clone())));
+    doubts
 }
 
-fn device(run: &Run) -> Markup {
-    let adapter = &run.adapter;
-    html! {
-        p.device {
-            @if adapter.software {
-                span.chip.open { "software driver" }
-                " Read ratios, exponents and shares: absolute times count only on hardware. "
-            }
-            @if let Some(shard) = &run.shard {
-                span.chip.open { "shard " (shard) } " A part of a run: fathom merge joins the parts. "
-            }
-            span.faint {
-                (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile)
-                "; started " (run.started_at) "; " (facts::program(run))
-            }
-        }
-        @if let Some(machine) = &run.conditions.machine { p.faint { (facts::machine(machine)) } }
+/// A question, its answer, and the section with the whole answer.
+pub struct Card {
+    section: &'static str,
+    pub question: &'static str,
+    pub parts: Vec<Part>,
+}
+
+pub fn cards(view: &ReportView<'_>) -> [Card; 5] {
+    let card = |section, question, parts| Card { section, question, parts };
+    let are_limits_measured = view.runs.iter().any(|run| !run.ceilings.is_empty());
+    [
+        card("trust", "Can it be trusted?", how_far(view)),
+        card("claims", "Which claims hold?", verdicts(view)),
+        card(
+            "time",
+            "Where does the time go?",
+            list("The slowest stage of each pipeline:", "No stage was timed.", slowest(view)),
+        ),
+        card("scaling", "How does it scale?", growth(view)),
+        card(
+            if are_limits_measured { "ceilings" } else { "trust" },
+            "How near to the limits?",
+            limits(view),
+        ),
+    ]
+}
+
+/// In a few lines, for the terminal: the verdict on the run, the tally of verdicts and the slowest stages.
+pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
+    let claims = tallies(view).map(|(whose, tally)| format!("{whose}: {tally}"));
+    let slowest = slowest(view).join("; ");
+    let slowest =
+        (!slowest.is_empty()).then(|| format!("slowest stage of each pipeline: {slowest}"));
+    let of_run = RunVerdict::of(view).map_or_else(Vec::new, |verdict| verdict.lines());
+    of_run.into_iter().chain(claims).chain(slowest).collect()
+}
+
+fn list(above: &str, none: &str, lines: Vec<String>) -> Vec<Part> {
+    if lines.is_empty() {
+        return vec![Part::paragraph(none)];
     }
+    vec![Part::paragraph(above), Part::list(lines)]
 }
 
 /// Whether the machine was quiet enough, by what that is judged, and what to do; then the clocks.
-fn how_far(run: &PageRun<'_>) -> Markup {
-    let answer = html! {
-        @if let Some(verdict) = RunVerdict::of(run.view) {
-            @let advice = verdict.advice();
-            p { (verdict.tone().chip(&verdict.headline())) }
-            dl.figures {
-                @for (about, words) in verdict.figures() { div { dt { (about) } dd { (words) } } }
-            }
-            @if !advice.is_empty() { p { b { "What to do: " } (advice.join("; ")) "." } }
-        }
-        @if let Some(header) = trust::worst(run.view) { p { (trust::verdict(header)) } }
-    };
-    card("trust", "Can it be trusted?", &answer)
+fn how_far(view: &ReportView<'_>) -> Vec<Part> {
+    let verdict = RunVerdict::of(view);
+    let tone = verdict.as_ref().map_or(Tone::Neutral, RunVerdict::tone);
+    let lines = verdict.iter().flat_map(RunVerdict::lines).enumerate().map(|(index, line)| {
+        if index == 0 { Span::Chip(tone, line).into() } else { Line::from(line) }
+    });
+    let clocks = trust::worst(view).map(|run| trust::verdict(run).into());
+    lines.chain(clocks).map(Part::Paragraph).collect()
 }
 
-fn verdicts(run: &PageRun<'_>) -> Markup {
-    let answer = html! {
-        @for (whose, counts) in facts::tallies(run.view) {
-            p.faint { (whose) }
-            p { @for (verdict, count) in counts { span.tally { (chip(verdict)) " " b { (count) } } " " } }
-        }
-        @if let Some(finding) = facts::claims_finding(run.view) { p { (finding) } }
-    };
-    card("claims", "Which claims hold?", &answer)
+fn verdicts(view: &ReportView<'_>) -> Vec<Part> {
+    let tallies = tallies(view).map(|(whose, tally)| {
+        Part::Paragraph(Line::from(Span::Bold(whose.to_string())).and(format!(": {tally}")))
+    });
+    tallies.chain(facts::claims_finding(view).map(Part::paragraph)).collect()
 }
 
-/// The slowest stage of each pipeline.
-fn slowest(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
-    let mut slowest = facts::slowest_stages(run.view).peekable();
-    let answer = html! {
-        @if slowest.peek().is_none() { p.faint { "No stage was timed." } }
-        @else { p.faint { "The slowest stage of each pipeline:" } }
-        ul.lines {
-            @for slow in slowest {
-                @let stage = slow.stage.stage;
-                li {
-                    (slow.frame.cell.pipeline) ": "
-                    span.swatch style={ "background:" (page.colors.of(&stage.stage).hex()) } {}
-                    (stage.stage) " " b { (percent(slow.stage.share.median)) }
-                    span.faint { ", " (three(stage.time.median / NS_PER_MS)) " ms" }
-                }
-            }
-        }
-    };
-    card("time", "Where does the time go?", &answer)
+/// `65 supported, 17 contradicted, 3 near the bound, 1 inconclusive, 10 not run, of 96; 30 (our bound)`
+fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, String)> {
+    facts::tallies(view).map(|(whose, counts)| {
+        let each = counts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
+        let all: usize = counts.iter().map(|(_, count)| count).sum();
+        let rulings = view.sections.iter().flat_map(Section::rulings);
+        let marks = rulings.filter(|ruling| ruling.whose == whose).map(Ruling::mark).counts();
+        let marks = marks.into_iter().filter(|(mark, _)| !mark.is_empty()).sorted();
+        let marks = marks.map(|(mark, count)| format!("; {count}{mark}")).join("");
+        (whose, format!("{each}, of {all}{marks}"))
+    })
 }
 
-fn growth(run: &PageRun<'_>) -> Markup {
-    let mut exponents = facts::growth(run.view).peekable();
-    let answer = html! {
-        @if exponents.peek().is_none() { p.faint { "No exponent was fitted." } }
-        @else { p.faint { "Exponents over the widest ranges:" } }
-        ul.lines {
-            @for exponent in exponents.unique_by(|one| one.y_title()).take(MOST_LINES) {
-                li {
-                    (exponent.y_title()) " " b { (exponent.text()) }
-                    span.faint { " with " (exponent.x_title()) ", over " (facts::times_over(exponent.fit.range)) }
-                }
-            }
-        }
+/// `underwater: caustics/splat 41 % (39 – 43), 12.3 ms`
+fn slowest(view: &ReportView<'_>) -> Vec<String> {
+    let line = |SlowStage { frame, stage }: SlowStage<'_>| {
+        let ms = three(stage.stage.time.median / NS_PER_MS);
+        let share = facts::share(&stage.share);
+        format!("{}: {} {share}, {ms} ms", frame.cell.pipeline, stage.stage.stage)
     };
-    card("scaling", "How does it scale?", &answer)
+    facts::slowest_stages(view).take(MOST_PIPELINES).map(line).collect()
 }
 
-fn limits(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
-    let bounds = bounds(run.view);
+fn growth(view: &ReportView<'_>) -> Vec<Part> {
+    let exponents = facts::growth(view).unique_by(|one| one.y_title()).take(MOST_LINES);
+    let lines = exponents.map(|exponent| {
+        let over = facts::times_over(exponent.fit.range);
+        let [y, x] = [exponent.y_title(), exponent.x_title()];
+        format!("{y} {} with {x}, over {over}", exponent.text())
+    });
+    list("Exponents over the widest ranges:", "No exponent was fitted.", lines.collect())
+}
+
+fn limits(view: &ReportView<'_>) -> Vec<Part> {
+    let bounds = bounds(view);
     let nearest = bounds.iter().unique_by(|bound| &bound.stage.stage).take(MOST_LINES);
-    let answer = html! {
-        @if bounds.is_empty() { p.faint { "None of this version's limits was measured." } }
-        @else { p.faint { "Best shares of the adapter's limits:" } }
-        ul.lines {
-            @for Bound { stage, share, .. } in nearest {
-                li {
-                    span.swatch style={ "background:" (page.colors.of(&stage.stage).hex()) } {}
-                    (stage.stage) " " b { (percent(share.share)) } span.faint { " of " (share.limit.name()) }
-                }
-            }
-        }
+    let lines = nearest.map(|bound| {
+        let share = percent(bound.share.share);
+        format!("{} {share} of {}", bound.stage.stage, bound.share.limit.name())
+    });
+    let none = "None of this version's limits was measured.";
+    list("Best shares of the adapter's limits:", none, lines.collect())
+}
+
+/// What was run where, and what its records hold.
+pub fn identity(view: &ReportView<'_>) -> Option<Table> {
+    let run = view.run()?;
+    let adapter = &run.adapter;
+    let kind = if adapter.software { "software driver" } else { "hardware" };
+    let Run { profile, shader_checks, started_at, .. } = run;
+    let program = facts::program(run);
+    let driver = format!("{} {}", adapter.driver, adapter.driver_info);
+    let device = format!("{} ({kind}, {}, {driver})", adapter.title(), adapter.backend);
+    let program =
+        format!("{program}, profile {profile}, shaders {shader_checks}, started {started_at}");
+    let machine = run.conditions.machine.as_ref();
+    let clock = trust::worst(view).map(trust::conditions);
+    let mut rows: Vec<(&str, Line)> = vec![("device", device.into()), ("run", program.into())];
+    rows.extend(machine.map(|machine| ("machine", facts::machine(machine).into())));
+    rows.push(("command", Span::Code(run.command.join(" ")).into()));
+    rows.push(("cells", outcomes(view).into()));
+    rows.extend(clock.map(|clock| ("clock", clock.into())));
+    rows.extend(trust::facts(view).map(|(about, words)| (about, words.into())));
+    let rows = rows.into_iter().map(|(about, words)| [about.into(), words]);
+    Some(Table::new("The run", ["", ""]).with_rows(rows))
+}
+
+fn outcomes(view: &ReportView<'_>) -> String {
+    let of = |wanted: fn(&Outcome) -> bool| {
+        view.entries().filter(|entry| wanted(&entry.cell.outcome)).count()
     };
-    let section = if super::ceilings::are_measured(run) { "ceilings" } else { "trust" };
-    card(section, "How near to the limits?", &answer)
+    let measured = of(|outcome| matches!(outcome, Outcome::Measured(_)));
+    let skipped = of(|outcome| matches!(outcome, Outcome::Skipped { .. }));
+    let failed = of(|outcome| matches!(outcome, Outcome::Failed { .. }));
+    let over_budget = of(|outcome| matches!(outcome, Outcome::OverBudget));
+    format!("{measured} measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}")
 }
 
 fn left_out(page: &Page<'_>) -> Markup {

@@ -1,11 +1,11 @@
 //! Each experiment with its plot: what was done, after what publication, what its claims came to, and what to know of its cells.
 
 use indexmap::{IndexMap, IndexSet};
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::claims::{chip, ruled};
 use super::{Fold, Page, PageRun, PageSection};
-use crate::{Section, plots};
+use crate::{Section, charts};
 use fathom_base::text;
 use fathom_experiments::Experiment;
 use fathom_record::NoteKind;
@@ -98,16 +98,13 @@ fn claims(section: &Section<'_>) -> Markup {
     }
 }
 
-/// Room for the plot, which the script draws when the experiment is opened; and the file that holds it.
-fn plot(page: &Page<'_>, (run, section): &Part<'_>) -> Markup {
-    let about = format!("Plot of {}: {}", section.id, section.title());
+/// The plot, and the file that holds it.
+fn plot(page: &Page<'_>, (_, section): &Part<'_>) -> Markup {
     html! {
-        @if section.figure().svg.is_some() {
-            div.scroll.script-only tabindex="0" role="region" aria-label=(about) {
-                div.drawing role="img" aria-label=(about) data-run=(run.label) data-plot=(section.id) {}
-            }
+        @if let Some(svg) = &section.figure().svg {
+            div.scroll tabindex="0" role="region" aria-label={ "Plot of " (section.id) } { (PreEscaped(svg)) }
             @if !page.is_overlay() {
-                p { a href=(text::link(&plots::file_name(section))) { "The plot as a file" } }
+                p { a href=(text::link(&charts::file_name(section))) { "The plot as a file" } }
             }
         }
     }
@@ -198,9 +195,8 @@ mod tests {
     fn an_overlay_names_the_run_of_each_plot_and_links_no_file() {
         let text = overlaid(write);
         assert_eq!(text.matches("id=\"plot-uw-photons\"").count(), 1);
-        for label in ["one", "two"] {
-            assert!(text.contains(&format!("data-run=\"{label}\" data-plot=\"uw-photons\"")));
-        }
+        assert_eq!(text.matches("aria-label=\"uw-photons: ").count(), 2);
+        assert!(["<h3>one", "<h3>two"].iter().all(|label| text.contains(label)), "{text}");
         assert!(!text.contains(".svg\""));
     }
 

@@ -3,12 +3,12 @@
 //! Frame rates of a software driver say nothing beside those of a GPU: there only ratios, slopes and errors are compared.
 
 use indexmap::IndexSet;
-use maud::{Markup, html};
 use serde_json::Value;
 
-use super::parts::{numbers, setting_words, table, words};
+use super::parts::setting_words;
 use super::{Fold, Page, PageRun, PageSection};
 use crate::Section;
+use crate::document::{self, ColumnKind, Field, Line, Part, Span, Table};
 use crate::format::three;
 use fathom_experiments::schema::{Comparison, Published};
 use fathom_experiments::{fits, flatten, fps};
@@ -19,7 +19,7 @@ pub const SECTION: PageSection = PageSection {
     title: "Published figures",
     question: "How do measured ratios compare with those of the papers?",
     fold: Fold::Folded,
-    write,
+    write: |page| document::of(parts(page)),
 };
 
 /// A published figure and the measured one.
@@ -33,27 +33,36 @@ struct Pair {
     what: String,
 }
 
-fn write(page: &Page<'_>) -> Option<Markup> {
+fn parts(page: &Page<'_>) -> Vec<Part> {
     let of_runs = |pairs: fn(usize, &PageRun<'_>) -> Vec<Pair>| -> Vec<Pair> {
         page.runs.iter().enumerate().flat_map(|(place, run)| pairs(place, run)).collect()
     };
     let (ratios, rates) = (of_runs(ratios), of_runs(rates));
     let listed = listed(page);
     if ratios.is_empty() && listed.is_empty() {
-        return None;
+        return Vec::new();
     }
-    Some(html! {
-        p.lead {
-            @if ratios.is_empty() && rates.is_empty() {
-                "No published frame rate can be compared with this run: no two of an experiment are of sizes that were measured."
-            } @else {
-                "The last column is 1 where a figure agrees with the publication. Intervals stand in brackets."
-            }
+    let lead = if ratios.is_empty() && rates.is_empty() {
+        "No published frame rate can be compared with this run: no two of an experiment are of sizes that were measured."
+    } else {
+        "The last column is 1 where a figure agrees with the publication. Intervals stand in brackets."
+    };
+    let mut parts = vec![Part::paragraph(lead)];
+    for (about, pairs) in [
+        ("Published and measured ratios", ratios),
+        ("Published and measured frames per second", rates),
+    ] {
+        if !pairs.is_empty() {
+            parts.extend([
+                Part::Heading(about.into()),
+                Part::Table(pairs_table(page, about, &pairs)),
+            ]);
         }
-        (pairs_table(page, "Published and measured ratios", &ratios))
-        (pairs_table(page, "Published and measured frames per second", &rates))
-        @if !listed.is_empty() { (rates_table(page, &listed)) }
-    })
+    }
+    if !listed.is_empty() {
+        parts.push(rates_table(page, &listed));
+    }
+    parts
 }
 
 /// Ratios between published frame rates hold on any device.
@@ -143,25 +152,24 @@ fn in_words(conditions: &[Condition]) -> String {
     setting_words(conditions.iter().map(|(path, value)| (path, value)))
 }
 
-fn pairs_table(page: &Page<'_>, about: &str, pairs: &[Pair]) -> Markup {
-    let heads = html! {
-        (page.run_head()) (words(&["What"])) (numbers(&["Published", "Measured (interval)", "Measured / published"]))
-    };
-    let rows = html! { @for pair in pairs { (pair_row(page, pair)) } };
-    html! { @if !pairs.is_empty() { h3 { (about) } (table(about, "", &heads, &rows)) } }
-}
-
-fn pair_row(page: &Page<'_>, pair: &Pair) -> Markup {
-    let [low, high] = pair.ends;
-    html! {
-        tr {
-            @if page.is_overlay() { td { (page.runs[pair.run].label) } }
-            td.claim { (pair.what) }
-            td.number { (three(pair.published)) }
-            td.number { (three(pair.measured)) @if low < high { br; span.faint { "(" (three(low)) " – " (three(high)) ")" } } }
-            td.number { (three(pair.measured / pair.published)) }
-        }
-    }
+fn pairs_table(page: &Page<'_>, about: &str, pairs: &[Pair]) -> Table {
+    let columns = ["What", "Published", "Measured (interval)", "Measured / published"];
+    let rows = pairs.iter().map(|pair| {
+        let [low, high] = pair.ends;
+        let interval = (low < high).then(|| format!(" ({} – {})", three(low), three(high)));
+        let measured = Line::from(three(pair.measured));
+        let fields = [
+            pair.what.as_str().into(),
+            three(pair.published).into(),
+            measured.and(Span::Faint(interval.unwrap_or_default())),
+            three(pair.measured / pair.published).into(),
+        ];
+        page.of_run(&page.runs[pair.run], fields.map(Field::from))
+    });
+    page.table(about, &columns)
+        .with(ColumnKind::Sentences, &columns[..1])
+        .with(ColumnKind::Numbers, &columns[1..])
+        .with_rows(rows)
 }
 
 /// A published frame rate and where it holds.
@@ -190,30 +198,21 @@ fn listed<'p>(page: &'p Page<'p>) -> IndexSet<Listed<'p>> {
     figures.collect()
 }
 
-fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
-    let software = page.runs.iter().any(|run| run.view.sections.iter().any(Section::software));
-    let heads = html! {
-        (words(&["Experiment"])) (numbers(&["Frames per second"])) (words(&["Of", "Hardware"]))
-    };
-    let rows = html! {
-        @for one in listed {
-            tr {
-                td { (one.experiment) }
-                td.number { (one.figure) }
-                td.claim { (one.conditions) @if !one.note.is_empty() { "; " (one.note) } }
-                td { (one.hardware) }
-            }
-        }
-    };
-    html! {
-        details {
-            summary { (listed.len()) " published frame rates, each with its hardware" }
-            @if software {
-                p.faint { "They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none are shown." }
-            }
-            (table("Published frame rates", "", &heads, &rows))
-        }
-    }
+fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Part {
+    let is_software = page.runs.iter().any(|run| run.view.sections.iter().any(Section::software));
+    let rows = listed.iter().map(|one| {
+        let note = if one.note.is_empty() { String::new() } else { format!("; {}", one.note) };
+        let of = format!("{}{note}", one.conditions);
+        [one.experiment, one.figure.as_str(), of.as_str(), one.hardware].map(str::to_owned)
+    });
+    let columns = ["Experiment", "Frames per second", "Of", "Hardware"];
+    let table = Table::new("Published frame rates", columns)
+        .with(ColumnKind::Numbers, &columns[1..2])
+        .with(ColumnKind::Sentences, &columns[2..3])
+        .with_rows(rows);
+    let words = format!("{} published frame rates, each with its hardware", listed.len());
+    let note = is_software.then(|| Part::paragraph("They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none are shown."));
+    Part::Fold(words.into(), note.into_iter().chain([Part::Table(table)]).collect())
 }
 
 #[cfg(test)]
@@ -250,7 +249,7 @@ mod tests {
             with_page(&records(software), |page| {
                 let rates = rates(0, &page.runs[0]);
                 assert_eq!(rates.is_empty(), software);
-                let text = write(page).unwrap().into_string();
+                let text = (SECTION.write)(page).unwrap().into_string();
                 assert_eq!(text.contains("measured frames per second"), !software);
                 assert!(text.contains("GeForce GTX 260"));
             });
@@ -284,6 +283,6 @@ mod tests {
 
     #[test]
     fn a_run_without_published_figures_has_no_section() {
-        assert_eq!(testing::written(write, &[]), "");
+        assert_eq!(testing::written(SECTION.write, &[]), "");
     }
 }

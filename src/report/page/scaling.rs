@@ -1,10 +1,8 @@
 //! How times and errors grow: the fitted exponents. The plots that they were fitted in stand with their experiments.
 
-use maud::{Markup, html};
-
-use super::parts::{numbers, table, words};
-use super::{Fold, Page, PageRun, PageSection};
-use crate::facts::{self, Exponent};
+use super::{Fold, Page, PageSection};
+use crate::document::{self, ColumnKind, Field, Line, Part};
+use crate::facts;
 use crate::format::si;
 
 pub const SECTION: PageSection = PageSection {
@@ -12,43 +10,36 @@ pub const SECTION: PageSection = PageSection {
     title: "How it scales",
     question: "With which exponent does a stage grow, and how certain is that?",
     fold: Fold::Folded,
-    write,
+    write: |page| document::of(parts(page)),
 };
 
-fn write(page: &Page<'_>) -> Option<Markup> {
-    let exponents = page.runs.iter().map(|run| (run, facts::exponents(run.view)));
-    let rows = html! {
-        @for (run, exponents) in exponents { @for exponent in &exponents { (row(page, run, exponent)) } }
-    };
-    if rows.0.is_empty() {
-        return None;
+pub fn parts(page: &Page<'_>) -> Vec<Part> {
+    let columns = ["Plot", "What", "Over", "Exponent (interval)", "Range", "Cells"];
+    let mut table = page.table("Exponents", &columns);
+    table = table.with(ColumnKind::Numbers, &columns[3..]).with_class("sortable");
+    for run in &page.runs {
+        table = table.with_rows(facts::exponents(run.view).into_iter().map(|exponent| {
+            let group =
+                Some(format!(" ({})", exponent.group)).filter(|_| !exponent.group.is_empty());
+            let fit = &exponent.fit;
+            let fields = [
+                exponent.section.span().into(),
+                Line::from(exponent.y_title()).and(group.unwrap_or_default()).into(),
+                exponent.x_title().into(),
+                Field { line: exponent.text().into(), value: Some(fit.exponent()) },
+                format!("{} – {}", si(fit.range.0), si(fit.range.1)).into(),
+                fit.slope.n.to_string().into(),
+            ];
+            page.of_run(run, fields)
+        }));
     }
-    let heads = html! {
-        (page.run_head()) (words(&["Plot", "What", "Over"])) (numbers(&["Exponent (interval)", "Range", "Cells"]))
-    };
-    Some(html! {
-        p.lead {
-            "Exponents b of y ∝ xᵇ, fitted to the cells whose fixed cost is at most a tenth of the time: 1 is linear. The interval is that of "
-            "95 % over the rounds of sampling, or the extremes with one cell left out where figures are exact. Of medians: cells were "
-            "measured apart, so medians are fitted, and the interval is by resampling each cell."
-        }
-        (table("Exponents", "sortable", &heads, &rows))
-    })
-}
-
-fn row(page: &Page<'_>, run: &PageRun<'_>, exponent: &Exponent<'_, '_>) -> Markup {
-    let (id, fit) = (exponent.section.id, &exponent.fit);
-    html! {
-        tr {
-            @if page.is_overlay() { td { (run.label) } }
-            td { a href={ "#plot-" (id) } { (id) } }
-            th scope="row" { (exponent.y_title()) @if !exponent.group.is_empty() { " (" (exponent.group) ")" } }
-            td { (exponent.x_title()) }
-            td.number data-v=(fit.exponent()) { (exponent.text()) }
-            td.number { (si(fit.range.0)) " – " (si(fit.range.1)) }
-            td.number { (fit.slope.n) }
-        }
+    if table.rows.is_empty() {
+        return Vec::new();
     }
+    let about = "Exponents b of y ∝ xᵇ, fitted to the cells whose fixed cost is at most a tenth of the time: 1 is linear. The interval is that of \
+                 95 % over the rounds of sampling, or the extremes with one cell left out where figures are exact. Of medians: cells were \
+                 measured apart, so medians are fitted, and the interval is by resampling each cell.";
+    vec![Part::paragraph(about), Part::Table(table)]
 }
 
 #[cfg(test)]
@@ -59,12 +50,12 @@ mod tests {
 
     #[test]
     fn every_exponent_has_a_row_in_each_run() {
-        let html = written(write, &fixtures::run());
+        let html = written(SECTION.write, &fixtures::run());
         let rows = facts::exponents(&crate::testing::view()).len();
         assert!(rows > 10 && html.matches("<tr>").count() == rows + 1, "{html}");
         let mut rows_of_plot = html.split("<tr>").filter(|row| row.contains("#plot-uw-photons"));
         assert!(rows_of_plot.any(|row| row.contains(">caustics/trace<")), "{html}");
-        assert_eq!(overlaid(write).matches("<td>two</td>").count(), rows);
-        assert_eq!(written(write, &fixtures::all_skipped()), "");
+        assert_eq!(overlaid(SECTION.write).matches("<td>two</td>").count(), rows);
+        assert_eq!(written(SECTION.write, &fixtures::all_skipped()), "");
     }
 }

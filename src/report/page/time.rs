@@ -1,13 +1,13 @@
 //! Where the time of a frame goes: a bar for each frame that stands for a pipeline.
 
 use itertools::Itertools;
-use maud::{Markup, html};
+use maud::html;
 
-use super::parts::{numbers, table, words};
 use super::{Fold, Page, PageRun, PageSection};
-use crate::axis::tenth;
+use crate::charts::shares;
+use crate::document::{self, ColumnKind, Field, Line, Part, Span};
 use crate::facts::{self, Representative, StageShare};
-use crate::format::{self, NS_PER_MS, three};
+use crate::format::{self, NS_PER_MS, percent, three};
 use fathom_base::statistics;
 
 pub const SECTION: PageSection = PageSection {
@@ -15,30 +15,42 @@ pub const SECTION: PageSection = PageSection {
     title: "Where the time goes",
     question: "Which stage dominates a frame?",
     fold: Fold::Folded,
-    write,
+    write: |page| document::of(parts(page)),
 };
+
+/// Stages below this share of a frame stand in one row.
+const SMALL_SHARE: f64 = 0.04;
 
 /// A frame as each run that timed it has it.
 type SameFrame<'a> = Vec<(&'a PageRun<'a>, Representative<'a>)>;
 
-fn write(page: &Page<'_>) -> Option<Markup> {
+pub fn parts(page: &Page<'_>) -> Vec<Part> {
     let frames = frames(page);
-    frames.first()?;
-    Some(html! {
-        p.lead {
-            "One bar per pipeline, at the measurable setting closest to the defaults. A segment is a stage's share of the sum of all "
-            "stages, by median times. A stage below the clock's resolution has no segment."
-        }
-        div.controls.script-only {
-            label { "Length of the bars "
-                select #time-unit {
-                    option value="share" { "per cent of the frame's stages" }
-                    option value="ms" { "ms, one scale for all" }
-                }
-            }
-        }
-        div #time-frames { @for frame in &frames { (same_frame(page, frame)) } }
-    })
+    if frames.is_empty() {
+        return Vec::new();
+    }
+    let columns = ["Frame", "Stage", "Time (ms)", "Share of the stages", "Clock"];
+    let table = page.table("Stages of a frame of each pipeline", &columns);
+    let table = table.with(ColumnKind::Numbers, &columns[2..4]);
+    let rows = frames.iter().flatten().flat_map(|(run, frame)| {
+        rows(page, frame).into_iter().map(move |row| page.of_run(run, row))
+    });
+    vec![
+        Part::paragraph(
+            "One bar per pipeline, at the measurable setting closest to the defaults. A segment is a stage's share of the sum of all \
+             stages, by median times, with 95 % intervals in the table. A stage below the clock's resolution has no segment.",
+        ),
+        Part::Chart(bars(page, &frames)),
+        Part::Table(table.with_rows(rows)),
+    ]
+}
+
+fn bars(page: &Page<'_>, frames: &[SameFrame<'_>]) -> String {
+    let rows = frames.iter().flatten().map(|(run, frame)| {
+        let run = if page.is_overlay() { format!(", {}", run.label) } else { String::new() };
+        (format!("{}{run}", frame.cell.pipeline), resolved(frame))
+    });
+    shares(&rows.collect_vec(), &page.colors)
 }
 
 /// The frame nearest to the defaults first.
@@ -55,88 +67,57 @@ fn frames<'a>(page: &'a Page<'a>) -> Vec<SameFrame<'a>> {
     in_runs.collect()
 }
 
-fn same_frame(page: &Page<'_>, frame: &SameFrame<'_>) -> Markup {
-    let Some((_, first)) = frame.first() else { return html! {} };
-    html! {
-        h3.frame-name {
-            (first.cell.pipeline) " "
-            span.faint { (first.cell.experiment) ", " (first.conditions()) }
-        }
-        @for (run, frame) in frame {
-            div.frame-head {
-                @if page.is_overlay() { span.run { (run.label) } " " }
-                span { "Frame: " b { (frame_ms(frame)) } " ms, n = " (frame.measured.frame.untimed.n) }
-            }
-            (bar(page, frame))
-            (every_stage(page, frame))
-        }
-    }
-}
-
 fn frame_ms(frame: &Representative<'_>) -> String {
     let frame = &frame.measured.frame;
     format::ms(&frame.untimed, &frame.untimed_samples_ns)
-}
-
-fn bar(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
-    let stages = resolved(frame);
-    let sum_ns: f64 = stages.iter().map(|share| share.stage.time.median).sum();
-    html! {
-        div.stack.chart-bars role="img" aria-label=(about(frame)) data-ms=(three(sum_ns / NS_PER_MS)) {
-            @for StageShare { stage, share } in &stages {
-                @let color = page.colors.of(&stage.stage);
-                @let tip = format!("{}: {} ms, {}", stage.stage, format::stage_ms(stage), facts::share(share));
-                span.part.mark data-tip=(tip) title=(tip)
-                    style={ "width:" (tenth(100.0 * stage.time.median / sum_ns.max(f64::MIN_POSITIVE))) "%;background:" (color.hex()) ";color:" (color.ink().hex()) } {
-                    span.part-name {
-                        span { (stage.stage) }
-                        span { (three(stage.time.median / NS_PER_MS)) " ms" }
-                    }
-                }
-            }
-        }
-    }
 }
 
 fn resolved<'a>(frame: &Representative<'a>) -> Vec<StageShare<'a>> {
     frame.stages().into_iter().filter(|share| share.stage.is_resolved()).collect()
 }
 
-/// The bar in one sentence.
-fn about(frame: &Representative<'_>) -> String {
-    let pipeline = &frame.cell.pipeline;
-    match frame.slowest() {
-        Some(slowest) => format!(
-            "Stages of {pipeline}; the longest is {} with {}.",
-            slowest.stage.stage,
-            facts::share(&slowest.share)
-        ),
-        None => format!("No stage of {pipeline} is above the clock's resolution."),
+/// The frame's longest stages, the sum of its short ones, and the gaps between its passes.
+fn rows(page: &Page<'_>, frame: &Representative<'_>) -> Vec<[Field; 5]> {
+    let stages =
+        frame.stages().into_iter().sorted_by(|a, b| b.share.median.total_cmp(&a.share.median));
+    let (long, short): (Vec<_>, Vec<_>) = stages.partition(|s| s.share.median >= SMALL_SHARE);
+    let sum = |of: fn(&StageShare<'_>) -> f64| short.iter().map(of).sum::<f64>();
+    let others = (!short.is_empty()).then(|| {
+        [
+            Line::default(),
+            format!("{} other{}", short.len(), if short.len() == 1 { "" } else { "s" }).into(),
+            three(sum(|share| share.stage.time.median) / NS_PER_MS).into(),
+            percent(sum(|share| share.share.median)).into(),
+            Line::default(),
+        ]
+    });
+    let gaps_ns = statistics::median(&frame.measured.frame.gap_samples_ns);
+    let gaps = gaps_ns.is_finite().then(|| {
+        let ms = three(gaps_ns / NS_PER_MS);
+        [Line::default(), "gaps between passes".into(), ms.into(), "–".into(), "–".into()]
+    });
+    let rows = long.iter().map(|share| of_stage(page, share)).chain(others).chain(gaps);
+    let mut rows: Vec<[Field; 5]> = rows.map(|row| row.map(Field::from)).collect();
+    if let Some(first) = rows.first_mut() {
+        let cell = frame.cell;
+        let place = format!(" ({} {}, {})", cell.experiment, cell.cell, frame.conditions());
+        let n = frame.measured.frame.untimed.n;
+        let told = Line::from(format!("{}: {} ms, n = {n}", cell.pipeline, frame_ms(frame)));
+        first[0] = told.and(Span::Faint(place)).into();
     }
+    rows
 }
 
-fn every_stage(page: &Page<'_>, frame: &Representative<'_>) -> Markup {
-    let gaps_ns = statistics::median(&frame.measured.frame.gap_samples_ns);
-    html! {
-        details.stage-table {
-            summary { "every stage" }
-            @let heads = html! { (words(&["Stage"])) (numbers(&["Time, ms (95 %)", "Share (95 %)"])) (words(&["Clock"])) };
-            @let rows = html! {
-                @for StageShare { stage, share } in &frame.stages() {
-                    tr {
-                        th scope="row" { span.swatch style={ "background:" (page.colors.of(&stage.stage).hex()) } {} (stage.stage) }
-                        td.number { (format::stage_ms(stage)) }
-                        td.number { @if stage.is_resolved() { (facts::share(share)) } @else { "–" } }
-                        td { (stage.clock.name()) }
-                    }
-                }
-                @if gaps_ns.is_finite() {
-                    tr { th scope="row" { "gaps between passes" } td.number { (three(gaps_ns / NS_PER_MS)) } td.number { "–" } td { "–" } }
-                }
-            };
-            (table(&format!("Stages of {}", frame.cell.pipeline), "", &heads, &rows))
-        }
-    }
+fn of_stage(page: &Page<'_>, StageShare { stage, share }: &StageShare<'_>) -> [Line; 5] {
+    let color = page.colors.of(&stage.stage).hex();
+    let swatch = html! { span.swatch style={ "background:" (color) } {} };
+    [
+        Line::default(),
+        Line::from(Span::Drawn(swatch)).and(stage.stage.as_str()),
+        format::stage_ms(stage).into(),
+        format!("{}{}", if stage.is_resolved() { "" } else { "< " }, facts::share(share)).into(),
+        stage.clock.name().into(),
+    ]
 }
 
 #[cfg(test)]
@@ -146,29 +127,26 @@ mod tests {
     use fathom_experiments::fixtures;
     use fathom_record::Cell;
 
-    /// Widths of the parts of the first bar, per cent.
-    fn widths(html: &str) -> Vec<f64> {
-        let bar = html.split("class=\"stack").nth(1).unwrap().split("</div>").next().unwrap();
-        let widths = bar.split("width:").skip(1);
-        widths.map(|rest| rest.split('%').next().unwrap().parse().unwrap()).collect()
-    }
-
     #[test]
     fn the_default_frame_comes_first_and_its_parts_fill_the_bar() {
-        let records = fixtures::run();
-        let html = written(write, &records);
-        let first = html.split("<h3").nth(1).unwrap();
-        assert!(first.contains("uw-default") && first.contains("caustics/trace"), "{first}");
-        let sum: f64 = widths(&html).iter().sum();
+        let html = written(SECTION.write, &fixtures::run());
+        let first = html.split("<tr>").nth(2).unwrap();
+        assert!(first.contains("uw-default"), "{first}");
+        let titles = html.split("<title>underwater, ").skip(1);
+        let shares = titles.map(|title| title.split([';', '%']).nth(1).unwrap().trim());
+        let sum: f64 = shares.map(|share| share.parse::<f64>().unwrap()).sum();
         assert!((sum - 100.0).abs() < 1.0, "{sum}");
     }
 
     #[test]
     fn the_same_frame_of_two_runs_stands_together() {
-        let html = overlaid(write);
-        let first = html.split("<h3").nth(1).unwrap();
-        assert_eq!(first.matches("class=\"stack").count(), 2);
-        assert!(first.contains(">one<") && first.contains(">two<"));
+        let html = overlaid(SECTION.write);
+        let rows: Vec<&str> =
+            html.split("<tr>").filter(|row| row.contains("(uw-default ")).collect();
+        assert!(
+            rows.len() == 2 && rows[0].contains(">one<") && rows[1].contains(">two<"),
+            "{rows:?}"
+        );
     }
 
     #[test]
@@ -184,16 +162,14 @@ mod tests {
                 resolution_ns: 1e12,
             });
         }
-        let html = written(write, &records);
-        let frame = html.split("<h3").find(|part| part.contains("uw-default")).unwrap();
-        let bar = frame.split("<details").next().unwrap();
-        assert!(!bar.contains("caustics/trace:"), "{bar}");
-        let row = frame.split("<tr>").find(|row| row.contains("caustics/trace")).unwrap();
-        assert!(row.contains("&lt; ") && row.contains("–"), "{row}");
+        let html = written(SECTION.write, &records);
+        assert!(!html.contains("underwater, caustics/trace"), "{html}");
+        let row = html.split("<tr>").find(|row| row.contains("caustics/trace")).unwrap();
+        assert_eq!(row.matches("&lt; ").count(), 2, "{row}");
     }
 
     #[test]
     fn nothing_is_written_where_nothing_was_timed() {
-        assert_eq!(written(write, &fixtures::all_skipped()), "");
+        assert_eq!(written(SECTION.write, &fixtures::all_skipped()), "");
     }
 }

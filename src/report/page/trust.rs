@@ -1,112 +1,98 @@
 //! How far the run can be trusted: its clocks, the cost and precision of its times, and how they moved while it ran.
 
-use itertools::Itertools;
-use maud::{Markup, html};
-
-use super::parts::{numbers, table, words};
-use super::{Fold, Page, PageRun, PageSection};
+use super::{Fold, Page, PageSection, Tone};
 use crate::ReportView;
-use crate::axis::{Axis, ScaleKind, tenth};
+use crate::axis::{Scale, ScaleKind};
+use crate::charts::points::{Point, PointChart, Series};
+use crate::charts::style::{self, Marker};
+use crate::document::{self, ColumnKind, Line, Part, Span, Table};
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::noise::RunVerdict;
-use crate::svg::{chart, x_axis, y_axis};
 use crate::trust::{self, TimedSample};
 use fathom_base::statistics;
-use fathom_record::{AuditRow, Clock, PassKind, Rejection, Run};
+use fathom_record::{AuditRow, Clock, Estimate, Interval, PassKind, Rejection, Run};
+use itertools::Itertools;
 
 pub const SECTION: PageSection = PageSection {
     id: "trust",
     title: "Trust",
     question: "Which clocks were used, how precise are the times, did the machine drift?",
     fold: Fold::Folded,
-    write,
+    write: |page| document::of(parts(page)),
 };
 
-/// Of a chart, pixels.
-const WIDTH_PX: f64 = 340.0;
-const HEIGHT_PX: f64 = 240.0;
-const LEFT_PX: f64 = 46.0;
-const RIGHT_PX: f64 = 326.0;
-const TOP_PX: f64 = 30.0;
-const BOTTOM_PX: f64 = 196.0;
-
-/// Samples that are drawn over time.
-const MOST_SAMPLES: usize = 2_000;
-/// Spans of time whose median is a mark.
+const CHART_PX: (u32, u32) = (560, 260);
+/// Spans of time whose samples are a mark.
 const SPANS: usize = 24;
-/// Share of the samples that the axis may leave out at either end, so that a few slow frames do not press the others flat.
-const BEYOND: f64 = 0.005;
 
-fn write(page: &Page<'_>) -> Option<Markup> {
-    let runs: Vec<(&PageRun<'_>, &Run)> =
-        page.runs.iter().filter_map(|run| Some((run, trust::worst(run.view)?))).collect();
-    if runs.is_empty() {
-        return None;
-    }
-    Some(html! {
-        @for (on_page, run) in runs {
-            @if page.is_overlay() { h3 { (on_page.label) } }
-            p { b { (trust::verdict(run)) } " " "Clock: " (trust::conditions(run)) "." }
-            @if on_page.view.runs.len() > 1 { (sittings(on_page.view)) }
-            (audit(run))
-            div.grid.charts { (over_time(&trust::samples_by_time(on_page.view))) }
-            (facts(on_page.view, run))
+fn parts(page: &Page<'_>) -> Vec<Part> {
+    let mut parts = Vec::new();
+    for on_page in &page.runs {
+        let view = on_page.view;
+        let Some(run) = trust::worst(view) else { continue };
+        parts.extend(page.is_overlay().then(|| Part::Heading(on_page.label.as_str().into())));
+        let verdict = Line::from(Span::Bold(trust::verdict(run)));
+        parts.push(Part::Paragraph(verdict.and(format!(" Clock: {}.", trust::conditions(run)))));
+        if view.runs.len() > 1 {
+            parts.push(Part::paragraph(format!(
+                "The run was measured in {} sittings. The audit and the costs below are those of the sitting with the least reliable clocks.",
+                view.runs.len()
+            )));
+            parts.push(Part::Table(sittings(view)));
         }
-    })
+        if !run.audit.is_empty() {
+            let about =
+                "Each clock compared with the host clock, for a kernel of N and of 2 N work:";
+            parts.extend([Part::paragraph(about), Part::Table(audit(run))]);
+        }
+        parts.extend(over_time(&trust::samples_by_time(view)));
+        parts.push(Part::list(facts(view, run)));
+    }
+    parts
 }
 
 /// What each sitting of a run that was resumed or merged was timed by.
-fn sittings(view: &ReportView<'_>) -> Markup {
+fn sittings(view: &ReportView<'_>) -> Table {
     let cells = view.entries().filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
-    html! {
-        p.faint { "The run was measured in " (view.runs.len()) " sittings. The audit and the costs below are those of the sitting with the least reliable clocks." }
-        @let heads = html! {
-            (words(&["Started", "Machine"])) (numbers(&["Cells"])) (words(&["Clock", "Can it be trusted?"]))
-        };
-        @let rows = html! {
-            @for run in &view.runs {
-                tr {
-                    th scope="row" { (run.started_at) }
-                    td { (run.conditions.host.as_deref().unwrap_or("–")) }
-                    td.number { (cells.get(&std::ptr::from_ref(*run)).copied().unwrap_or(0)) }
-                    td { (trust::conditions(run)) }
-                    td { (trust::verdict(run)) }
-                }
-            }
-        };
-        (table("Sittings", "", &heads, &rows))
-    }
+    let columns = ["Started", "Machine", "Cells", "Clock", "Can it be trusted?"];
+    let rows = view.runs.iter().map(|run| {
+        let count = cells.get(&std::ptr::from_ref(*run)).copied().unwrap_or(0);
+        let host = run.conditions.host.clone().unwrap_or_else(|| "–".to_owned());
+        let [clock, verdict] = [trust::conditions(run), trust::verdict(run)];
+        [run.started_at.clone(), host, count.to_string(), clock, verdict]
+    });
+    Table::new("Sittings", columns).with(ColumnKind::Numbers, &columns[2..3]).with_rows(rows)
 }
 
-fn audit(run: &Run) -> Markup {
-    html! {
-        @if !run.audit.is_empty() {
-            p.faint { "Each clock compared with the host clock, for a kernel of N and of 2 N work:" }
-            @let heads = html! {
-                (words(&["Clock", "Pass", "In its command buffer"]))
-                (numbers(&["Clock (ms)", "Host (ms)", "Clock / host", "2 N / N"]))
-                (words(&["Verdict", "Why"]))
-            };
-            (table("Clock audit", "", &heads, &html! { @for row in &run.audit { (audit_row(row)) } }))
-        }
-    }
-}
-
-fn audit_row(row: &AuditRow) -> Markup {
-    let (class, verdict) = if row.sound { ("good", "✓ sound") } else { ("bad", "✕ unusable") };
-    html! {
-        tr {
-            td { (row.clock.name()) }
-            td { (row.pass) }
-            td { (row.context) }
-            td.number { (three(row.clock_ns / NS_PER_MS)) }
-            td.number { (three(row.host_ns / NS_PER_MS)) }
-            td.number { (format!("{:.3}", row.ratio)) }
-            td.number { (format!("{:.2}", row.doubling)) }
-            td { span.chip.(class) { (verdict) } }
-            td { (row.reason) }
-        }
-    }
+fn audit(run: &Run) -> Table {
+    let columns = [
+        "Clock",
+        "Pass",
+        "In its command buffer",
+        "Clock (ms)",
+        "Host (ms)",
+        "Clock / host",
+        "2 N / N",
+        "Verdict",
+        "Why",
+    ];
+    let row = |row: &AuditRow| {
+        let sound = if row.sound { (Tone::Good, "sound") } else { (Tone::Bad, "unusable") };
+        [
+            row.clock.name().into(),
+            row.pass.to_string().into(),
+            row.context.to_string().into(),
+            three(row.clock_ns / NS_PER_MS).into(),
+            three(row.host_ns / NS_PER_MS).into(),
+            format!("{:.3}", row.ratio).into(),
+            format!("{:.2}", row.doubling).into(),
+            Span::Chip(sound.0, sound.1.to_owned()).into(),
+            Line::from(row.reason.as_str()),
+        ]
+    };
+    Table::new("Clock audit", columns)
+        .with(ColumnKind::Numbers, &columns[3..7])
+        .with_rows(run.audit.iter().map(row))
 }
 
 /// Only timestamps measure the frame apart from its stages.
@@ -114,104 +100,87 @@ fn has_timestamps(view: &ReportView<'_>) -> bool {
     view.runs.iter().any(|run| run.clocks.values().contains(&Clock::Timestamp))
 }
 
-/// Every sample by the time when it was taken, as per cent off the median of its cell; and medians over spans of time.
-fn over_time(samples: &[TimedSample]) -> Markup {
-    let Some(last) = samples.last() else { return html! {} };
-    let off: Vec<f64> = samples.iter().map(|sample| 100.0 * (sample.relative - 1.0)).collect();
-    let low = statistics::quantile(&off, BEYOND).min(-1.0);
-    let high = statistics::quantile(&off, 1.0 - BEYOND).max(1.0);
-    let vertical = Axis::spanning(ScaleKind::Linear, [low, high], [BOTTOM_PX, TOP_PX]);
-    let across = [0.0, (last.at_s / 60.0).max(1e-3)];
-    let horizontal = Axis::spanning(ScaleKind::Linear, across, [LEFT_PX, RIGHT_PX]);
-    let (Some(vertical), Some(horizontal)) = (vertical, horizontal) else { return html! {} };
-    let beyond = off.iter().filter(|off| !(low..=high).contains(*off)).count();
-    let step = samples.len().div_ceil(MOST_SAMPLES);
-    let place = |(sample, off): (&TimedSample, &f64)| {
-        [horizontal.px_within(sample.at_s / 60.0), vertical.px_within(*off)]
+/// How frame times moved: the median and the middle half of all samples of each span of time, as per cent off the median of their cells.
+fn over_time(samples: &[TimedSample]) -> Vec<Part> {
+    let Some(last) = samples.last() else { return Vec::new() };
+    let index = |sample: &&TimedSample| {
+        ((sample.at_s / last.at_s.max(f64::MIN_POSITIVE) * SPANS as f64) as usize).min(SPANS - 1)
     };
-    let cloud = samples.iter().zip(&off).step_by(step).map(place);
-    let content = html! {
-        (x_axis(&horizontal, [TOP_PX, BOTTOM_PX], "Time since the first sample (min)"))
-        (y_axis(&vertical, [LEFT_PX, RIGHT_PX], "Frame time off its cell's median (%)"))
-        path.cloud d=(squares(cloud)) {}
-        @for span in spans(samples, last.at_s) {
-            circle.mark.median cx=(horizontal.px_within(span.at_s / 60.0)) cy=(vertical.px_within(span.off)) r="4" {
-                title { (span.tip()) }
-            }
-        }
+    let spans = samples.iter().chunk_by(|sample| index(sample));
+    let points = spans.into_iter().map(|(_, span)| point(&span.collect_vec())).collect();
+    let series = Series {
+        name: String::new(),
+        remarks: Vec::new(),
+        color: style::color(0),
+        marker: Marker::of(0),
+        points,
+        is_joined: false,
+        fit: None,
     };
-    html! {
-        figure {
-            (chart([WIDTH_PX, HEIGHT_PX], "Frame times in the order in which they were measured", &content))
-            figcaption {
-                (samples.len().div_ceil(step)) " of " (samples.len()) " samples; large dots are medians over spans of time."
-                @if beyond > 0 { " " (beyond) " samples lie beyond the axis and are drawn at its edge." }
-            }
-        }
-    }
-}
-
-/// Squares of 2 pixels, as one path: thousands of elements would be slow.
-fn squares(places: impl Iterator<Item = [f64; 2]>) -> String {
-    places.map(|[x, y]| format!("M{} {}h2v2h-2z", tenth(x - 1.0), tenth(y - 1.0))).collect()
+    let scales = [series.xs().collect_vec(), series.ys().collect_vec()]
+        .map(|values| Scale::fit(ScaleKind::Linear, values));
+    let [Some(x), Some(y)] = scales else { return Vec::new() };
+    let chart = PointChart {
+        title: String::new(),
+        x_title: "time since the first sample (min)".to_owned(),
+        y_title: "off the cell's median (%)".to_owned(),
+        x,
+        y,
+        series: vec![series],
+        changes: Vec::new(),
+    };
+    let svg = chart.svg(CHART_PX, "Frame times in the order in which they were measured");
+    let words = format!(
+        "Frame times off the medians of their cells: a dot is the median over a span of time, its line the middle half of the samples. \
+         {} samples.",
+        samples.len()
+    );
+    vec![Part::Chart(svg), Part::paragraph(words)]
 }
 
 /// The samples of a span of time.
-struct Span {
-    at_s: f64,
-    /// Median, per cent off the cells' medians.
-    off: f64,
-    n: usize,
-}
-
-impl Span {
-    fn tip(&self) -> String {
-        format!("{} min: median {:+.2} %, n = {}", three(self.at_s / 60.0), self.off, self.n)
+fn point(samples: &[&TimedSample]) -> Point {
+    let all = |of: fn(&TimedSample) -> f64| samples.iter().map(|sample| of(sample)).collect_vec();
+    let minutes = statistics::median(&all(|sample| sample.at_s / 60.0));
+    let off = all(|sample| 100.0 * (sample.relative - 1.0));
+    let [low, median, high] = [0.25, 0.5, 0.75].map(|share| statistics::quantile(&off, share));
+    Point {
+        x: minutes,
+        y: Estimate { median, interval: Some(Interval { low, high }), n: off.len() },
+        tip: format!("{} min: median {median:+.2} %, n = {}", three(minutes), off.len()),
+        category: None,
+        published: None,
     }
 }
 
-fn spans(samples: &[TimedSample], last_s: f64) -> Vec<Span> {
-    let index = |sample: &&TimedSample| {
-        ((sample.at_s / last_s.max(f64::MIN_POSITIVE) * SPANS as f64) as usize).min(SPANS - 1)
-    };
-    let grouped = samples.iter().chunk_by(|sample| index(sample));
-    let span = |(_, samples): (usize, _)| {
-        let samples: Vec<&TimedSample> = Iterator::collect(samples);
-        let middle = |of: fn(&TimedSample) -> f64| {
-            statistics::median(&samples.iter().map(|sample| of(sample)).collect_vec())
-        };
-        Span {
-            at_s: middle(|sample| sample.at_s),
-            off: 100.0 * (middle(|sample| sample.relative) - 1.0),
-            n: samples.len(),
-        }
-    };
-    grouped.into_iter().map(span).collect()
-}
-
-fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
+fn facts(view: &ReportView<'_>, run: &Run) -> Vec<String> {
     let costs = run.submit_cost_ns.iter();
     let costs = costs.map(|(kind, ns)| submission(*kind, *ns)).join(", ");
-    html! {
-        ul.facts {
-            @for fact in trust::facts(view) { li { (fact.about) ": " (fact.words) "." } }
-            @if view.timed().next().is_some() { li { (accounting(view)) } }
-            @if let Some(drift) = RunVerdict::of(view).and_then(|verdict| verdict.drift) {
-                li {
-                    "Drift of frame times: " (drift.words()) ", n = " (drift.per_minute.n) " spans of time. Median slope over all pairs of "
-                    "spans (Sen 1968) of the median change of the cells that both have; spans of 10 s or more are taken for independent."
-                }
-            }
-            li { (rejected(view)) }
-            @if !costs.is_empty() { li { "Cost of a submission as the audit measured it: " (costs) "." } }
-            @if let Some(set_up) = set_up(view) { li { (set_up) } }
-            @if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
-                li { "Peak memory of the process: " (mebibytes(bytes)) "." }
-            }
-            @if view.ends.last().is_none_or(|end| end.interrupted) { li { "The run ended early. What was measured until then is shown." } }
-            @for note in &run.notes { li { "Note: " (note.text) "." } }
-        }
-    }
+    let drift = RunVerdict::of(view).and_then(|verdict| verdict.drift).map(|drift| {
+        format!(
+            "Drift of frame times: {}, n = {} spans of time. Median slope over all pairs of spans (Sen 1968) of the median change of the \
+             cells that both have; spans of 10 s or more are taken for independent.",
+            drift.words(),
+            drift.per_minute.n
+        )
+    });
+    let peak = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max();
+    let is_cut = view.ends.last().is_none_or(|end| end.interrupted);
+    let facts = trust::facts(view);
+    let mut all = facts.map(|(about, words)| format!("{about}: {words}.")).collect_vec();
+    let others = [
+        view.timed().next().map(|_| accounting(view)),
+        drift,
+        Some(rejected(view)),
+        (!costs.is_empty())
+            .then(|| format!("Cost of a submission as the audit measured it: {costs}.")),
+        set_up(view),
+        peak.map(|bytes| format!("Peak memory of the process: {}.", mebibytes(bytes))),
+        is_cut.then(|| "The run ended early. What was measured until then is shown.".to_owned()),
+    ];
+    all.extend(others.into_iter().flatten());
+    all.extend(run.notes.iter().map(|note| format!("Note: {}.", note.text)));
+    all
 }
 
 fn submission(kind: PassKind, ns: f64) -> String {
@@ -284,11 +253,11 @@ mod tests {
 
     #[test]
     fn the_section_holds_audit_charts_and_facts() {
-        let text = written(write, &fixtures::run());
+        let text = written(SECTION.write, &fixtures::run());
         for expected in [
-            "✕ unusable",
+            "✕ </span>unusable",
             "begins late",
-            "Time since the first sample (min)",
+            "time since the first sample (min)",
             "Frames rejected: none",
             "set-up 21.0 s: pipelines 20.0 s, audit 1.00 s",
         ] {
@@ -297,14 +266,13 @@ mod tests {
     }
 
     #[test]
-    fn many_samples_are_thinned_and_said_to_be() {
+    fn samples_over_time_are_drawn_by_spans() {
         let sample =
             |i: usize| TimedSample { at_s: i as f64, relative: 1.0 + (i % 7) as f64 / 100.0 };
         let samples: Vec<TimedSample> = (0..10_000).map(sample).collect();
-        let text = over_time(&samples).into_string();
-        assert_eq!(text.matches("h2v2h-2z").count(), 2_000);
-        assert!(text.contains("2000 of 10000 samples"), "{text}");
-        assert_eq!(text.matches("class=\"mark median\"").count(), SPANS);
+        let text = document::html(&over_time(&samples)).into_string();
+        assert!(text.contains("10000 samples") && text.contains("median +3.00 %"), "{text}");
+        assert_eq!(text.matches("<title>").count(), SPANS);
     }
 
     #[test]
@@ -314,7 +282,7 @@ mod tests {
             let of = |fault: FaultKind| RejectedFrames { rejection: fault.into(), frames: 2 };
             measured.rejected = vec![of(FaultKind::Stale), of(FaultKind::Zero)];
         }
-        let text = written(write, &records);
+        let text = written(SECTION.write, &records);
         assert!(
             text.contains("Frames rejected: 6 (zero duration), 6 (stale timestamps)."),
             "{text}"

@@ -206,7 +206,7 @@ fn values_are_shown_under_the_pointer_and_by_the_arrow_keys(browser: &Browser, p
     assert_eq!(told, json!([false, true]));
     let walked = browser
         .eval(
-            "const chart = [...document.querySelectorAll('svg.chart')].find((chart) => chart.querySelectorAll('[data-tip]').length > 2);
+            "const chart = [...document.querySelectorAll('svg.fathom-chart')].find((chart) => chart.querySelectorAll('[data-tip]').length > 2);
              chart.focus();
              const press = (key) => chart.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true, cancelable: true }));
              const tip = document.getElementById('tip');

@@ -121,7 +121,7 @@ fn names_the_commits_of_a_change(place: &Place, db: &str) {
     holds(&page, &["20 runs", "n = 7"]);
     history(here, db, "show --out page").ends(0);
     let page = std::fs::read_to_string(here.join("page/index.html")).unwrap();
-    let parts = ["id=\"history\"", "own n=0 caustics/trace", after, "class=\"change bad\""];
+    let parts = ["id=\"history\"", "own n=0 caustics/trace", after, "class=\"chip bad\""];
     holds(&page, &parts);
     history(here, db, "show nowhere --out x").refused("nothing in this history fits `nowhere`");
 }

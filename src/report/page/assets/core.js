@@ -29,7 +29,7 @@ fathom.data = () => {
 };
 
 /* A mark's title is what the pointer and the keyboard show: the browser would show it a second time. */
-fathom.all("svg .mark > title").forEach((title) => {
+fathom.all("svg title").forEach((title) => {
   title.parentElement.dataset.tip = title.textContent;
   title.remove();
 });
@@ -66,20 +66,14 @@ fathom.all("svg .mark > title").forEach((title) => {
   });
 
   /* A chart is one stop of the tab key; arrows walk over its marks. */
-  fathom.walkable = (chart) => {
-    if (chart.querySelector("[data-tip]")) {
-      chart.setAttribute("tabindex", "0");
-      /* A list stays a list. */
-      if (chart instanceof SVGElement) {
-        chart.setAttribute("role", "application");
-        chart.setAttribute("aria-roledescription", "chart: arrow keys give the values");
-      }
-    }
-  };
-  fathom.all("svg.chart, .chart-bars").forEach(fathom.walkable);
+  fathom.all("svg.fathom-chart").filter((chart) => chart.querySelector("[data-tip]")).forEach((chart) => {
+    chart.setAttribute("tabindex", "0");
+    chart.setAttribute("role", "application");
+    chart.setAttribute("aria-roledescription", "chart: arrow keys give the values");
+  });
 
   document.addEventListener("keydown", (event) => {
-    const chart = event.target.closest?.("svg.chart, .chart-bars");
+    const chart = event.target.closest?.("svg.fathom-chart");
     const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
     if (event.key === "Escape") hide();
     if (!chart || !step) return;

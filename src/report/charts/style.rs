@@ -1,11 +1,13 @@
 //! Colours, markers, type, and the style sheet for dark pages.
 
 use itertools::Itertools;
+use maud::html;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
+use super::chart::TIP;
 use crate::colors::Color as StageColor;
-use crate::svg::Shape;
+use crate::page::Tone;
 
 /// Colours that are told apart with any colour vision (Okabe & Ito, *Color Universal Design* (2008)), without the yellow, which is
 /// faint on white.
@@ -26,28 +28,39 @@ pub const REST: RGBColor = RGBColor(150, 150, 150);
 pub const GAPS: RGBColor = RGBColor(200, 200, 200);
 /// Type on light fields, which stay light on a dark page.
 const ON_LIGHT: RGBColor = RGBColor(20, 20, 20);
+pub const GOOD: RGBColor = RGBColor(27, 110, 60);
+pub const BAD: RGBColor = RGBColor(179, 38, 30);
+pub const OPEN: RGBColor = RGBColor(138, 90, 0);
 /// What a claim allows.
 pub const BAND: RGBColor = RGBColor(222, 238, 228);
 
 /// Class of the root element, which the style sheet is confined to.
-const CLASS: &str = "fathom-plot";
+const CLASS: &str = "fathom-chart";
 /// Colours of a light page and what stands for them on a dark one. They come from nothing but this module's constants.
-const DARK: [(RGBColor, &str); 6] = [
-    (WHITE, "#14171a"),
-    (INK, "#e8e8e8"),
-    (FAINT, "#a8adb3"),
-    (GRID, "#363b41"),
+const DARK: [(RGBColor, &str); 9] = [
+    (WHITE, "#14171b"),
+    (INK, "#e6e8eb"),
+    (FAINT, "#a3abb6"),
+    (GRID, "#363c45"),
     (BAND, "#20382b"),
     (PALETTE[0], "#3d9be0"),
+    (GOOD, "#72cf95"),
+    (BAD, "#ff9a92"),
+    (OPEN, "#eab955"),
 ];
 
-/// The picture with a style sheet that replaces ink, grid and background where a dark page is asked for. Several pictures may
-/// stand in one page: the rules are the same, speak of this class alone, and no id is used.
-pub fn themed(svg: &str) -> String {
+/// The style sheet of all charts, which replaces ink, grid and background where a dark page is asked for. Its rules speak of one class
+/// alone.
+pub fn sheet() -> String {
     let rules: String = DARK.iter().map(|(light, dark)| rule(*light, dark)).collect();
-    let sheet = format!("<style>@media (prefers-color-scheme: dark) {{{rules}}}</style>");
-    let svg = svg.replacen("<svg ", &format!("<svg class=\"{CLASS}\" "), 1);
-    svg.replacen(">\n", &format!(">\n{sheet}\n"), 1)
+    format!(
+        ".{CLASS} text {{font-family: sans-serif}}@media (prefers-color-scheme: dark) {{{rules}}}"
+    )
+}
+
+/// The picture as a file, with the sheet in it.
+pub fn in_file(svg: &str) -> String {
+    svg.replacen(">\n", &format!(">\n<style>{}</style>\n", sheet()), 1)
 }
 
 /// White type lies on colours, and stays white.
@@ -58,6 +71,50 @@ fn rule(light: RGBColor, dark: &str) -> String {
     format!(
         ".{CLASS} {filled}[fill=\"{hex}\"]{{fill:{dark}}}.{CLASS} [stroke=\"{hex}\"]{{stroke:{dark}}}"
     )
+}
+
+/// Attributes that say what holds without them, or what the sheet says.
+const DEFAULTS: [&str; 5] = [
+    " opacity=\"1\"",
+    " stroke=\"none\"",
+    " stroke-width=\"1\"",
+    " text-anchor=\"start\"",
+    " font-family=\"sans-serif\"",
+];
+
+/// The picture with its class, with what it shows in words, and with titles where the drawing has tips.
+pub fn titled(svg: &str, about: &str) -> String {
+    let about = html! { (about) }.into_string();
+    let root = format!("<svg class=\"{CLASS}\" role=\"img\" aria-label=\"{about}\" ");
+    let mut svg = svg.replacen("<svg ", &root, 1);
+    for default in DEFAULTS {
+        svg = svg.replace(default, "");
+    }
+    let mut pieces = svg.split("<text ");
+    let mut titled = pieces.next().unwrap_or_default().to_owned();
+    for piece in pieces {
+        let tip = piece.split_once(&format!(">\n{TIP}"));
+        let tip = tip.and_then(|(_, rest)| rest.split_once("\n</text>\n"));
+        let shape = titled.rfind('<').filter(|_| titled.ends_with("/>\n"));
+        match tip.zip(shape) {
+            Some(((words, rest), start)) => {
+                let name = titled[start + 1..].split(' ').next().unwrap_or_default().to_owned();
+                titled.truncate(titled.len() - "/>\n".len());
+                titled += &format!("><title>{words}</title></{name}>\n{rest}");
+            }
+            None => titled += &format!("<text {piece}"),
+        }
+    }
+    titled
+}
+
+pub fn of_tone(tone: Tone) -> RGBColor {
+    match tone {
+        Tone::Good => GOOD,
+        Tone::Bad => BAD,
+        Tone::Open => OPEN,
+        Tone::Neutral => FAINT,
+    }
 }
 
 pub fn of_stage(color: StageColor) -> RGBColor {
@@ -159,10 +216,9 @@ pub fn shade(share: f64) -> RGBColor {
 }
 
 /// Type that stands out against a colour: white on dark, ink on light.
-pub fn on(color: RGBColor, style: TextStyle<'static>) -> TextStyle<'static> {
-    let RGBColor(r, g, b) = color;
-    let luma = 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
-    style.color(if luma < 130.0 { &WHITE } else { &ON_LIGHT })
+pub fn on(RGBColor(r, g, b): RGBColor, style: TextStyle<'static>) -> TextStyle<'static> {
+    let is_dark = StageColor(r, g, b).ink() != StageColor(0, 0, 0);
+    style.color(if is_dark { &WHITE } else { &ON_LIGHT })
 }
 
 /// A line of text in pieces of at most `limit` characters, broken at spaces.
@@ -176,6 +232,34 @@ pub fn wrap(line: &str, limit: usize) -> Vec<String> {
         }
     };
     line.split(' ').map(str::to_owned).coalesce(join).collect()
+}
+
+/// The shape of marks, so that series differ by more than colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Shape {
+    Circle,
+    Square,
+    Triangle,
+    Diamond,
+    Hanging,
+    Upright,
+}
+
+/// What the points of a series are marked with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Marker {
+    pub shape: Shape,
+    pub hollow: bool,
+}
+
+impl Marker {
+    /// By a series' place among those of its colour: every shape filled, then every shape hollow, and so on: labels tell them apart.
+    pub fn of(place: usize) -> Marker {
+        use Shape::*;
+        let shapes = [Circle, Square, Triangle, Diamond, Hanging, Upright];
+        let count = shapes.len();
+        Marker { shape: shapes[place % count], hollow: place % (2 * count) >= count }
+    }
 }
 
 /// Outline of the marker of a series, as offsets in pixels from the point: shapes tell series apart without colour.

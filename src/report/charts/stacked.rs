@@ -3,8 +3,11 @@
 use plotters::prelude::RGBColor;
 
 use super::chart::{BarChart, Item, Legend, Mark};
-use super::{PlotInput, names, style};
-use crate::format::{NS_PER_MS, three};
+use super::{Panel, PlotInput, WIDTH_PX, drawing, names, style};
+use crate::axis::Scale;
+use crate::colors::StageColors;
+use crate::facts::{self, StageShare};
+use crate::format::{self, NS_PER_MS, three};
 use fathom_base::statistics;
 use fathom_experiments::Measure;
 use fathom_experiments::schema::Published;
@@ -22,6 +25,49 @@ struct Bar {
     frame: Estimate,
     /// From the shortest to the longest published time.
     published: Option<[f64; 2]>,
+}
+
+/// Pixels of a bar of 100 % at least: labels take the rest.
+const SHARES_PX: f64 = 560.0;
+
+/// Frames in per cent of their stages, each under its label.
+pub fn shares(rows: &[(String, Vec<StageShare<'_>>)], colors: &StageColors) -> String {
+    let mut items = Vec::new();
+    for ((label, stages), row) in rows.iter().zip((0..rows.len()).rev()) {
+        let middle = row as f64 + 0.5;
+        let sum_ns: f64 = stages.iter().map(|share| share.stage.time.median).sum();
+        let mut start = 0.0;
+        for StageShare { stage, share } in stages {
+            let length = 100.0 * stage.time.median / sum_ns.max(f64::MIN_POSITIVE);
+            let color = style::of_stage(colors.of(&stage.stage));
+            let [name, ms] = [stage.stage.as_str(), &format::stage_ms(stage)];
+            let tip = format!(
+                "{label}, {name}; {length:.1} % of the medians: {ms} ms, {}",
+                facts::share(share)
+            );
+            let corners = [(start, row as f64 + 0.1), (start + length, row as f64 + 0.9)];
+            items.extend([Item::Bar(corners, color), Item::Tip(tip)]);
+            if f64::from(style::width_px(name, style::SMALL_PX)) < length / 100.0 * SHARES_PX {
+                items.push(Item::Within(name.to_owned(), (start + length / 2.0, middle), color));
+            }
+            start += length;
+        }
+        items.push(Item::Label(label.clone(), middle));
+    }
+    let chart = BarChart {
+        x_title: "share of the stages' times (%)".to_owned(),
+        scale: Scale::named(
+            [0.0, 100.0],
+            [0.0, 25.0, 50.0, 75.0, 100.0].map(|at| (at, format!("{at}"))),
+        ),
+        rows_px: rows.len() as u32 * BAR_PX,
+        rows: rows.len() as f64,
+        right_px: 20,
+        legend: Legend::default(),
+        items,
+    };
+    let size_px = (WIDTH_PX, chart.height_px());
+    drawing(size_px, "Stages of a frame of each pipeline", |area| chart.draw(area))
 }
 
 /// None where no cell was timed.
@@ -42,25 +88,26 @@ pub fn chart(input: &PlotInput<'_>) -> Option<BarChart> {
     let of_stages = stages.iter().map(|stage| style::of_stage(input.colors.of(stage)));
     let colors: Vec<RGBColor> = of_stages.chain([style::REST, style::GAPS]).collect();
     let rows = bars.iter().zip((0..bars.len()).rev());
+    let names = [&stages[..], &OTHERS].concat();
     Some(BarChart {
         x_title: "time (ms)".to_owned(),
         scale: BarChart::scale(ends)?,
         rows_px: bars.len() as u32 * BAR_PX,
         rows: bars.len() as f64,
         right_px: 110,
-        items: rows.flat_map(|(bar, row)| bar.items(row as f64, &colors)).collect(),
-        legend: legend(&stages, &bars, &colors),
+        items: rows.flat_map(|(bar, row)| bar.items(row as f64, &names, &colors)).collect(),
+        legend: legend(&names, &bars, &colors),
     })
 }
 
-fn legend(stages: &[&str], bars: &[Bar], colors: &[RGBColor]) -> Legend {
-    let others = ["all other stages", "gaps between passes"];
-    let named = stages.iter().copied().chain(others).zip(colors).enumerate();
-    let is_shown =
-        |place: usize| place < stages.len() || bars.iter().any(|bar| bar.parts[place] > 0.0);
-    let shown = named.filter(|(place, _)| is_shown(*place));
+/// What stands behind the stages of a bar.
+const OTHERS: [&str; 2] = ["all other stages", "gaps between passes"];
+
+fn legend(names: &[&str], bars: &[Bar], colors: &[RGBColor]) -> Legend {
+    let named = names.iter().zip(colors).enumerate();
+    let shown = named.filter(|(place, _)| bars.iter().any(|bar| bar.parts[*place] > 0.0));
     let mut entries: Vec<(Mark, String)> =
-        shown.map(|(_, (name, color))| (Mark::Square(*color), name.to_owned())).collect();
+        shown.map(|(_, (name, color))| (Mark::Square(*color), (*name).to_owned())).collect();
     entries.push((Mark::Diamond, "frame without stage timing".to_owned()));
     if bars.iter().any(|bar| bar.published.is_some()) {
         entries.push((Mark::Published, "published".to_owned()));
@@ -100,13 +147,14 @@ impl Bar {
         }
     }
 
-    fn items(&self, row: f64, colors: &[RGBColor]) -> Vec<Item> {
+    fn items(&self, row: f64, names: &[&str], colors: &[RGBColor]) -> Vec<Item> {
         let (middle, mut start) = (row + 0.5, 0.0);
         let mut items = Vec::new();
-        for (length, color) in self.parts.iter().zip(colors) {
+        for ((length, name), color) in self.parts.iter().zip(names).zip(colors) {
             if *length > 0.0 {
                 let corners = [(start, row + 0.18), (start + length, row + 0.82)];
-                items.push(Item::Bar(corners, *color));
+                let tip = Item::Tip(format!("{name}: {} ms", three(*length)));
+                items.extend([Item::Bar(corners, *color), tip]);
             }
             start += length;
         }

@@ -8,9 +8,11 @@ mod chart;
 mod lines;
 mod map;
 pub(super) mod names;
+pub mod points;
 mod ratios;
 mod stacked;
-mod style;
+mod strip;
+pub mod style;
 
 use indexmap::IndexSet;
 use itertools::Itertools;
@@ -18,6 +20,7 @@ use plotters::drawing::DrawingAreaErrorKind;
 use plotters::prelude::*;
 
 use self::{lines::Lines, map::Map};
+pub use self::{stacked::shares, strip::strip};
 use super::colors::StageColors;
 use super::page::Tone;
 use super::{Artifact, Exporter, OfRun, ReportView, RunExporter, Section, Written};
@@ -127,27 +130,23 @@ pub fn file_name(section: &Section<'_>) -> String {
 
 fn export(view: &ReportView<'_>) -> Vec<Artifact> {
     let drawn = view.sections.iter().filter_map(|section| {
-        let svg = section.figure().svg.clone()?;
-        Some(Artifact::of(file_name(section), svg))
+        let svg = section.figure().svg.as_ref()?;
+        Some(Artifact::of(file_name(section), style::in_file(svg)))
     });
     drawn.collect()
 }
 
-/// A drawing of this height with a title.
-fn drawing(height_px: u32, title: &str, draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
+/// A drawing of this size; `about` says in one sentence what it shows.
+fn drawing(size_px: (u32, u32), about: &str, draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
     let mut svg = String::new();
     {
-        let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height_px)).into_drawing_area();
-        let drawn = root
-            .fill(&WHITE)
-            .and_then(|()| root.draw_text(title, &style::title(), (16, 12)))
-            .and_then(|()| draw(&root))
-            .and_then(|()| root.present());
+        let root = SVGBackend::with_string(&mut svg, size_px).into_drawing_area();
+        let drawn = root.fill(&WHITE).and_then(|()| draw(&root)).and_then(|()| root.present());
         // It cannot fail but by a bug in the drawing.
         drawn.expect("a string takes every drawing");
     }
     // The backend escapes marks of XML; what XML cannot hold at all is left to do.
-    text::block(svg)
+    text::block(style::titled(&svg, about))
 }
 
 impl<'s> Framed<'s> {
@@ -253,7 +252,8 @@ fn picture(section: &Section<'_>, common: &str, panels: &[Framed<'_>]) -> String
     let head_px = TITLE_PX + subtitle.len() as u32 * LINE_PX + 10;
     let height_px = head_px + panels.iter().map(Framed::height_px).sum::<u32>();
     let title = format!("{}: {}", section.id, section.title());
-    let svg = drawing(height_px, &title, |root| {
+    drawing((WIDTH_PX, height_px), &title, |root| {
+        root.draw_text(&title, &style::title(), (16, 12))?;
         for (index, line) in (0..).zip(&subtitle) {
             let y = (TITLE_PX + index * LINE_PX) as i32;
             root.draw_text(line, &style::small(), (16, y))?;
@@ -265,8 +265,7 @@ fn picture(section: &Section<'_>, common: &str, panels: &[Framed<'_>]) -> String
             rest = below;
         }
         Ok(())
-    });
-    style::themed(&svg)
+    })
 }
 
 #[cfg(test)]
@@ -336,10 +335,10 @@ mod tests {
             assert!(sizes.len() > 10, "{name}");
             assert!(!svg.contains(" id=\""), "{name}");
             let sheet = svg.split("<style>").nth(1).unwrap().split("</style>").next().unwrap();
-            let rules = sheet.split(" {").nth(1).unwrap();
+            let rules = sheet.split("dark) {").nth(1).unwrap();
             let selectors = rules.split('}').map(|rule| rule.split('{').next().unwrap());
             for selector in selectors.filter(|selector| !selector.is_empty()) {
-                assert!(selector.starts_with(".fathom-plot "), "{selector}");
+                assert!(selector.starts_with(".fathom-chart "), "{selector}");
             }
         }
     }

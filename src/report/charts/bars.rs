@@ -5,7 +5,7 @@ use plotters::prelude::RGBColor;
 
 use super::chart::{BarChart, Item, Legend, Mark};
 use super::{PlotInput, names, style};
-use crate::format::three;
+use crate::format::{interval, three};
 use fathom_experiments::label_text;
 use fathom_experiments::schema::{Plot, Published};
 use fathom_record::Estimate;
@@ -86,7 +86,8 @@ impl Bar {
         let published = published.map(|at| Item::Line([(at, row), (at, top)], 4));
         let n = self.n.map_or_else(String::new, |n| format!(", n = {n}"));
         let bar = Item::Bar([(0.0, row + 1.0), (self.value.median, top - 1.0)], color);
-        let mut items = vec![bar, Item::Line([(low, middle), (high, middle)], 2)];
+        let tip = Item::Tip(interval(&self.value) + &n);
+        let mut items = vec![bar, tip, Item::Line([(low, middle), (high, middle)], 2)];
         items.extend(published);
         items.push(Item::Words(three(self.value.median) + &n, (high, middle), 6));
         items

@@ -4,9 +4,9 @@ use plotters::chart::{ChartContext, MeshStyle};
 use plotters::coord::ranged1d::{Ranged, ValueFormatter};
 use plotters::prelude::*;
 
-use super::{Area, Drawn, Panel, WIDTH_PX, style};
+use super::style::{self, Marker};
+use super::{Area, Drawn, Panel, WIDTH_PX};
 use crate::axis::{Scale, ScaleKind};
-use crate::svg::Marker;
 
 /// Axis below the bars, with its title.
 const AXIS_PX: u32 = 48;
@@ -28,6 +28,14 @@ pub fn mesh<'a, 'b, 'm, Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
     mesh
 }
 
+/// What stands before a tip in a drawing: plotters knows no titles, so [`style::titled`] makes one of it.
+pub const TIP: char = '\u{1}';
+
+/// Gives the shape that was drawn last a title, which a reader sees under the pointer.
+pub fn tip(area: &Area<'_>, words: &str) -> Drawn {
+    area.draw_text(&format!("{TIP}{words}"), &style::small(), (0, 0))
+}
+
 /// A chart of horizontal rows, such as bars.
 pub struct BarChart {
     pub x_title: String,
@@ -45,6 +53,10 @@ pub struct BarChart {
 /// What a chart of rows shows, by its coordinates.
 pub enum Item {
     Bar([(f64, f64); 2], RGBColor),
+    /// What the item before it shows.
+    Tip(String),
+    /// Words in the middle of a bar of this colour.
+    Within(String, (f64, f64), RGBColor),
     /// With its width in pixels.
     Line([(f64, f64); 2], u32),
     Dot((f64, f64), RGBColor),
@@ -105,6 +117,10 @@ impl Panel for BarChart {
         };
         self.items.iter().try_for_each(|item| match item {
             Item::Bar(corners, color) => plot.draw(&Rectangle::new(*corners, color.filled())),
+            Item::Tip(words) => tip(&area, words),
+            Item::Within(words, at, color) => {
+                write(words, style::centered(style::on(*color, style::small())), *at, 0)
+            }
             Item::Line(ends, width_px) => {
                 plot.draw(&PathElement::new(ends.to_vec(), style::INK.stroke_width(*width_px)))
             }

@@ -1,0 +1,245 @@
+//! Panels of series over a number: scaling plots (logarithmic, with fitted exponents) and linear ones. Few series share a chart
+//! and are named at their ends; many are drawn as small charts side by side.
+
+use itertools::Itertools;
+
+use super::points::{MOST_Y_TITLE, Point, PointChart, Series};
+use super::style::Marker;
+use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
+use crate::axis::{Scale, ScaleKind};
+use crate::facts::exponent;
+use crate::format::interval;
+use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind, Published};
+use fathom_experiments::{Measure, Scaling, groups, label_text, scaling};
+use fathom_record::Cell;
+
+/// Series that one chart can hold.
+const MOST_TOGETHER: usize = 5;
+/// Height of a chart with its axis.
+const HEIGHT_PX: u32 = 350;
+const SMALL_HEIGHT_PX: u32 = 320;
+
+pub struct Lines {
+    charts: Vec<PointChart>,
+}
+
+/// A measure of the cells of a group, and where both stand in the plot.
+struct Part<'s> {
+    y: &'s Measure,
+    place: usize,
+    /// What its cells share on the other axes.
+    group: String,
+    group_place: usize,
+    groups: usize,
+    cells: Vec<&'s Cell>,
+}
+
+impl Lines {
+    /// None where no series has a point.
+    pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Option<Lines> {
+        let parts = parts(plot, input);
+        let together = parts.len() <= MOST_TOGETHER;
+        let chart_of = |part: &Part<'_>| match plot.y.len() {
+            _ if together => 0,
+            1 => part.group_place,
+            _ => part.place,
+        };
+        let charts = parts.chunk_by(|a, b| chart_of(a) == chart_of(b));
+        let charts = charts.filter_map(|parts| chart(plot, parts, together, input));
+        let mut charts: Vec<PointChart> = charts.collect();
+        if plot.kind == PlotKind::Scaling {
+            share_scales(&mut charts)?;
+        }
+        (!charts.is_empty()).then_some(Lines { charts })
+    }
+
+    /// Charts side by side: as many as the names of their series have room for.
+    fn columns(&self) -> usize {
+        let most = match self.charts.len() {
+            1 => 1,
+            2 | 4 => 2,
+            _ => 3,
+        };
+        let names_px = self.charts.iter().map(PointChart::names_px).max().unwrap_or(0);
+        (2..=most).rev().find(|columns| names_px <= WIDTH_PX / *columns as u32).unwrap_or(1)
+    }
+
+    fn head_px(&self) -> u32 {
+        self.charts.iter().map(PointChart::head_px).max().unwrap_or_default()
+    }
+
+    fn row_px(&self) -> u32 {
+        if self.charts.len() == 1 { HEIGHT_PX } else { self.head_px() + SMALL_HEIGHT_PX }
+    }
+}
+
+impl Panel for Lines {
+    fn height_px(&self) -> u32 {
+        self.charts.len().div_ceil(self.columns()) as u32 * self.row_px()
+    }
+
+    fn draw(&self, area: &Area<'_>) -> Drawn {
+        if let [chart] = self.charts.as_slice() {
+            return chart.draw_with_names(area);
+        }
+        let width = WIDTH_PX / self.columns() as u32;
+        let mut rest = area.clone();
+        for row in self.charts.chunks(self.columns()) {
+            let (mut line, below) = rest.split_vertically(self.row_px());
+            for chart in row {
+                let (place, right) = line.split_horizontally(width);
+                chart.draw_small(&place, self.head_px())?;
+                line = right;
+            }
+            rest = below;
+        }
+        Ok(())
+    }
+}
+
+/// The same scales for all charts, so that they can be compared; none where a scale cannot be made.
+fn share_scales(charts: &mut [PointChart]) -> Option<()> {
+    let all = || charts.iter().flat_map(|chart| &chart.series);
+    let x = Scale::fit(ScaleKind::Log, all().flat_map(Series::xs))?;
+    let y = Scale::fit(ScaleKind::Log, all().flat_map(Series::ys))?;
+    for chart in charts {
+        (chart.x, chart.y) = (x.clone(), y.clone());
+    }
+    Some(())
+}
+
+fn parts<'s>(plot: &'s Plot, input: &PlotInput<'s>) -> Vec<Part<'s>> {
+    let groups: Vec<Vec<&Cell>> = match &plot.over {
+        Some(over) => groups(&input.cells, over).into_iter().map(|(_, cells)| cells).collect(),
+        None => vec![input.cells.clone()],
+    };
+    let pairs = plot.y.iter().enumerate().cartesian_product(groups.iter().enumerate());
+    let part = |((place, y), (group_place, cells)): ((usize, _), (usize, &Vec<&'s Cell>))| Part {
+        y,
+        place,
+        group: names::group(plot, cells, input.experiment),
+        group_place,
+        groups: groups.len(),
+        cells: cells.clone(),
+    };
+    pairs.map(part).collect()
+}
+
+fn chart(
+    plot: &Plot,
+    parts: &[Part<'_>],
+    together: bool,
+    input: &PlotInput<'_>,
+) -> Option<PointChart> {
+    let kind = match plot.kind {
+        PlotKind::Scaling => ScaleKind::Log,
+        _ => ScaleKind::Linear,
+    };
+    let measure = plot.x.as_ref()?;
+    let several = together && plot.y.len() > 1;
+    let mut all: Vec<(&Measure, Series)> = Vec::new();
+    for part in parts {
+        let series = series(plot, measure, part, several, input);
+        // What would hide another is drawn once, under both names.
+        match all.iter_mut().find(|(y, other)| *y == part.y && coincide(other, &series)) {
+            _ if series.points.is_empty() => {}
+            Some((_, other)) => other.name += &format!("; {}", series.name),
+            None => all.push((part.y, series)),
+        }
+    }
+    let series: Vec<Series> = all.into_iter().map(|(_, series)| series).collect();
+    let first = parts.first()?;
+    let x = Scale::fit(kind, series.iter().flat_map(Series::xs))?;
+    let y = Scale::fit(kind, series.iter().flat_map(Series::ys))?;
+    let x_title = plot.x_title.clone().unwrap_or_else(|| measure.label().text());
+    let y_title = names::y_title(plot, (!several).then_some(first.y));
+    Some(PointChart {
+        title: match plot.y.len() {
+            _ if together => String::new(),
+            1 => first.group.clone(),
+            _ => names::measure(first.y),
+        },
+        x_title: format!("{x_title}, {} scale", kind.short()),
+        y_title: format!("{}, {}", style::cut(&y_title, MOST_Y_TITLE), kind.short()),
+        x,
+        y,
+        series,
+        changes: Vec::new(),
+    })
+}
+
+/// One would hide the other.
+fn coincide(a: &Series, b: &Series) -> bool {
+    let places =
+        |series: &Series| series.points.iter().map(|point| [point.x, point.y.median]).collect_vec();
+    places(a) == places(b)
+}
+
+/// `several`: its chart has several measures. A stage has its colour; else measures, or groups of one, have those of the palette.
+fn series(
+    plot: &Plot,
+    x: &Measure,
+    part: &Part<'_>,
+    several: bool,
+    input: &PlotInput<'_>,
+) -> Series {
+    let Part { y, place, group_place, groups, .. } = *part;
+    let factors = [(x, &plot.x_title), (y, &plot.y_title)]
+        .map(|(measure, title)| names::factor(measure, title.as_ref()));
+    let category = plot.over.as_ref().filter(|over| input.experiment.is_category(over));
+    let fit = (category.is_none() && plot.kind == PlotKind::Scaling)
+        .then(|| scaling(y, x, &part.cells, FIXED_SHARE).ok())
+        .flatten();
+    let mut counts = Vec::new();
+    let point = |cell: &&Cell| {
+        let measured = cell.measured()?;
+        let reading = y.read(cell, measured)?;
+        let x = x.read(cell, measured)?.median() * factors[0];
+        let value = reading.estimate().scaled(factors[1]);
+        counts.extend(reading.n());
+        let n = reading.n().map_or_else(String::new, |n| format!(", n = {n}"));
+        Some(Point {
+            x,
+            tip: format!("{}: {}{n}", cell.cell, interval(&value)),
+            y: value,
+            category: category.and_then(|over| cell.axes.get(over)).map(label_text),
+            published: input.published(cell, y).map(Published::span_ms),
+        })
+    };
+    let points = part.cells.iter().filter_map(point);
+    let points = points.sorted_by(|a, b| a.x.total_cmp(&b.x)).collect();
+    let is_named = several || part.group.is_empty();
+    let name = is_named.then(|| names::measure(y));
+    let group = Some(part.group.clone()).filter(|group| !group.is_empty());
+    Series {
+        name: name.into_iter().chain(group).join(", "),
+        remarks: remarks(fit.as_ref(), counts),
+        color: match y.stage_name().filter(|stage| input.colors.has(stage)) {
+            Some(stage) => style::of_stage(input.colors.of(&stage)),
+            _ if several => style::color(place),
+            _ => style::color(group_place),
+        },
+        marker: Marker::of(if several { place * groups + group_place } else { group_place }),
+        points,
+        is_joined: category.is_none(),
+        fit: fit.map(|fit| {
+            [fit.range.0, fit.range.1].map(|x| {
+                let y = (fit.slope.intercept + fit.slope.slope * x.ln()).exp();
+                [x * factors[0], y * factors[1]]
+            })
+        }),
+    }
+}
+
+/// The fitted exponent, and the fewest and the most samples of a point where not all are exact.
+fn remarks(fit: Option<&Scaling>, counts: Vec<usize>) -> Vec<String> {
+    let exponent = fit.map(|fit| match fit.left_out {
+        0 => format!("exponent {}", exponent(fit)),
+        cells => format!("exponent {}, {cells} left out", exponent(fit)),
+    });
+    let counts = counts.into_iter().minmax().into_option().map(|counts| match counts {
+        (least, most) if least == most => format!("n = {least}"),
+        (least, most) => format!("n = {least} – {most}"),
+    });
+    exponent.into_iter().chain(counts).collect()
+}

@@ -1,0 +1,367 @@
+//! A document: parts in their order. Three writers turn them into text for a terminal, Markdown and HTML.
+
+use maud::{Markup, PreEscaped, html};
+
+use crate::page::{Tone, parts};
+use fathom_base::text;
+
+/// Words with their look.
+#[derive(Clone)]
+pub enum Span {
+    Words(String),
+    Bold(String),
+    Faint(String),
+    Code(String),
+    Link {
+        words: String,
+        to: String,
+    },
+    Chip(Tone, String),
+    /// An experiment, with the file that holds its plots: a page has them itself.
+    Experiment {
+        id: String,
+        file: Option<String>,
+    },
+    /// Seen on a page alone.
+    Drawn(Markup),
+}
+
+/// A sentence, or a field of a table.
+#[derive(Clone, Default)]
+pub struct Line(pub Vec<Span>);
+
+impl From<String> for Line {
+    fn from(words: String) -> Line {
+        Span::Words(words).into()
+    }
+}
+
+impl From<&str> for Line {
+    fn from(words: &str) -> Line {
+        words.to_owned().into()
+    }
+}
+
+impl From<Span> for Line {
+    fn from(span: Span) -> Line {
+        Line(vec![span])
+    }
+}
+
+impl Line {
+    pub fn and(mut self, more: impl Into<Line>) -> Line {
+        self.0.extend(more.into().0);
+        self
+    }
+
+    fn plain(&self) -> String {
+        let words = self.0.iter().map(|span| match span {
+            Span::Words(words) | Span::Bold(words) | Span::Faint(words) | Span::Code(words) => {
+                words
+            }
+            Span::Link { words, .. } | Span::Chip(_, words) => words,
+            Span::Experiment { id, .. } => id,
+            Span::Drawn(_) => "",
+        });
+        text::line(&words.collect::<String>())
+    }
+
+    pub fn markdown(&self) -> String {
+        self.markdown_with(text::code)
+    }
+
+    /// In a table a bar divides fields, also within code.
+    fn markdown_field(&self) -> String {
+        self.markdown_with(|code| text::code(code).replace('|', "\\|"))
+    }
+
+    fn markdown_with(&self, code: impl Fn(&str) -> String) -> String {
+        let spans = self.0.iter().map(|span| match span {
+            Span::Words(words) | Span::Faint(words) | Span::Chip(_, words) => text::markdown(words),
+            Span::Bold(words) => format!("**{}**", text::markdown(words)),
+            Span::Code(words) => code(words),
+            Span::Link { words, to } => format!("[{}]({})", text::markdown(words), text::link(to)),
+            Span::Experiment { id, file: Some(file) } => {
+                format!("[{}]({})", text::markdown(id), text::link(file))
+            }
+            Span::Experiment { id, .. } => text::markdown(id),
+            Span::Drawn(_) => String::new(),
+        });
+        spans.collect()
+    }
+
+    pub fn html(&self) -> Markup {
+        html! {
+            @for span in &self.0 {
+                @match span {
+                    Span::Words(words) => (words),
+                    Span::Bold(words) => strong { (words) },
+                    Span::Faint(words) => span.faint { (words) },
+                    Span::Code(words) => code { (words) },
+                    Span::Link { words, to } => a href=(to) { (words) },
+                    Span::Chip(tone, words) => (tone.chip(words)),
+                    Span::Experiment { id, .. } => a.source href={ "#plot-" (id) } { (id) },
+                    Span::Drawn(markup) => (markup),
+                }
+            }
+        }
+    }
+}
+
+pub enum Part {
+    /// Of a document's largest parts.
+    Title(Line),
+    Heading(Line),
+    Paragraph(Line),
+    List(Vec<Line>),
+    Table(Table),
+    /// A picture as SVG, in the text of a page alone.
+    Chart(String),
+    /// What a reader of a page opens.
+    Fold(Line, Vec<Part>),
+}
+
+impl Part {
+    /// The same with at most so many rows or items and without what is folded, and words on where the rest is.
+    pub fn cut(self, most: usize, place: &Line) -> Vec<Part> {
+        let more_on =
+            |more: usize| Line::from(format!("… and {more} more on the ")).and(place.clone());
+        match self {
+            Part::Table(mut table) => {
+                let more = table.rows.len().saturating_sub(most);
+                table.rows.truncate(most);
+                let words = (more > 0).then(|| Part::Paragraph(more_on(more)));
+                std::iter::once(Part::Table(table)).chain(words).collect()
+            }
+            Part::List(mut lines) => {
+                let more = lines.len().saturating_sub(most);
+                lines.truncate(most);
+                lines.extend((more > 0).then(|| more_on(more)));
+                vec![Part::List(lines)]
+            }
+            Part::Fold(line, _) => {
+                vec![Part::Paragraph(line.and(": on the ").and(place.clone()))]
+            }
+            part => vec![part],
+        }
+    }
+
+    pub fn paragraph(words: impl Into<Line>) -> Part {
+        Part::Paragraph(words.into())
+    }
+
+    pub fn list<T: Into<Line>>(items: impl IntoIterator<Item = T>) -> Part {
+        Part::List(items.into_iter().map(Into::into).collect())
+    }
+}
+
+/// A field of a table. A page sorts by its value.
+#[derive(Clone)]
+pub struct Field {
+    pub line: Line,
+    pub value: Option<f64>,
+}
+
+impl<T: Into<Line>> From<T> for Field {
+    fn from(line: T) -> Field {
+        Field { line: line.into(), value: None }
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum ColumnKind {
+    Words,
+    /// Wide.
+    Sentences,
+    Numbers,
+    /// Seen on a page alone.
+    Drawings,
+}
+
+impl ColumnKind {
+    /// Of CSS.
+    fn class(self) -> Option<&'static str> {
+        match self {
+            ColumnKind::Numbers => Some("number"),
+            ColumnKind::Sentences => Some("claim"),
+            _ => None,
+        }
+    }
+}
+
+pub struct Table {
+    /// What it holds, in a few words.
+    about: String,
+    columns: Vec<(String, ColumnKind)>,
+    pub rows: Vec<Vec<Field>>,
+    /// Of CSS.
+    class: &'static str,
+}
+
+impl Table {
+    /// With columns of words.
+    pub fn new<S: Into<String>>(
+        about: impl Into<String>,
+        columns: impl IntoIterator<Item = S>,
+    ) -> Table {
+        let columns = columns.into_iter().map(|title| (title.into(), ColumnKind::Words)).collect();
+        Table { about: about.into(), columns, rows: Vec::new(), class: "" }
+    }
+
+    /// Makes columns with these titles those of another kind.
+    pub fn with(mut self, kind: ColumnKind, titles: &[&str]) -> Table {
+        let columns = self.columns.iter_mut();
+        columns.filter(|(title, _)| titles.contains(&title.as_str())).for_each(|c| c.1 = kind);
+        self
+    }
+
+    pub fn with_class(self, class: &'static str) -> Table {
+        Table { class, ..self }
+    }
+
+    pub fn with_rows<F: Into<Field>, R: IntoIterator<Item = F>>(
+        mut self,
+        rows: impl IntoIterator<Item = R>,
+    ) -> Table {
+        self.rows.extend(rows.into_iter().map(|row| row.into_iter().map(Into::into).collect()));
+        self
+    }
+
+    /// The head and every row, without what only a page shows.
+    fn texts(&self, write: fn(&Line) -> String) -> Vec<Vec<String>> {
+        let shown = |(_, kind): &&(String, ColumnKind)| *kind != ColumnKind::Drawings;
+        let head = self.columns.iter().filter(shown);
+        let head = head.map(|(title, _)| write(&title.as_str().into())).collect();
+        let rows = self.rows.iter().map(|row| {
+            let fields = row.iter().zip(&self.columns).filter(|(_, column)| shown(column));
+            fields.map(|(field, _)| write(&field.line)).collect()
+        });
+        std::iter::once(head).chain(rows).collect()
+    }
+
+    /// With an empty line after it.
+    pub fn markdown(&self) -> String {
+        let mut lines = self.texts(Line::markdown_field).into_iter();
+        let row = |fields: Vec<String>| format!("| {} |\n", fields.join(" | "));
+        let head = lines.next().unwrap_or_default();
+        let rule = format!("{}|\n", "|---".repeat(head.len()));
+        row(head) + &rule + &lines.map(row).collect::<String>() + "\n"
+    }
+
+    fn html(&self) -> Markup {
+        let heads = html! {
+            @for (title, kind) in &self.columns {
+                th class=[kind.class()] scope="col" { (title) }
+            }
+        };
+        let rows = html! {
+            @for row in &self.rows {
+                tr {
+                    @for (field, (_, kind)) in row.iter().zip(&self.columns) {
+                        td class=[kind.class()] data-v=[field.value] { (field.line.html()) }
+                    }
+                }
+            }
+        };
+        parts::table(&self.about, self.class, &heads, &rows)
+    }
+}
+
+/// Text for a terminal: columns in step, and nothing folded.
+pub fn terminal(parts: &[Part]) -> String {
+    let write = |part: &Part| match part {
+        Part::Title(line) | Part::Heading(line) => format!("\n{}\n", line.plain()),
+        Part::Paragraph(line) => line.plain() + "\n",
+        Part::List(lines) if lines.is_empty() => String::new(),
+        Part::List(lines) => {
+            let lines = lines.iter().map(|line| line.plain() + "\n");
+            std::iter::once("\n".to_owned()).chain(lines).collect()
+        }
+        Part::Table(table) => {
+            format!("\n{}\n", text::columns(&table.texts(Line::plain)).join("\n"))
+        }
+        Part::Chart(_) => String::new(),
+        Part::Fold(_, parts) => terminal(parts),
+    };
+    parts.iter().map(write).collect()
+}
+
+pub fn markdown(parts: &[Part]) -> String {
+    let write = |part: &Part| match part {
+        Part::Title(line) => format!("## {}\n\n", line.markdown()),
+        Part::Heading(line) => format!("### {}\n\n", line.markdown()),
+        Part::Paragraph(line) => line.markdown() + "\n\n",
+        Part::List(lines) if lines.is_empty() => String::new(),
+        Part::List(lines) => {
+            let items = lines.iter().map(|line| format!("- {}\n", line.markdown()));
+            items.collect::<String>() + "\n"
+        }
+        Part::Table(table) => table.markdown(),
+        Part::Chart(_) => String::new(),
+        Part::Fold(line, parts) => format!(
+            "<details><summary>{}</summary>\n\n{}</details>\n\n",
+            line.markdown(),
+            markdown(parts)
+        ),
+    };
+    parts.iter().map(write).collect()
+}
+
+/// For a section of a page, which is left out where it has no parts.
+pub fn of(parts: Vec<Part>) -> Option<Markup> {
+    (!parts.is_empty()).then(|| html(&parts))
+}
+
+pub fn html(parts: &[Part]) -> Markup {
+    html! {
+        @for part in parts {
+            @match part {
+                Part::Title(line) | Part::Heading(line) => h3 { (line.html()) },
+                Part::Paragraph(line) => p { (line.html()) },
+                Part::List(lines) => @if !lines.is_empty() { ul { @for line in lines { li { (line.html()) } } } },
+                Part::Table(table) => (table.html()),
+                Part::Chart(svg) => div.scroll tabindex="0" role="region" aria-label="Chart" { (PreEscaped(svg)) },
+                Part::Fold(line, parts) => details { summary { (line.html()) } (html(parts)) },
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every kind of part and of span, with names that mean something to each writer.
+    #[test]
+    fn three_writers_say_the_same() {
+        let chip = Line::from(Span::Chip(Tone::Bad, "a|b".to_owned()));
+        let drawn = Field::from(Span::Drawn(html! { svg {} }));
+        let table = Table::new("Rows", ["name", "strip", "n"])
+            .with(ColumnKind::Drawings, &["strip"])
+            .with(ColumnKind::Numbers, &["n"])
+            .with_rows([[chip.into(), drawn, Field { value: Some(2.0), ..Field::from("<2>") }]]);
+        let link = Span::Link { words: "page".to_owned(), to: "index.html".to_owned() };
+        let parts = [
+            Part::Heading("What".into()),
+            Part::paragraph(Line::from("see ").and(link)),
+            Part::Fold("all".into(), vec![Part::Table(table), Part::list(["*one*\n"])]),
+        ];
+        for (written, expected) in [
+            (terminal(&parts), "\nWhat\nsee page\n\nname  n\na|b   <2>\n\n*one* \n"),
+            (
+                markdown(&parts),
+                "### What\n\nsee [page](index.html)\n\n<details><summary>all</summary>\n\n| name | n |\n|---|---|\n| a\\|b | &lt;2> |\n\n- \\*one\\* \n\n</details>\n\n",
+            ),
+        ] {
+            assert_eq!(written, expected);
+        }
+        let page = html(&parts).into_string();
+        for expected in [
+            "<h3>What</h3><p>see <a href=\"index.html\">page</a></p><details><summary>all</summary>",
+            "<td class=\"number\" data-v=\"2\">&lt;2&gt;</td>",
+            "<td><svg></svg></td>",
+        ] {
+            assert!(page.contains(expected), "{page}");
+        }
+    }
+}
