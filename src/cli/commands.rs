@@ -20,7 +20,7 @@ use crate::harness::{
     verify as verifying,
 };
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Clock, FolderLock, OVER_BUDGET, PassKind, Reading, Record, Standing};
+use crate::record::{Clock, FolderLock, PassKind, Reading, Record, Standing};
 use crate::report::{self, ReportView};
 use crate::scene::assets::{self, AssetStatus};
 use crate::verify::{SkippedCase, Verified};
@@ -146,7 +146,7 @@ fn print_summary(summary: &Summary) {
     ));
     if *over_budget > 0 {
         tell::done(format!(
-            "{over_budget} cells {OVER_BUDGET}; `fathom run --resume` goes on with them"
+            "{over_budget} cells not run or not finished; `fathom run --resume` goes on with them"
         ));
     }
     let ratio = end.measuring_wall_s / end.measured_gpu_s;

@@ -280,17 +280,9 @@ pub fn records(out: &Path) -> Vec<Record> {
     reading.records
 }
 
-/// Of a cell that was sampled on the latest record.
 #[track_caller]
 pub fn cells(out: &Path) -> Vec<Cell> {
-    let mut latest: Vec<Cell> = Vec::new();
-    for cell in records(out).into_iter().filter_map(|record| Some(*record.try_as_cell()?)) {
-        match latest.iter_mut().find(|known| known.resume_key() == cell.resume_key()) {
-            Some(known) => *known = cell,
-            None => latest.push(cell),
-        }
-    }
-    latest
+    records(out).into_iter().filter_map(|record| Some(*record.try_as_cell()?)).collect()
 }
 
 #[track_caller]

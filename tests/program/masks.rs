@@ -1,7 +1,7 @@
 //! Adapters without a feature, and those on which no pipeline runs.
 
 use crate::common::{Ends, Place, SMALL, fathom, holds, records};
-use fathom::record::{Feature, Mask, NoteKind, Record, finished};
+use fathom::record::{Feature, Mask, NoteKind, Record, earlier};
 
 /// OpenGL copies no depth texture.
 #[test]
@@ -43,5 +43,5 @@ fn a_masked_run_is_not_taken_for_the_adapters_own() {
     // A run goes on with what was measured under the same mask alone.
     let mut whole = header.clone();
     whole.adapter.mask = Mask::default();
-    assert_eq!([header, &whole].map(|run| finished(&all, run).len()), [1, 0]);
+    assert_eq!([header, &whole].map(|run| earlier(&all, run).len()), [1, 0]);
 }
