@@ -100,7 +100,8 @@ impl Session {
         })
     }
 
-    fn reopen(&mut self) -> Result<(), String> {
+    /// Opens the device anew after its loss, once, or says why that is not possible.
+    pub fn reopen(&mut self) -> Result<(), String> {
         if std::mem::replace(&mut self.reopened, true) {
             return Err("it was lost before".to_owned());
         }
@@ -528,10 +529,6 @@ impl Executor for CellExecutor<'_, '_> {
 
     fn lost(&self) -> Option<String> {
         self.session.gpu.lost()
-    }
-
-    fn recover(&mut self) -> Result<(), String> {
-        self.session.reopen()
     }
 
     fn chains(&self, cells: &[usize]) -> Vec<Vec<usize>> {

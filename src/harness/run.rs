@@ -387,22 +387,30 @@ impl Measurement<'_> {
             self.skip(planned)?;
         }
         (0..planned.len()).for_each(|experiment| self.look(experiment));
+        let mut left = Outcome::OverBudget;
         while !self.interrupted.load(Ordering::Relaxed) {
             let deadline_s = self.output.deadline_s();
             let Some(batch) = self.schedule.next(deadline_s - self.output.now_s()) else { break };
             if self.report_if_due(&batch) {
                 continue;
             }
-            let known = self.output.records.len();
+            let before = (self.round, self.output.records.len());
             self.sample(&batch, deadline_s)?;
             self.look(batch.experiment);
-            if self.output.records.len() == known {
+            if let Some(lost) = self.session.gpu.lost()
+                && let Err(why) = self.session.reopen()
+            {
+                let reason = format!("device lost ({lost}) and not recovered: {why}");
+                left = Outcome::Failed { reason };
+                break;
+            }
+            if before == (self.round, self.output.records.len()) {
                 break;
             }
         }
         self.output.progress.end();
         if !self.interrupted.load(Ordering::Relaxed) {
-            self.tell_not_run()?;
+            self.record_left(left)?;
         }
         Ok(())
     }
@@ -471,12 +479,12 @@ impl Measurement<'_> {
         self.schedule.open.extend(open);
     }
 
-    /// Records the cells that the budget left. Those of which there are samples have a record.
-    fn tell_not_run(&mut self) -> Result<(), RecordError> {
+    /// Records the cells that the budget or a lost device left. Those of which there are samples have a record.
+    fn record_left(&mut self, left: Outcome) -> Result<(), RecordError> {
         let cells = self.planned.iter().flat_map(|planned| &planned.cells);
         let states = cells.zip(self.schedule.all());
         let states = states.filter(|(_, state)| !state.recorded && state.pairs == 0);
-        self.output.finish_all(states.map(|(cell, _)| cell.record(Outcome::OverBudget)).collect())
+        self.output.finish_all(states.map(|(cell, _)| cell.record(left.clone())).collect())
     }
 
     fn end(mut self) -> Result<Summary> {

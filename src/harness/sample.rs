@@ -87,8 +87,6 @@ pub trait Executor {
     fn lost(&self) -> Option<String> {
         None
     }
-    /// Opens the device anew after its loss, or says why that is not possible.
-    fn recover(&mut self) -> Result<(), String>;
     /// Seconds since any fixed moment.
     fn now_s(&self) -> f64;
     /// Seconds of Unix time.
@@ -212,7 +210,8 @@ pub fn targets(goal: Goal, pairs: &[usize]) -> Vec<usize> {
 }
 
 /// Samples `cells` up to the goal, or the deadline, or until `interrupted` is set. Cells of which anything was sampled are handed
-/// to [`Executor::finish`]; what there is of them when the time is over or the run is interrupted is only kept. Returns the number of the next round.
+/// to [`Executor::finish`]; what there is of them when the time is over, the run is interrupted or the device is lost is
+/// only kept. Returns the number of the next round.
 pub fn sample<X: Executor>(
     executor: &mut X,
     cells: &[usize],
@@ -230,7 +229,6 @@ pub fn sample<X: Executor>(
         executor,
         owes_one: settings.at_least_one,
         late: false,
-        hopeless: None,
     };
     let mut waiting = cells;
     while !waiting.is_empty() && !sampler.has_to_end() {
@@ -268,8 +266,6 @@ struct Sampler<'a, X: Executor> {
     owes_one: bool,
     /// A visit did not fit before the deadline.
     late: bool,
-    /// Why nothing can be measured any more.
-    hopeless: Option<String>,
 }
 
 impl<X: Executor> Sampler<'_, X> {
@@ -280,6 +276,7 @@ impl<X: Executor> Sampler<'_, X> {
     /// No further step is begun.
     fn is_over(&self) -> bool {
         self.interrupted.load(Ordering::Relaxed)
+            || self.executor.lost().is_some()
             || self.executor.now_s() >= self.settings.deadline_s
     }
 
@@ -364,7 +361,6 @@ impl<X: Executor> Sampler<'_, X> {
             self.spend(cell, start_s);
         }
         for Frame { cell, timed } in frames.iter().copied() {
-            // After the loss of the device the survivors are prepared anew, and warm up in their next visit.
             if self.is_over() || !self.live.get(&cell).is_some_and(|live| live.warm) {
                 continue;
             }
@@ -456,7 +452,7 @@ impl<X: Executor> Sampler<'_, X> {
         }
     }
 
-    /// Runs one step of a cell that is not closed; a failure closes the cell, and the loss of the device concerns all.
+    /// Runs one step of a cell that is not closed; a failure closes the cell.
     fn attempt(
         &mut self,
         cell: usize,
@@ -465,32 +461,11 @@ impl<X: Executor> Sampler<'_, X> {
         if !self.live.contains_key(&cell) {
             return Ok(());
         }
-        let result = match &self.hopeless {
-            Some(reason) => Err(Failure::Cell(reason.clone())),
-            None => step(self),
-        };
-        match result {
+        match step(self) {
             Ok(()) => Ok(()),
             Err(Failure::Cell(reason)) => self.close(cell, Err(reason)),
             Err(Failure::DeviceLost(reason)) => self.close(cell, Err(device_lost(&reason))),
         }
-    }
-
-    /// Prepares the surviving cells on a new device; they keep their samples and warm up again.
-    fn recover(&mut self, reason: &str) -> Result<(), X::Fatal> {
-        if let Err(why) = self.executor.recover() {
-            self.hopeless = Some(format!("device lost before ({reason}) and not recovered: {why}"));
-        }
-        let survivors: Vec<usize> = self.live.keys().copied().collect();
-        for cell in survivors {
-            let Some(live) = self.live.get_mut(&cell) else {
-                continue;
-            };
-            live.warm = false;
-            self.executor.release(cell);
-            self.attempt(cell, |sampler| sampler.executor.prepare(cell).map(|_| ()))?;
-        }
-        Ok(())
     }
 
     /// Closes a cell with what was sampled of it, unless it is closed.
@@ -515,27 +490,19 @@ impl<X: Executor> Sampler<'_, X> {
         self.live.remove(&cell);
         let finished = self.executor.finish(cell, result);
         self.executor.release(cell);
-        finished?;
-        // Its own steps may have lost the device, or those by which its figures were read.
-        match self.executor.lost().filter(|_| self.hopeless.is_none()) {
-            Some(reason) => self.recover(&reason),
-            None => Ok(()),
-        }
+        finished
     }
 
-    /// Hands over what the group's cells have. What rendered nothing, or comes when the run is over, stays for later. What has rendered on a
-    /// device that is lost renders once more, so that its figures can be read.
+    /// Hands over what the group's cells have. What rendered nothing, or comes when the run is over or the device is lost, is kept for later.
     fn finish_rest(&mut self) -> Result<(), X::Fatal> {
         while let Some((&cell, live)) = self.live.first_key_value() {
-            let rendered = live.warm || live.pair_s.is_some();
-            if self.is_over() || !rendered || live.samples.pairs() == 0 {
+            if self.is_over() || !live.warm || live.samples.pairs() == 0 {
                 if live.samples.pairs() != live.kept_pairs {
                     self.executor.keep(cell, &live.samples)?;
                 }
                 self.live.remove(&cell);
                 self.executor.release(cell);
             } else {
-                self.attempt(cell, |sampler| sampler.warm_up(cell))?;
                 self.close_sampled(cell)?;
                 self.keep()?;
             }
