@@ -21,7 +21,7 @@ use crate::harness::{
 };
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, FolderLock, PassKind, Reading, Record, Standing};
-use crate::report::{self, ReportView};
+use crate::report::{self, Artifact, ReportView};
 use crate::scene::assets::{self, AssetStatus};
 use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, private, quiet, record, tell, text};
@@ -31,7 +31,6 @@ use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::export::write_into;
 use super::{AdapterArgs, DumpArgs, QueryArgs, Question, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where.
@@ -101,6 +100,12 @@ pub fn ended(well: bool) -> Outcome {
 pub fn written(paths: impl IntoIterator<Item = PathBuf>) -> Outcome {
     paths.into_iter().for_each(|path| tell::done(path.display()));
     Ok(ExitCode::SUCCESS)
+}
+
+/// Writes files into a folder, under their own names.
+pub fn write_into(folder: &Path, files: Vec<Artifact>) -> Outcome {
+    let _lock = FolderLock::take(folder)?;
+    written(exporters::put(folder, files)?)
 }
 
 /// What a run is asked to measure.

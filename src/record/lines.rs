@@ -48,13 +48,6 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Starts an empty file, replacing one of that name.
-    pub fn create(path: &Path) -> Result<Self, RecordError> {
-        folder::write(path, b"").map_err(io("create", path))?;
-        let (folder, name) = folder::of(path).map_err(io("open", path))?;
-        Self::append(path, &folder, name)
-    }
-
     /// Continues a file, or starts it where there is none, and gives what it held. A torn last line is cut off, unless `check`
     /// refuses what was read: then nothing is changed.
     pub fn open<E: From<RecordError>>(

@@ -54,7 +54,7 @@ fn what_is_written_is_read() {
     let (_folder, path) = file();
     let definition = Definition { id: "e".to_owned(), toml: "id = \"e\"\n".to_owned() };
     let records = [header(Profile::Quick), Record::Experiment(definition), skipped("a")];
-    let mut writer = Writer::create(&path).unwrap();
+    let mut writer = open(&path);
     for record in &records {
         writer.write(record).unwrap();
     }
@@ -134,7 +134,7 @@ fn a_missing_file_and_another_format_are_named() {
 #[test]
 fn a_number_that_is_not_finite_is_not_written() {
     let (_folder, path) = file();
-    let mut writer = Writer::create(&path).unwrap();
+    let mut writer = open(&path);
     writer.write(&skipped("a")).unwrap();
     let mut bad = run(Profile::Quick);
     bad.submit_cost_ns.insert(PassKind::Render, f64::NAN);

@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
 use fathom::experiments::parse_set;
-use fathom::record::{self, Cell, Measured, Outcome, Record, Writer};
+use fathom::record::{self, Cell, Measured, Outcome, Record};
 use serde_json::{Map, Value, json};
 use tempfile::TempDir;
 
@@ -264,7 +264,7 @@ pub fn lines(records: impl IntoIterator<Item = Record>) -> String {
 /// Writes a folder's records.
 pub fn write_records(folder: &Path, records: &[Record]) {
     std::fs::create_dir_all(folder).unwrap();
-    Writer::create(&folder.join("records.jsonl")).unwrap().write_all(records).unwrap();
+    std::fs::write(folder.join("records.jsonl"), lines(records.to_vec())).unwrap();
 }
 
 /// Parameters as the command line takes them, with spaces between.
