@@ -371,6 +371,11 @@ impl Measurement<'_> {
         let header = Record::Run(Box::new(self.output.header.clone()));
         self.output.write(header)?;
         self.output.held.damage.iter().for_each(tell::note);
+        let cells = self.planned.iter().flat_map(|planned| &planned.cells);
+        let recorded = cells.zip(self.schedule.all()).filter(|(_, state)| state.recorded);
+        let names =
+            recorded.map(|(cell, _)| (cell.plan.experiment.clone(), cell.plan.cell.clone()));
+        self.output.progress.finished.extend(names);
         let samples = self.known.iter().flat_map(|known| known.samples.values());
         let pairs: Vec<usize> = samples.map(Samples::pairs).filter(|pairs| *pairs > 0).collect();
         if !pairs.is_empty() {
