@@ -106,7 +106,10 @@ impl Writer {
         let (path, file) = (&self.path, File::open(&self.path));
         let (read, torn_bytes) = sift(path, file.map_err(io("read", path))?)?;
         if read.superseded > 0 && read.damaged.is_empty() && torn_bytes == 0 {
-            folder::write(path, &lines(&read.records)?).map_err(io("write", path))?;
+            let (folder, name) = folder::of(path).map_err(io("open", path))?;
+            let bytes = lines(&read.records)?;
+            let write = |file: &mut File| file.write_all(&bytes).and_then(|()| file.sync_data());
+            folder.write_with(name, write).map_err(io("write", path))?;
         }
         Ok(read.records)
     }
