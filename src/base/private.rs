@@ -14,7 +14,7 @@ const AFTER_PATH: &[char] =
 /// A name for this machine that is the same in all its records and tells neither its host name nor its id. Where the system has
 /// no id, one who guesses the host name can confirm the guess.
 pub fn machine() -> Option<String> {
-    let (id, host) = (machine_uid::get().ok(), crate::quiet::host_name());
+    let (id, host) = (machine_uid::get().ok(), host_name());
     // Machines that were copied from one image may have the same id.
     (id.is_some() || host.is_some())
         .then(|| name_of(&id.unwrap_or_default(), &host.unwrap_or_default()))
@@ -90,6 +90,15 @@ pub fn program(command: &str) -> String {
         }
     }
     "command".to_owned()
+}
+
+/// The machine's name, where the system tells it. It is private: no record holds it.
+fn host_name() -> Option<String> {
+    #[cfg(target_os = "linux")]
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    #[cfg(not(target_os = "linux"))]
+    let name = crate::process::printed(&mut std::process::Command::new("hostname")).ok();
+    name.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty())
 }
 
 #[cfg(test)]

@@ -90,15 +90,6 @@ impl Conditions {
     }
 }
 
-/// The machine's name, where the system tells it. It is private: no record holds it.
-pub(crate) fn host_name() -> Option<String> {
-    #[cfg(target_os = "linux")]
-    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
-    #[cfg(not(target_os = "linux"))]
-    let name = crate::process::printed(&mut Command::new("hostname")).ok();
-    name.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty())
-}
-
 /// Starts this program again, in this process and with the same arguments: pinned to one core, with a rasterizer in the thread
 /// that submits, freed memory kept and addresses not randomized. Returns where the system cannot do that, in the program that was
 /// started so, and where the user has set the rasterizer's threads: then the conditions are the user's.

@@ -21,8 +21,8 @@ use crate::harness::{
     verify as verifying,
 };
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Clock, FolderLock, OVER_BUDGET, PassKind, Reading, Record, Standing};
-use crate::report::{self, ReportView};
+use crate::record::{Clock, FolderLock, PassKind, Reading, Record, Standing};
+use crate::report::{self, Artifact, ReportView};
 use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, private, quiet, record, tell, text};
 use anyhow::Context;
@@ -30,7 +30,6 @@ use itertools::Itertools as _;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::export::write_into;
 use super::{AdapterArgs, DumpArgs, QueryArgs, Question, RenderArgs, RunArgs};
 
 /// Where figures go that are not told where.
@@ -102,6 +101,12 @@ pub fn written(paths: impl IntoIterator<Item = PathBuf>) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Writes files into a folder, under their own names.
+pub fn write_into(folder: &Path, files: Vec<Artifact>) -> Outcome {
+    let _lock = FolderLock::take(folder)?;
+    written(exporters::put(folder, files)?)
+}
+
 /// What a run is asked to measure.
 pub fn request(args: RunArgs) -> Request {
     // Values of axes name cells, in records and on pages.
@@ -145,7 +150,7 @@ fn print_summary(summary: &Summary) {
     ));
     if *over_budget > 0 {
         tell::done(format!(
-            "{over_budget} cells {OVER_BUDGET}; `fathom run --resume` goes on with them"
+            "{over_budget} cells not run or not finished; `fathom run --resume` goes on with them"
         ));
     }
     let ratio = end.measuring_wall_s / end.measured_gpu_s;

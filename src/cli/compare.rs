@@ -26,8 +26,6 @@ use tempfile::TempDir;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
 use super::compare_args::CompareArgs;
 
-/// The format that is printed where none is asked for.
-pub const TEXT: &str = "text";
 /// Where GitHub Actions takes Markdown for a job's page.
 const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 

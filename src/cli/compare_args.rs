@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::AdapterArgs;
-use super::compare::TEXT;
 use crate::exporters::OF_COMPARISONS;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
+
+/// The format that is printed where none is asked for.
+const TEXT: &str = "text";
 
 #[derive(Args)]
 pub struct CompareArgs {

@@ -1,17 +1,15 @@
 //! `fathom export`: one format of what a folder's records hold. `fathom schema`: what its lines look like.
 
 use std::io::Write;
-use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context;
 
 use super::ExportArgs;
-use super::commands::{Outcome, sound, written};
-use crate::record::FolderLock;
+use super::commands::{Outcome, sound, write_into, written};
 use crate::record::output::OutputFolder;
 use crate::record::schema::LineKind;
-use crate::report::{Artifact, Exported};
+use crate::report::Exported;
 use crate::{exporters, folder, tell};
 
 pub fn export(args: ExportArgs) -> Outcome {
@@ -34,12 +32,6 @@ pub fn export(args: ExportArgs) -> Outcome {
             anyhow::bail!("`{format}` is a file for each experiment: name a folder with -o DIR")
         }
     }
-}
-
-/// Writes files into a folder, under their own names.
-pub(super) fn write_into(folder: &Path, files: Vec<Artifact>) -> Outcome {
-    let _lock = FolderLock::take(folder)?;
-    written(exporters::put(folder, files)?)
 }
 
 pub fn schema(kind: LineKind) -> Outcome {

@@ -5,8 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
 
-use super::commands::Outcome;
-use super::export::write_into;
+use super::commands::{Outcome, write_into};
 use crate::history::{
     self, Added, DEFAULT_FILE, Findings, History, NewRun, Said, Selection, StoredRuns, VARIABLE,
     document, tables,

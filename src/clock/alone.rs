@@ -4,9 +4,9 @@
 //! there, timestamps of such drivers miss work (see the audit), and what other processes took from its core is not the stage's. On
 //! a hardware adapter it is the audited clock's.
 
-use super::{DeviceError, FrameTimer, MachineReader, TimedStage, WatchedDevice, audit};
+use super::{DeviceError, FrameTimer, MachineReader, StageTime, TimedStage, WatchedDevice, audit};
 use fathom_record::protocol::Reply;
-use fathom_record::{ClockPlan, StageTime, SubmitCost};
+use fathom_record::{ClockPlan, SubmitCost};
 
 /// Readings of a frame before its clock is given up.
 const ATTEMPTS: u32 = 20;

@@ -21,11 +21,11 @@ pub use fathom_record as record;
 pub use fathom_record::{ClockPlan, SubmitCost};
 pub use frame::{
     ColorTarget, CostMeter, DepthTarget, Fault, FrameSample, FrameTimer, HostClock, HostCost,
-    HostTime, StageScope, Targets, TimedStage,
+    HostTime, StageScope, StageTime, Targets, TimedStage,
 };
 pub use machine::MachineReader;
 pub use sampling::{
-    MAX_REJECTED_SHARE, MAX_WARM_UP_FRAMES, MIN_JUDGED_FRAMES, Samples, Stopped, WARM_UP_TOLERANCE,
-    WarmUp, accounting_error, fault, frame_pair, frame_record, sampling_notes, stage_record,
+    FramePair, MAX_REJECTED_SHARE, MAX_WARM_UP_FRAMES, MIN_JUDGED_FRAMES, Samples, Stopped,
+    WARM_UP_TOLERANCE, WarmUp, accounting_error, frame_record, sampling_notes, stage_record,
 };
 pub use session::{Frame, FrameClock, Sampling, TimedPass, features};

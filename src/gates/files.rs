@@ -119,7 +119,10 @@ fn sorted(file: &RunFile) -> anyhow::Result<Sorted<'_>> {
                 last = Some(run);
             }
             Record::Cell(cell) => {
-                cells.insert(cell.resume_key(), cell.as_ref());
+                // What a kill left of a cell is no figure to compare.
+                if cell.measured().is_none_or(Measured::is_finished) {
+                    cells.insert(cell.resume_key(), cell.as_ref());
+                }
             }
             Record::Experiment(_) | Record::Begun(_) | Record::End(_) | Record::Comparison(_) => {}
         }

@@ -2,16 +2,16 @@
 //! a catalogue of its own.
 
 use serde_json::Value;
+use thiserror::Error;
 
-use super::subject::SubjectError;
 use fathom_base::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
-use fathom_base::parameter::{self, Allowed, Field};
-use fathom_base::text::nearest;
+use fathom_base::parameter::{self, Allowed, Field, ParamError};
+use fathom_base::text::{did_you_mean, nearest};
 use fathom_gpu::StageInfo;
 use fathom_pipelines as pipelines;
 use fathom_pipelines::{KINDS, Pipeline, PipelineKind};
 use fathom_record::Build;
-use fathom_scene::{Scene, SceneFile};
+use fathom_scene::{Scene, SceneError, SceneFile};
 use fathom_stages as stages;
 use fathom_verify as verify;
 use fathom_verify::Case;
@@ -25,6 +25,19 @@ pub struct CargoTarget {
 
 impl CargoTarget {
     pub const FATHOM: Self = Self { package: "fathom", binary: "fathom" };
+}
+
+/// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
+#[derive(Debug, Error)]
+pub enum SubjectError {
+    #[error("unknown pipeline `{name}`{}", did_you_mean(.nearest))]
+    UnknownPipeline { name: String, nearest: Option<String> },
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error(transparent)]
+    Param(#[from] ParamError),
+    #[error("{0}")]
+    Invalid(String),
 }
 
 /// Everything that the commands know by name.

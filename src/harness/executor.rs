@@ -10,19 +10,18 @@ use image::RgbImage;
 use itertools::Itertools as _;
 
 use super::difference::References;
-use super::journal::{CellName, Journal};
 use super::outcome::{Findings, measured};
 use super::plan::{PlannedCell, PlannedExperiment};
-use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
-use super::reports::Reports;
+use super::reports::Output;
 use super::sample::{self, Executor, Failure, Foreseen};
 use super::schedule::{CellState, Schedule};
 use super::views::Views;
 use super::{MAX_PASSES, host, picture};
 use fathom_base::folder::Folder;
 use fathom_base::tell;
-use fathom_clock::Samples;
+use fathom_clock::{Samples, Stopped};
+use fathom_experiments::CellPlan;
 use fathom_experiments::schema::{Experiment, Pictures};
 use fathom_gpu as gpu;
 use fathom_gpu::{
@@ -30,14 +29,12 @@ use fathom_gpu::{
     Stage, StageCounters, Waker,
 };
 use fathom_pipelines::{AnyPipeline, Judge, Known};
-use fathom_record::output::{Held, picture_path};
+use fathom_record::output::picture_path;
 use fathom_record::{
-    Addition, Begun, Ceiling, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind,
-    PictureScale, Record, RecordError, Run, SampleLine, SetUp,
+    Begun, Ceiling, Cell, Earlier, MachineState, Measured, Note, NoteKind, Outcome, Picture,
+    PictureKind, PictureScale, Record, RecordError, Run, SetUp,
 };
 
-/// Kept for the last records and the end of the process, seconds.
-const LAST_STEPS_S: f64 = 0.2;
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
 /// on lavapipe than of one.
 const SOFTWARE_CODE_BYTES: u64 = 20 << 20;
@@ -103,7 +100,8 @@ impl Session {
         })
     }
 
-    fn reopen(&mut self) -> Result<(), String> {
+    /// Opens the device anew after its loss, once, or says why that is not possible.
+    pub fn reopen(&mut self) -> Result<(), String> {
         if std::mem::replace(&mut self.reopened, true) {
             return Err("it was lost before".to_owned());
         }
@@ -119,19 +117,41 @@ impl Session {
 pub struct KnownCells {
     /// The latest record of each cell, by its name; of an earlier run too.
     pub records: BTreeMap<String, Cell>,
+    /// What was sampled of each cell.
+    pub samples: BTreeMap<usize, Samples>,
     /// Of each cell, once it was found out.
-    findings: BTreeMap<usize, Findings>,
+    pub findings: BTreeMap<usize, Findings>,
     counters: BTreeMap<usize, Vec<StageCounters>>,
     /// A picture has been tried.
     pictured: bool,
 }
 
 impl KnownCells {
-    /// With these records of an earlier run.
-    pub fn of(records: BTreeMap<String, Cell>) -> Self {
+    /// With the records of earlier runs, and those by resume key whose samples may be gone on with.
+    pub fn new(
+        planned: &PlannedExperiment,
+        before: &[Record],
+        earlier: &BTreeMap<String, Earlier<'_>>,
+    ) -> Self {
+        let cells = before.iter().filter_map(Record::try_as_cell_ref);
+        let own = cells.filter(|cell| cell.experiment == planned.experiment.id);
+        let finished = own.filter(|cell| cell.measured().is_none_or(Measured::is_finished));
+        let records: BTreeMap<String, Cell> =
+            finished.map(|cell| (cell.cell.clone(), Cell::clone(cell))).collect();
         let mut measured = records.values().filter_map(Cell::measured);
         let pictured = measured.any(|measured| !measured.pictures.is_empty());
-        Self { records, pictured, ..Self::default() }
+        let mut known = Self { records, pictured, ..Self::default() };
+        for (index, cell) in planned.cells.iter().enumerate() {
+            let earlier = earlier.get(&cell.resume_key).filter(|earlier| earlier.is_continued);
+            let Some(measured) = earlier.and_then(|earlier| earlier.cell.measured()) else {
+                continue;
+            };
+            known.samples.insert(index, Samples::recorded(measured));
+            if measured.is_finished() {
+                known.findings.insert(index, Findings::recorded(measured));
+            }
+        }
+        known
     }
 }
 
@@ -144,56 +164,10 @@ pub struct CellExecutor<'a, 'r> {
     /// Quantities and errors that its claims and plots read.
     asked: Vec<String>,
     cells: &'a [PlannedCell],
-    /// Of the cells, as the journal calls them.
-    names: Vec<CellName>,
     built: BTreeMap<usize, Built>,
     output: &'a mut Output<'r>,
     known: &'a mut KnownCells,
     schedule: &'a mut Schedule,
-}
-
-/// Where records, samples, pictures, reports and progress go.
-pub struct Output<'r> {
-    /// When the command began.
-    pub start: Instant,
-    pub held: Held,
-    pub header: Run,
-    pub journal: Journal,
-    pub progress: Progress,
-    pub reports: Reports<'r>,
-    /// Everything that the file of records holds.
-    pub records: Vec<Record>,
-}
-
-impl Output<'_> {
-    pub fn write(&mut self, record: Record) -> Result<(), RecordError> {
-        self.held.writer.write(&record)?;
-        self.records.push(record);
-        Ok(())
-    }
-
-    /// Writes the record of a cell that is done before anything is said of it.
-    pub fn finish(&mut self, cell: Cell) -> Result<(), RecordError> {
-        self.finish_all(vec![cell])
-    }
-
-    /// The same of several, in one piece.
-    pub fn finish_all(&mut self, cells: Vec<Cell>) -> Result<(), RecordError> {
-        cells.iter().for_each(|cell| self.progress.finished(cell));
-        let records = cells.into_iter().map(|cell| Record::Cell(Box::new(cell))).collect_vec();
-        self.held.writer.write_all(&records)?;
-        self.records.extend(records);
-        Ok(())
-    }
-
-    /// When no further step begins but the last report.
-    pub fn deadline_s(&self) -> f64 {
-        self.reports.budget_s - self.reports.reserve_s() - LAST_STEPS_S
-    }
-
-    pub fn now_s(&self) -> f64 {
-        self.start.elapsed().as_secs_f64()
-    }
 }
 
 struct Built {
@@ -239,7 +213,6 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             number,
             asked: asked.map(str::to_owned).collect(),
             cells,
-            names: cells.iter().map(|cell| name(&output.header, cell)).collect(),
             built: BTreeMap::new(),
             output,
             known,
@@ -249,12 +222,11 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
 
     /// Says in the records that a cell is begun of which there is nothing yet: it may end the process.
     fn begin(&mut self, cell: usize) -> Result<(), Failure> {
-        let CellName { id, experiment, cell: name } = self.names[cell].clone();
-        if self.state(cell).recorded || self.output.journal.is_open(&id) {
+        if self.state(cell).recorded || self.known.samples.contains_key(&cell) {
             return Ok(());
         }
-        let begun = Record::Begun(Begun { id, experiment, cell: name });
-        let written = self.output.held.writer.hand_over(&[begun]);
+        let begun = begun(&self.output.header, &self.cells[cell]);
+        let written = self.output.held.writer.hand_over(&[Record::Begun(begun)]);
         written.map_err(|error| Failure::Cell(error.to_string()))
     }
 
@@ -284,7 +256,7 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
         let PlannedCell { plan, subject, .. } = &self.cells[cell];
         let Session { gpu, timer, hosts, spent, .. } = &mut *self.session;
         let first = hosts.get(&plan.pipeline).filter(|(first, _)| *first == (self.number, cell));
-        // A resumed run measures it with the first cell that it builds.
+        // A resumed run measures it with the first cell whose figures it reads.
         if let Some((_, made)) = first.filter(|_| !is_late) {
             let costs = host::costs(gpu, timer, (subject, pipeline), *made);
             let failure = "what it costs the CPU not measured";
@@ -397,16 +369,23 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
             self.state(cell).seen.finish_s = Some(start.elapsed().as_secs_f64());
             self.known.findings.insert(cell, found.clone());
         }
-        let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
-        let measured = measured(samples, pipeline, counters, found, self.schedule.precision);
+        let mut measured = self.measured(cell, samples, pipeline, found);
         self.built.insert(cell, built);
-        let mut record = self.cells[cell].record(Outcome::Measured(Box::new(measured)));
         let Session { gpu, plan, ceilings, .. } = &mut *self.session;
-        if let Some(measured) = record.measured_mut() {
-            let again = |limit| gpu::measure(gpu, *plan, limit);
-            super::ceilings::add_shares(measured, ceilings, again)?;
-        }
-        Ok(record)
+        let again = |limit| gpu::measure(gpu, *plan, limit);
+        super::ceilings::add_shares(&mut measured, ceilings, again)?;
+        Ok(self.cells[cell].record(Outcome::Measured(Box::new(measured))))
+    }
+
+    fn measured(
+        &self,
+        cell: usize,
+        samples: &Samples,
+        pipeline: &AnyPipeline,
+        found: Findings,
+    ) -> Measured {
+        let counters = self.known.counters.get(&cell).map_or(&[][..], Vec::as_slice);
+        measured(samples, pipeline, counters, found, self.schedule.precision)
     }
 
     fn frame<T>(
@@ -433,13 +412,9 @@ impl<'a, 'r> CellExecutor<'a, 'r> {
     }
 }
 
-/// What the journal calls a cell.
-pub fn name(run: &Run, cell: &PlannedCell) -> CellName {
-    CellName {
-        id: SampleLine::id(run, &cell.resume_key()),
-        experiment: cell.plan.experiment.clone(),
-        cell: cell.plan.cell.clone(),
-    }
+/// That a cell is begun, of which nothing is measured yet.
+pub fn begun(run: &Run, cell: &PlannedCell) -> Begun {
+    Begun::new(run, &cell.record(Outcome::OverBudget))
 }
 
 impl From<GpuError> for Failure {
@@ -463,7 +438,7 @@ impl Executor for CellExecutor<'_, '_> {
         let begun = Instant::now();
         let (pipeline, made) = gpu.making_pipelines(|| subject.build(gpu));
         let pipeline = pipeline?;
-        if !plan.errors_only {
+        if !plan.errors_only && !self.known.findings.contains_key(&cell) {
             hosts.entry(plan.pipeline.clone()).or_insert(((self.number, cell), made));
         }
         let start = spent.since(begun, SetUp::Pipelines);
@@ -498,47 +473,52 @@ impl Executor for CellExecutor<'_, '_> {
     }
 
     fn earlier(&mut self, cell: usize) -> Samples {
-        self.output.journal.taken(&self.names[cell])
+        self.known.samples.get(&cell).cloned().unwrap_or_default()
     }
 
-    fn keep(&mut self, cell: usize, added: Addition) -> Result<(), RecordError> {
-        self.output.journal.keep(&self.names[cell], added)
-    }
-
-    fn end_round(&mut self) -> Result<(), RecordError> {
-        self.output.journal.write()
+    fn keep(&mut self, cell: usize, samples: &Samples) -> Result<(), RecordError> {
+        let Some(built) = self.built.get(&cell) else { return Ok(()) };
+        let samples = Samples { stopped: Stopped::Interrupted, ..samples.clone() };
+        let found = self.known.findings.get(&cell).cloned().unwrap_or_else(Findings::unfinished);
+        let mut measured = self.measured(cell, &samples, &built.pipeline, found);
+        for stage in &mut measured.stages {
+            let share = stage.share_of(&self.session.ceilings);
+            // Before it is believed the limit is measured again, when the cell is finished.
+            stage.ceiling = share.filter(|share| !share.is_impossible());
+        }
+        let record = self.cells[cell].record(Outcome::Measured(Box::new(measured)));
+        self.state(cell).pairs = samples.pairs();
+        self.known.samples.insert(cell, samples);
+        self.output.held.writer.hand_over(&[Record::Cell(Box::new(record))])
     }
 
     fn finish(&mut self, cell: usize, result: Result<Samples, String>) -> Result<(), RecordError> {
-        // What is found out about a cell may take long.
-        self.output.journal.write()?;
-        let pairs = result.as_ref().map_or(0, Samples::pairs);
-        let half_width = result.as_ref().map_or(0.0, Samples::relative_half_width);
+        let samples = result.as_ref().cloned().unwrap_or_default();
         let record = result.and_then(|samples| self.sampled(cell, &samples));
-        let failed = record.is_err();
-        let record =
-            record.unwrap_or_else(|reason| self.cells[cell].record(Outcome::Failed { reason }));
         let frames = self.built.get(&cell).map_or((0.0, 0), |built| built.frames);
         let state = self.state(cell);
-        (state.recorded, state.out, state.pairs) = (true, failed, pairs);
-        state.half_width = half_width;
+        (state.recorded, state.out, state.pairs) = (true, record.is_err(), samples.pairs());
+        state.half_width = samples.relative_half_width();
         if frames.1 > 0 {
             state.seen.pair_s = Some(2.0 * frames.0 / f64::from(frames.1));
         }
-        let name = &self.names[cell];
-        if !failed {
-            self.known.records.insert(record.cell.clone(), record.clone());
-            return self.output.finish(record);
+        self.known.samples.insert(cell, samples);
+        let planned = &self.cells[cell];
+        match record {
+            Ok(record) => {
+                self.known.records.insert(record.cell.clone(), record.clone());
+                self.output.finish(record)
+            }
+            Err(reason) => {
+                let CellPlan { experiment, cell, .. } = &planned.plan;
+                if self.known.records.get(cell).and_then(Cell::measured).is_none() {
+                    return self.output.finish(planned.record(Outcome::Failed { reason }));
+                }
+                // What was measured before it failed stands.
+                tell::note(format!("{experiment} {cell}: not sampled on: {reason}"));
+                Ok(())
+            }
         }
-        let before = self.known.records.get(&record.cell).and_then(Cell::measured);
-        if before.is_some() {
-            let Outcome::Failed { reason } = &record.outcome else { return Ok(()) };
-            // What was measured before it failed stands.
-            tell::note(format!("{} {}: not sampled on: {reason}", name.experiment, name.cell));
-        } else {
-            self.output.finish(record)?;
-        }
-        self.output.journal.close(name)
     }
 
     fn release(&mut self, cell: usize) {
@@ -549,10 +529,6 @@ impl Executor for CellExecutor<'_, '_> {
 
     fn lost(&self) -> Option<String> {
         self.session.gpu.lost()
-    }
-
-    fn recover(&mut self) -> Result<(), String> {
-        self.session.reopen()
     }
 
     fn chains(&self, cells: &[usize]) -> Vec<Vec<usize>> {

@@ -11,7 +11,6 @@ pub mod dump;
 pub mod executor;
 pub mod figures;
 mod host;
-pub mod journal;
 pub mod memory;
 pub mod merge;
 pub mod outcome;

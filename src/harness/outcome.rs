@@ -21,13 +21,38 @@ pub struct Findings {
     pub host: Option<HostCosts>,
 }
 
+/// Notes that follow from the samples alone.
+const OF_SAMPLES: [NoteKind; 5] = [
+    NoteKind::Resumed,
+    NoteKind::Unsteady,
+    NoteKind::Imprecise,
+    NoteKind::Outliers,
+    NoteKind::Throttled,
+];
+
+impl Findings {
+    /// Those that an earlier run left in a record.
+    pub fn recorded(measured: &Measured) -> Self {
+        let Measured { quantities, repeated, errors, mut notes, pictures, host, .. } =
+            measured.clone();
+        notes.retain(|note| !OF_SAMPLES.contains(&note.kind));
+        Self { quantities, repeated, errors, notes, pictures, host }
+    }
+
+    /// Those of a cell that is still sampled.
+    pub fn unfinished() -> Self {
+        let text = "written while it was measured, before its figures other than times were read";
+        Self { notes: vec![Note::new(NoteKind::Unfinished, text)], ..Self::default() }
+    }
+}
+
 /// Cells by what became of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     pub measured: usize,
     pub skipped: usize,
     pub failed: usize,
-    /// Not run, as the time budget ended.
+    /// Not run or not finished, as the time budget ended or the run was interrupted.
     pub over_budget: usize,
 }
 
@@ -35,11 +60,11 @@ impl Counts {
     pub fn of<'a>(cells: impl IntoIterator<Item = &'a Cell>) -> Self {
         let mut counts = Self::default();
         for cell in cells {
-            *match cell.outcome {
-                Outcome::Measured(_) => &mut counts.measured,
+            *match &cell.outcome {
+                Outcome::Measured(measured) if measured.is_finished() => &mut counts.measured,
                 Outcome::Skipped { .. } => &mut counts.skipped,
                 Outcome::Failed { .. } => &mut counts.failed,
-                Outcome::OverBudget => &mut counts.over_budget,
+                Outcome::Measured(_) | Outcome::OverBudget => &mut counts.over_budget,
             } += 1;
         }
         counts

@@ -3,16 +3,16 @@
 //! A parameter's value is the last of: the pipeline's default, the scene file's, the experiment's, the
 //! profile's, `--set`'s, the axis's. Axes are never overruled silently: `--set` of a swept parameter is an error.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
 use serde_json::Value;
 
-use super::catalog::Catalog;
+use super::catalog::{Catalog, SubjectError};
 use super::repetitions::PlannedRepetitions;
 use super::shard;
-use super::subject::{Subject, SubjectError, Subjects};
+use super::subject::{Subject, Subjects};
 use super::views::View;
 use fathom_base::private;
 use fathom_base::text::{did_you_mean, nearest};
@@ -20,7 +20,7 @@ use fathom_experiments::defaults::{self, Choice};
 use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_gpu::Capacity;
 use fathom_record as record;
-use fathom_record::{Outcome, Params, Part, Profile, resume_key};
+use fathom_record::{Earlier, Outcome, Params, Part, Profile};
 
 /// What to measure.
 #[derive(Clone, Debug, Default)]
@@ -84,6 +84,8 @@ pub struct PlannedExperiment {
 /// A cell ready to be measured, or the reason why it cannot be.
 pub struct PlannedCell {
     pub plan: CellPlan,
+    /// See [`record::Cell::resume_key`].
+    pub resume_key: String,
     pub subject: Subject,
     /// Of a frame, seconds, from the declared work.
     pub declared_s: f64,
@@ -97,13 +99,6 @@ pub struct PlannedCell {
 }
 
 impl PlannedCell {
-    pub fn resume_key(&self) -> String {
-        let CellPlan { experiment, cell, pipeline, scene, .. } = &self.plan;
-        let Subject { scene: built, params, .. } = &self.subject;
-        let scene = private::path(Path::new(scene));
-        resume_key(experiment, cell, pipeline, &scene, &built.stand_ins, params)
-    }
-
     pub fn record(&self, outcome: Outcome) -> record::Cell {
         let CellPlan { experiment, cell, axes, pipeline, scene, .. } = self.plan.clone();
         let stand_ins = self.subject.scene.stand_ins.clone();
@@ -185,7 +180,11 @@ fn planned_cell(
         Some(_) => 0.0,
         None => capacity.frame_time_s(&of_cell.plan().map_err(error)?.demand),
     };
-    Ok(PlannedCell { subject: of_cell, declared_s, skip, reference, views, repetitions, plan })
+    let (resume_key, subject) = (String::new(), of_cell);
+    let mut planned =
+        PlannedCell { plan, resume_key, subject, declared_s, skip, reference, views, repetitions };
+    planned.resume_key = planned.record(Outcome::OverBudget).resume_key();
+    Ok(planned)
 }
 
 /// Of each pipeline the cell that is nearest to its defaults, of those that are timed: its experiment's number and its own.
@@ -214,13 +213,14 @@ pub fn first_cells(planned: &[PlannedExperiment]) -> Vec<(usize, usize)> {
     by_pipeline.into_values().filter_map(nearest).collect()
 }
 
-/// Drops the cells that `finished` (resume keys) holds; how many they were.
-pub fn drop_finished(planned: &mut [PlannedExperiment], finished: &BTreeSet<String>) -> usize {
-    let of_experiment = |experiment: &mut PlannedExperiment| {
-        let cells = &mut experiment.cells;
-        cells.extract_if(.., |cell| finished.contains(&cell.resume_key())).count()
+/// Drops the cells that need no second measurement and whose samples cannot be gone on with.
+pub fn drop_finished(planned: &mut [PlannedExperiment], earlier: &BTreeMap<String, Earlier<'_>>) {
+    let is_done = |earlier: &Earlier<'_>| {
+        earlier.is_finished() && !(earlier.is_continued && earlier.cell.measured().is_some())
     };
-    planned.iter_mut().map(of_experiment).sum()
+    for experiment in planned {
+        experiment.cells.retain(|cell| !earlier.get(&cell.resume_key).is_some_and(is_done));
+    }
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ pub struct Progress {
     budget_s: f64,
     cells: usize,
     /// Experiment and cell.
-    finished: BTreeSet<(String, String)>,
+    pub finished: BTreeSet<(String, String)>,
     /// Of each experiment, by its number: claims that are settled, of all.
     claims: BTreeMap<usize, (usize, usize)>,
     told: Instant,

@@ -1,11 +1,17 @@
-//! Reports while a run goes on: made by whoever runs it, from the records so far.
+//! What a run writes: records, and reports while it goes on, made by whoever runs it from the records so far.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::executor::Output;
+use itertools::Itertools as _;
+
+use super::progress::Progress;
 use super::schedule::Schedule;
-use fathom_record::{Record, Standing};
+use fathom_record::output::Held;
+use fathom_record::{Cell, Record, RecordError, Run, Standing};
+
+/// Kept for the last records and the end of the process, seconds.
+const LAST_STEPS_S: f64 = 0.2;
 
 /// Reports are written no more often than this,
 const INTERVAL: Duration = Duration::from_secs(30);
@@ -51,7 +57,48 @@ impl<'r> Reports<'r> {
     }
 }
 
+/// Where records, pictures, reports and progress go.
+pub struct Output<'r> {
+    /// When the command began.
+    pub start: Instant,
+    pub held: Held,
+    pub header: Run,
+    pub progress: Progress,
+    pub reports: Reports<'r>,
+    /// Everything that the file of records holds.
+    pub records: Vec<Record>,
+}
+
 impl Output<'_> {
+    pub fn write(&mut self, record: Record) -> Result<(), RecordError> {
+        self.held.writer.write(&record)?;
+        self.records.push(record);
+        Ok(())
+    }
+
+    /// Writes the record of a cell that is done before anything is said of it.
+    pub fn finish(&mut self, cell: Cell) -> Result<(), RecordError> {
+        self.finish_all(vec![cell])
+    }
+
+    /// The same of several, in one piece.
+    pub fn finish_all(&mut self, cells: Vec<Cell>) -> Result<(), RecordError> {
+        cells.iter().for_each(|cell| self.progress.finished(cell));
+        let records = cells.into_iter().map(|cell| Record::Cell(Box::new(cell))).collect_vec();
+        self.held.writer.write_all(&records)?;
+        self.records.extend(records);
+        Ok(())
+    }
+
+    /// When no further step begins but the last report.
+    pub fn deadline_s(&self) -> f64 {
+        self.reports.budget_s - self.reports.reserve_s() - LAST_STEPS_S
+    }
+
+    pub fn now_s(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+
     /// Makes a report of all records.
     pub fn report(&mut self, schedule: &Schedule) {
         let start = Instant::now();

@@ -9,16 +9,16 @@ use std::time::Instant;
 use anyhow::{Result, bail, ensure};
 
 use super::catalog::Catalog;
-use super::executor::{self, CellExecutor, KnownCells, Output, Session, Spent};
-use super::journal::Journal;
+use super::executor::{self, CellExecutor, KnownCells, Session, Spent};
 use super::outcome::Counts;
 use super::plan::{self, PlannedCell, PlannedExperiment, Request};
 use super::progress::Progress;
-use super::reports::{Report, Reports};
+use super::reports::{Output, Report, Reports};
 use super::sample::{self, Goal, Settings};
 use super::schedule::{Batch, CellState, OpenClaim, Schedule, Seen, Unit};
 use super::{ceilings, memory};
 use fathom_base::{quiet, tell};
+use fathom_clock::Samples;
 use fathom_experiments::{CellPlan, Experiment};
 use fathom_gpu as gpu;
 use fathom_gpu::{Audit, ClockPlan, Gpu, GpuError};
@@ -26,8 +26,8 @@ use fathom_record as record;
 use fathom_record::calendar;
 use fathom_record::output::Held;
 use fathom_record::{
-    Cell, Conditions, Definition, End, FolderLock, Note, NoteKind, Outcome, Part, PassKind,
-    Profile, Record, RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks,
+    Cell, Conditions, Definition, Earlier, End, FolderLock, Note, NoteKind, Outcome, Part,
+    PassKind, Profile, Record, RecordError, Run, SCHEMA, SetUp, ShaderChecks,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -120,48 +120,55 @@ pub fn run(
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard: part, ..header(options, &gpu, &audit, profile, seed) };
     header.loop_turns = in_time().is_ok().then(|| gpu::loop_turns(&gpu)).transpose()?;
-    let (mut journal, damage) = Journal::open(&held.output.samples())?;
-    let mut finished = record::finished(&held.before, &header);
-    let recorded = finished.clone();
-    finished.retain(|key| !journal.is_open(&SampleLine::id(&header, key)));
-    let kept = plan::drop_finished(&mut planned, &finished);
-    let deadly = drop_deadly(&mut planned, &held.before, &header, &journal);
-    let ids = ids(&planned, &header);
-    let plan = clock_plan(&mut header, audit.plan, &mut journal, &ids);
-    let limits = limits(options, profile, &planned);
+    let plan = clock_plan(&mut header, audit.plan, &held.before);
+    let earlier = record::earlier(&held.before, &header);
+    let finished = finished(&planned, &earlier);
+    plan::drop_finished(&mut planned, &earlier);
+    let deadly = drop_deadly(&mut planned, &held.before, &header, &earlier);
+    let known: Vec<KnownCells> =
+        planned.iter().map(|planned| KnownCells::new(planned, &held.before, &earlier)).collect();
+    let precision = options.precision.unwrap_or(profile.precision());
+    let schedule = schedule(&planned, &known, precision);
+    let budget_s =
+        options.budget_s.unwrap_or_else(|| default_budget_s(profile, &planned, &schedule));
     let now = Instant::now();
     if !options.no_ceilings {
-        let is_short = limits.budget_s < LEAST_BUDGET_OF_CEILINGS_S || in_time().is_err();
+        let is_short = budget_s < LEAST_BUDGET_OF_CEILINGS_S || in_time().is_err();
         measure_limits((&gpu, plan), &mut header, &held.before, is_short)?;
     }
     spent.since(now, SetUp::Ceilings);
-    let known = known(&held.before, &planned);
-    let schedule = schedule(&planned, &known, (&recorded, &journal, &header), limits.precision);
-    let total = planned.iter().map(|experiment| experiment.cells.len()).sum();
     let mut measurement = Measurement {
         group_bytes: if gpu.adapter.software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
         seed,
-        limits,
-        round: next_round(&held.before, &journal).max(part.map_or(0, Part::first_round)),
+        round: next_round(&held.before).max(part.map_or(0, Part::first_round)),
         session: Session::new(gpu, options.gpu.clone(), (plan, header.ceilings.clone()), spent)?,
         output: Output {
             start,
             records: held.before.clone(),
             held,
             header,
-            journal,
-            progress: Progress::new(total, start, limits.budget_s),
-            reports: Reports::new(report, limits.budget_s),
+            progress: Progress::new(schedule.all().count(), start, budget_s),
+            reports: Reports::new(report, budget_s),
         },
         planned: &planned,
+        finished,
         known,
         schedule,
         interrupted,
     };
-    measurement.begin(damage, &ids)?;
+    measurement.begin()?;
     measurement.output.finish_all(deadly)?;
     measurement.measure()?;
-    measurement.end(kept)
+    measurement.end()
+}
+
+/// Resume keys of the planned cells that an earlier run has finished.
+fn finished(
+    planned: &[PlannedExperiment],
+    earlier: &BTreeMap<String, Earlier<'_>>,
+) -> BTreeSet<String> {
+    let keys = planned.iter().flat_map(|planned| &planned.cells).map(|cell| &cell.resume_key);
+    keys.filter(|key| earlier.get(*key).is_some_and(Earlier::is_finished)).cloned().collect()
 }
 
 /// Puts the adapter's limits into the header, or why they were not measured. A fault that leaves the device does not keep it from
@@ -192,12 +199,13 @@ fn drop_deadly(
     planned: &mut [PlannedExperiment],
     before: &[Record],
     header: &Run,
-    journal: &Journal,
+    earlier: &BTreeMap<String, Earlier<'_>>,
 ) -> Vec<Cell> {
     let deadly = record::deadly(before);
     let is_deadly = |cell: &PlannedCell| {
-        let id = executor::name(header, cell).id;
-        deadly.contains(&id) && !journal.is_open(&id)
+        !earlier.contains_key(&cell.resume_key)
+            && !deadly.is_empty()
+            && deadly.contains(&executor::begun(header, cell).id)
     };
     let reason = "two processes ended while they built it or rendered its first frame";
     let failed = |cell: PlannedCell| cell.record(Outcome::Failed { reason: reason.to_owned() });
@@ -207,41 +215,23 @@ fn drop_deadly(
     planned.iter_mut().flat_map(of).collect()
 }
 
-/// The latest record of each cell of each experiment, of earlier runs.
-fn known(before: &[Record], planned: &[PlannedExperiment]) -> Vec<KnownCells> {
-    let of = |planned: &PlannedExperiment| {
-        let cells = before.iter().filter_map(Record::try_as_cell_ref);
-        let own = cells.filter(|cell| cell.experiment == planned.experiment.id);
-        KnownCells::of(own.map(|cell| (cell.cell.clone(), Cell::clone(cell))).collect())
-    };
-    planned.iter().map(of).collect()
-}
-
-/// `recorded` are the resume keys of the cells that an earlier run of these conditions has measured.
-fn schedule(
-    planned: &[PlannedExperiment],
-    known: &[KnownCells],
-    (recorded, journal, header): (&BTreeSet<String>, &Journal, &Run),
-    precision: f64,
-) -> Schedule {
-    let state = |cell: &PlannedCell, known: &KnownCells| {
-        let before = known.records.get(&cell.plan.cell).and_then(Cell::measured);
-        let before = before.filter(|_| recorded.contains(&cell.resume_key()));
+fn schedule(planned: &[PlannedExperiment], known: &[KnownCells], precision: f64) -> Schedule {
+    let state = |(index, cell): (usize, &PlannedCell), known: &KnownCells| {
+        let samples = known.samples.get(&index);
         CellState {
             pipeline: cell.plan.pipeline.clone(),
             declared_s: cell.declared_s,
             untimed: cell.plan.errors_only,
-            recorded: before.is_some() || cell.skip.is_some(),
+            recorded: cell.skip.is_some() || known.findings.contains_key(&index),
             out: cell.skip.is_some(),
-            pairs: journal.taken(&executor::name(header, cell)).pairs(),
-            half_width: before.map_or(0.0, |m| m.frame.untimed.relative_half_width()),
+            pairs: samples.map_or(0, Samples::pairs),
+            half_width: samples.map_or(0.0, Samples::relative_half_width),
             seen: Seen::default(),
         }
     };
-    let states = planned
-        .iter()
-        .zip(known)
-        .map(|(planned, known)| planned.cells.iter().map(|cell| state(cell, known)).collect());
+    let states = planned.iter().zip(known).map(|(planned, known)| {
+        planned.cells.iter().enumerate().map(|cell| state(cell, known)).collect()
+    });
     let units = planned.iter().enumerate().flat_map(|(experiment, planned)| {
         let plans: Vec<CellPlan> = planned.cells.iter().map(|cell| cell.plan.clone()).collect();
         let units = planned.experiment.units(&plans).into_iter();
@@ -272,12 +262,11 @@ fn check_same_shard(held: &Held, asked: Option<Part>) -> Result<()> {
     Ok(())
 }
 
-/// A round that no sample of these records or samples has.
-fn next_round(before: &[Record], journal: &Journal) -> u32 {
+/// A round that no sample of these records has.
+fn next_round(before: &[Record]) -> u32 {
     let cells = before.iter().filter_map(Record::try_as_cell_ref);
     let rounds = cells.filter_map(|cell| cell.measured()).flat_map(|cell| &cell.frame.rounds);
-    let last = rounds.copied().max().max(journal.last_round());
-    last.map_or(0, |last| last + 1)
+    rounds.max().map_or(0, |last| last + 1)
 }
 
 /// References are computed by all cores, though the driver has one.
@@ -288,23 +277,13 @@ fn spread_references() {
     let _ = pool.start_handler(|_| quiet::spread()).build_global();
 }
 
-/// What the journal calls the cells that are due.
-fn ids(planned: &[PlannedExperiment], header: &Run) -> Vec<String> {
-    let cells = planned.iter().flat_map(|experiment| &experiment.cells);
-    cells.map(|cell| executor::name(header, cell).id).collect()
-}
-
-/// The audit's plan, but by the clocks of the samples that are gone on with. The header says by which, and where they are not those
-/// that this run's audit found.
-fn clock_plan(
-    header: &mut Run,
-    found: ClockPlan,
-    journal: &mut Journal,
-    ids: &[String],
-) -> ClockPlan {
-    let clocks = PassKind::TIMED.map(|kind| (kind, found.clock(kind)));
-    let chosen = journal.choose_clocks(ids, clocks.into());
-    let plan = chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock));
+/// The audit's plan, but by the clocks of the latest earlier run whose samples are gone on with: samples by different clocks do not go
+/// together, and what one audit found sound, the next may not on a busy machine. The header says by which.
+fn clock_plan(header: &mut Run, found: ClockPlan, before: &[Record]) -> ClockPlan {
+    let mut runs = before.iter().rev().filter_map(Record::try_as_run_ref);
+    let clocks = runs.find(|run| run.goes_with(header)).map(|run| run.clocks.clone());
+    let clocks = clocks.unwrap_or_default().into_iter();
+    let plan = clocks.fold(found, |plan, (kind, clock)| plan.with(kind, clock));
     header.clocks = PassKind::TIMED.map(|kind| (kind, plan.clock(kind))).into();
     if !plan.has_clocks_of(&found) {
         let text = "passes are timed by the clocks that the audit of the resumed run chose";
@@ -353,41 +332,31 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
     }
 }
 
-/// When a run ends.
-#[derive(Clone, Copy, Debug)]
-struct Limits {
-    /// Half the width of the frame time's 95 % interval over its median.
-    precision: f64,
-    /// Of the whole command.
-    budget_s: f64,
-}
-
-fn limits(options: &Options, profile: Profile, planned: &[PlannedExperiment]) -> Limits {
+/// For all cells that lack their precision, each as many times as its experiment's weight. Cells that are not timed take no time.
+fn default_budget_s(profile: Profile, planned: &[PlannedExperiment], schedule: &Schedule) -> f64 {
     let (per_cell_s, most_s): (f64, f64) = match profile {
         Profile::Quick => (6.0, 240.0),
         Profile::Paper => (20.0, 1_800.0),
     };
-    let cells: f64 = planned.iter().map(weight).sum();
-    Limits {
-        precision: options.precision.unwrap_or(profile.precision()),
-        budget_s: options.budget_s.unwrap_or((SET_UP_S + cells * per_cell_s).min(most_s)),
-    }
-}
-
-/// Cells that are timed, each as many times as its experiment's weight.
-fn weight(planned: &PlannedExperiment) -> f64 {
-    let cells = planned.cells.iter();
-    let timed = cells.filter(|cell| cell.skip.is_none() && !cell.plan.errors_only).count();
-    planned.experiment.weight * timed as f64
+    let weights = planned.iter().zip(&schedule.cells).map(|(planned, states)| {
+        let due = states.iter().filter(|state| {
+            !state.out
+                && !state.untimed
+                && (!state.recorded || state.half_width > schedule.precision)
+        });
+        planned.experiment.weight * due.count() as f64
+    });
+    (SET_UP_S + weights.sum::<f64>() * per_cell_s).min(most_s)
 }
 
 struct Measurement<'a> {
     session: Session,
     output: Output<'a>,
-    limits: Limits,
     group_bytes: u64,
     seed: u64,
     planned: &'a [PlannedExperiment],
+    /// Resume keys of the cells that an earlier run has finished.
+    finished: BTreeSet<String>,
     /// Of each experiment.
     known: Vec<KnownCells>,
     schedule: Schedule,
@@ -398,14 +367,20 @@ struct Measurement<'a> {
 
 impl Measurement<'_> {
     /// Writes the header, and says what of an earlier run was damaged and what is gone on with.
-    fn begin(&mut self, damage: Option<String>, ids: &[String]) -> Result<()> {
+    fn begin(&mut self) -> Result<()> {
         let header = Record::Run(Box::new(self.output.header.clone()));
         self.output.write(header)?;
-        let Output { held, journal, .. } = &self.output;
-        held.damage.iter().chain(&damage).for_each(tell::note);
-        let (pairs, cells) = journal.earlier_pairs(ids);
-        if pairs > 0 {
-            tell::note(format!("continuing from {pairs} pairs of frames of {cells} cells"));
+        self.output.held.damage.iter().for_each(tell::note);
+        let cells = self.planned.iter().flat_map(|planned| &planned.cells);
+        let recorded = cells.zip(self.schedule.all()).filter(|(_, state)| state.recorded);
+        let names =
+            recorded.map(|(cell, _)| (cell.plan.experiment.clone(), cell.plan.cell.clone()));
+        self.output.progress.finished.extend(names);
+        let samples = self.known.iter().flat_map(|known| known.samples.values());
+        let pairs: Vec<usize> = samples.map(Samples::pairs).filter(|pairs| *pairs > 0).collect();
+        if !pairs.is_empty() {
+            let (all, cells) = (pairs.iter().sum::<usize>(), pairs.len());
+            tell::note(format!("continuing from {all} pairs of frames of {cells} cells"));
         }
         Ok(())
     }
@@ -416,23 +391,31 @@ impl Measurement<'_> {
         for planned in planned {
             self.skip(planned)?;
         }
-        (0..planned.len()).try_for_each(|experiment| self.look(experiment))?;
+        (0..planned.len()).for_each(|experiment| self.look(experiment));
+        let mut left = Outcome::OverBudget;
         while !self.interrupted.load(Ordering::Relaxed) {
             let deadline_s = self.output.deadline_s();
             let Some(batch) = self.schedule.next(deadline_s - self.output.now_s()) else { break };
             if self.report_if_due(&batch) {
                 continue;
             }
-            let known = self.output.records.len();
+            let before = (self.round, self.output.records.len());
             self.sample(&batch, deadline_s)?;
-            self.look(batch.experiment)?;
-            if self.output.records.len() == known {
+            self.look(batch.experiment);
+            if let Some(lost) = self.session.gpu.lost()
+                && let Err(why) = self.session.reopen()
+            {
+                let reason = format!("device lost ({lost}) and not recovered: {why}");
+                left = Outcome::Failed { reason };
+                break;
+            }
+            if before == (self.round, self.output.records.len()) {
                 break;
             }
         }
         self.output.progress.end();
         if !self.interrupted.load(Ordering::Relaxed) {
-            self.tell_not_run()?;
+            self.record_left(left)?;
         }
         Ok(())
     }
@@ -471,7 +454,7 @@ impl Measurement<'_> {
     fn sample(&mut self, batch: &Batch, deadline_s: f64) -> Result<()> {
         let settings = Settings {
             goal: batch.goal,
-            precision: self.limits.precision,
+            precision: self.schedule.precision,
             deadline_s,
             at_least_one: !self.schedule.has_measured(),
             group_bytes: self.group_bytes,
@@ -486,8 +469,8 @@ impl Measurement<'_> {
         Ok(())
     }
 
-    /// Looks at the samples of an experiment: which claims are open, and which cells nobody is to go on with.
-    fn look(&mut self, number: usize) -> Result<(), RecordError> {
+    /// Looks at the samples of an experiment: which claims are open.
+    fn look(&mut self, number: usize) {
         let PlannedExperiment { experiment, cells } = &self.planned[number];
         let records: Vec<&Cell> = self.known[number].records.values().collect();
         let standing = experiment.standing(&records, self.session.gpu.adapter.software);
@@ -499,23 +482,17 @@ impl Measurement<'_> {
         });
         self.schedule.open.retain(|claim| claim.experiment != number);
         self.schedule.open.extend(open);
-        for (index, cell) in cells.iter().enumerate() {
-            let recorded = self.schedule.cells[number][index].recorded;
-            if recorded && !self.schedule.is_open(number, index) {
-                self.output.journal.close(&executor::name(&self.output.header, cell))?;
-            }
-        }
-        Ok(())
     }
 
-    /// Records the cells that the budget left.
-    fn tell_not_run(&mut self) -> Result<(), RecordError> {
+    /// Records the cells that the budget or a lost device left. Those of which there are samples have a record.
+    fn record_left(&mut self, left: Outcome) -> Result<(), RecordError> {
         let cells = self.planned.iter().flat_map(|planned| &planned.cells);
-        let states = cells.zip(self.schedule.all()).filter(|(_, state)| !state.recorded);
-        self.output.finish_all(states.map(|(cell, _)| cell.record(Outcome::OverBudget)).collect())
+        let states = cells.zip(self.schedule.all());
+        let states = states.filter(|(_, state)| !state.recorded && state.pairs == 0);
+        self.output.finish_all(states.map(|(cell, _)| cell.record(left.clone())).collect())
     }
 
-    fn end(mut self, kept: usize) -> Result<Summary> {
+    fn end(mut self) -> Result<Summary> {
         let spent = &mut self.session.spent;
         spent.set_up_s.insert(SetUp::Reports, self.output.reports.spent_s);
         let parts_s = spent.set_up_s.clone();
@@ -529,28 +506,18 @@ impl Measurement<'_> {
             interrupted: self.interrupted.load(Ordering::Relaxed),
         };
         self.output.write(Record::End(end.clone()))?;
-        let Output { held, journal, .. } = self.output;
-        journal.end()?;
-        let records = record::read(&held.output.records())?.records;
-        Ok(summary((held.output.folder, held.lock), &records, end, kept))
+        let Held { output, writer, lock, .. } = self.output.held;
+        let records = writer.compact()?;
+        let is_header = |record: &Record| record.try_as_run_ref().is_some();
+        let since = records.iter().rposition(is_header).unwrap_or(0);
+        let cells = records[since..].iter().filter_map(Record::try_as_cell_ref);
+        let measured = cells.clone().map(|cell| cell.resume_key()).collect();
+        let kept = self.finished.difference(&measured).count();
+        let skip_reason = cells.clone().find_map(|cell| match &cell.outcome {
+            Outcome::Skipped { reason } => Some(reason.clone()),
+            _ => None,
+        });
+        let counts = Counts::of(cells.map(|cell| &**cell));
+        Ok(Summary { out: output.folder, lock, counts, skip_reason, kept, end })
     }
-}
-
-/// Counts the cells after the last header.
-fn summary(
-    (out, lock): (PathBuf, FolderLock),
-    records: &[Record],
-    end: End,
-    kept: usize,
-) -> Summary {
-    let since = records.iter().rposition(|record| record.try_as_run_ref().is_some()).unwrap_or(0);
-    // Of a cell that was sampled on the latest.
-    let cells = records[since..].iter().filter_map(Record::try_as_cell_ref);
-    let cells: BTreeMap<_, &Cell> =
-        cells.map(|cell| ((&cell.experiment, &cell.cell), cell.as_ref())).collect();
-    let skip_reason = cells.values().find_map(|cell| match &cell.outcome {
-        Outcome::Skipped { reason } => Some(reason.clone()),
-        _ => None,
-    });
-    Summary { out, lock, counts: Counts::of(cells.into_values()), skip_reason, kept, end }
 }

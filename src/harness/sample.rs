@@ -12,8 +12,8 @@
 //! Before each preparation and each visit the scheduler asks whether what is foreseen for it still fits before the deadline. What was
 //! foreseen may be wrong: once the deadline is over no further step begins, be it a frame or the reading of a cell's figures.
 //!
-//! What each visit added is handed to [`Executor::keep`], so that a run that ends at any moment can be gone on with:
-//! a cell begins with what [`Executor::earlier`] has of it.
+//! What cells have is handed to [`Executor::keep`] after their first visit and every [`KEEP_INTERVAL_S`], so that a run that ends at any
+//! moment can be gone on with: a cell begins with what [`Executor::earlier`] has of it.
 //!
 //! The scheduler reads no clock and touches no device: both are behind [`Executor`].
 
@@ -26,9 +26,9 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
 use self::visit::{Frame, Visits};
-use fathom_clock::{FrameSample, Samples, Stopped, WarmUp, fault, frame_pair};
+use fathom_clock::{FrameSample, Samples, Stopped, WarmUp};
 use fathom_experiments::LOOKS;
-use fathom_record::{Addition, FramePair, MachineState};
+use fathom_record::MachineState;
 
 /// Pairs of a cell at which its samples are looked at; each other one is twice the one before. A verdict needs 8 at least, and from
 /// 12 on no interval ends at a single outlier. The end of the time is one more look.
@@ -41,6 +41,9 @@ pub const MAX_PAIRS: usize = LOOK_PAIRS[LOOKS - 2];
 const FIRST_VISITS_S: f64 = 3.0;
 /// As many as an interval needs: the frame nearest to the defaults is what a page shows first.
 const LEAST_FIRST_PAIRS: usize = 8;
+
+/// A run that is killed loses what was sampled for no longer than this and one step, seconds.
+const KEEP_INTERVAL_S: f64 = 10.0;
 
 /// Why a frame could not be rendered.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,10 +71,8 @@ pub trait Executor {
     fn untimed(&mut self, cell: usize) -> Result<f64, Failure>;
     /// What was taken of this cell before. Asked before its first frame.
     fn earlier(&mut self, cell: usize) -> Samples;
-    /// Keeps what a visit added to a cell's samples.
-    fn keep(&mut self, cell: usize, added: Addition) -> Result<(), Self::Fatal>;
-    /// All cells were visited: what was kept must outlive this process from now on.
-    fn end_round(&mut self) -> Result<(), Self::Fatal>;
+    /// Keeps what was sampled of a cell up to now, which must outlive this process.
+    fn keep(&mut self, cell: usize, samples: &Samples) -> Result<(), Self::Fatal>;
     /// Its times are not asked for: one frame is rendered, untimed.
     fn untimed_only(&self, cell: usize) -> bool;
     /// What the cell's next steps will take.
@@ -86,8 +87,6 @@ pub trait Executor {
     fn lost(&self) -> Option<String> {
         None
     }
-    /// Opens the device anew after its loss, or says why that is not possible.
-    fn recover(&mut self) -> Result<(), String>;
     /// Seconds since any fixed moment.
     fn now_s(&self) -> f64;
     /// Seconds of Unix time.
@@ -165,14 +164,14 @@ struct Live {
     pair_s: Option<f64>,
     /// It has rendered frames on this device.
     warm: bool,
-    /// Its samples are an earlier run's, and no frame of this run was held against them.
-    unconfirmed: bool,
+    /// So many of its pairs were handed over.
+    kept_pairs: usize,
 }
 
 impl Live {
     fn new(samples: Samples) -> Self {
         Self {
-            unconfirmed: samples.earlier_pairs > 0,
+            kept_pairs: samples.pairs(),
             samples,
             target: 0,
             spent_s: 0.0,
@@ -188,11 +187,6 @@ impl Live {
             && self.spent_s > FIRST_VISITS_S
             && pairs >= LEAST_FIRST_PAIRS;
         !self.warm || pairs < self.target && !had_enough
-    }
-
-    /// There is enough of it for a record after an interruption.
-    fn suffices(&self) -> bool {
-        self.warm && self.samples.pairs() >= MIN_PAIRS
     }
 }
 
@@ -216,8 +210,8 @@ pub fn targets(goal: Goal, pairs: &[usize]) -> Vec<usize> {
 }
 
 /// Samples `cells` up to the goal, or the deadline, or until `interrupted` is set. Cells of which anything was sampled are handed
-/// to [`Executor::finish`], except those that an interruption left with too little: what there is of them was
-/// kept. Returns the number of the next round.
+/// to [`Executor::finish`]; what there is of them when the time is over, the run is interrupted or the device is lost is
+/// only kept. Returns the number of the next round.
 pub fn sample<X: Executor>(
     executor: &mut X,
     cells: &[usize],
@@ -226,15 +220,15 @@ pub fn sample<X: Executor>(
 ) -> Result<u32, X::Fatal> {
     let mut sampler = Sampler {
         visits: Visits::new(executor.chains(cells)),
-        executor,
         interrupted,
         settings,
         random: Pcg64::seed_from_u64(settings.seed ^ u64::from(settings.first_round)),
         live: BTreeMap::new(),
         round: settings.first_round,
+        kept_s: executor.now_s(),
+        executor,
         owes_one: settings.at_least_one,
         late: false,
-        hopeless: None,
     };
     let mut waiting = cells;
     while !waiting.is_empty() && !sampler.has_to_end() {
@@ -251,7 +245,6 @@ pub fn sample<X: Executor>(
 /// What a visit has of a cell up to now.
 #[derive(Default)]
 struct Taken {
-    added: Addition,
     timed: Option<FrameSample>,
     untimed_ns: Option<f64>,
     /// What its frames took.
@@ -267,30 +260,24 @@ struct Sampler<'a, X: Executor> {
     /// By the number of the cell.
     live: BTreeMap<usize, Live>,
     round: u32,
+    /// When everything was handed over.
+    kept_s: f64,
     /// The first pair of frames is still to be taken, whatever is foreseen for it.
     owes_one: bool,
     /// A visit did not fit before the deadline.
     late: bool,
-    /// Why nothing can be measured any more.
-    hopeless: Option<String>,
 }
 
 impl<X: Executor> Sampler<'_, X> {
-    fn interrupted(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
-    }
-
     fn has_to_end(&self) -> bool {
         self.late || self.is_over()
     }
 
     /// No further step is begun.
     fn is_over(&self) -> bool {
-        self.interrupted() || self.is_too_late()
-    }
-
-    fn is_too_late(&self) -> bool {
-        self.executor.now_s() >= self.settings.deadline_s
+        self.interrupted.load(Ordering::Relaxed)
+            || self.executor.lost().is_some()
+            || self.executor.now_s() >= self.settings.deadline_s
     }
 
     /// Whether a step of this length, and the rest of all prepared cells after it, fits before the deadline.
@@ -350,7 +337,6 @@ impl<X: Executor> Sampler<'_, X> {
                 self.visit(&frames)?;
             }
             self.round += 1;
-            self.executor.end_round()?;
         }
         self.finish_rest()
     }
@@ -369,13 +355,12 @@ impl<X: Executor> Sampler<'_, X> {
         if self.has_to_end() {
             return Ok(());
         }
-        for (&cell, taken) in &mut taken {
+        for &cell in taken.keys() {
             let start_s = self.executor.now_s();
-            self.attempt(cell, |sampler| sampler.warm_up(cell, &mut taken.added))?;
+            self.attempt(cell, |sampler| sampler.warm_up(cell))?;
             self.spend(cell, start_s);
         }
         for Frame { cell, timed } in frames.iter().copied() {
-            // After the loss of the device the survivors are prepared anew, and warm up in their next visit.
             if self.is_over() || !self.live.get(&cell).is_some_and(|live| live.warm) {
                 continue;
             }
@@ -397,6 +382,23 @@ impl<X: Executor> Sampler<'_, X> {
         for (cell, taken) in taken {
             self.add(cell, taken, (unix_s, machine.clone()))?;
         }
+        self.keep()
+    }
+
+    /// Hands over what cells have: those of a first pair at once, and all of them every now and then.
+    fn keep(&mut self) -> Result<(), X::Fatal> {
+        let now_s = self.executor.now_s();
+        let is_due = now_s - self.kept_s >= KEEP_INTERVAL_S;
+        if is_due {
+            self.kept_s = now_s;
+        }
+        for (cell, live) in &mut self.live {
+            let pairs = live.samples.pairs();
+            if pairs != live.kept_pairs && (is_due || live.kept_pairs == 0) {
+                live.kept_pairs = pairs;
+                self.executor.keep(*cell, &live.samples)?;
+            }
+        }
         Ok(())
     }
 
@@ -406,7 +408,7 @@ impl<X: Executor> Sampler<'_, X> {
     }
 
     /// See [`WarmUp`].
-    fn warm_up(&mut self, cell: usize, added: &mut Addition) -> Result<(), Failure> {
+    fn warm_up(&mut self, cell: usize) -> Result<(), Failure> {
         if self.live[&cell].warm {
             return Ok(());
         }
@@ -418,9 +420,11 @@ impl<X: Executor> Sampler<'_, X> {
                 self.executor.untimed(cell)?
             });
         }
-        added.warm_up_frames = warm_up.frames;
-        added.unsteady = !warm_up.steady;
-        self.live.entry(cell).and_modify(|live| live.warm = true);
+        self.live.entry(cell).and_modify(|live| {
+            live.warm = true;
+            live.samples.warm_up_frames += warm_up.frames;
+            live.samples.unsteady |= !warm_up.steady;
+        });
         Ok(())
     }
 
@@ -434,28 +438,21 @@ impl<X: Executor> Sampler<'_, X> {
         let Some(live) = self.live.get_mut(&cell) else {
             return Ok(());
         };
-        let Taken { mut added, timed, untimed_ns, frames_s } = taken;
-        if let (Some(frame), Some(untimed_ns)) = (timed, untimed_ns) {
-            live.pair_s = Some(frames_s);
-            let taken = frame_pair(&frame, untimed_ns, (self.round, unix_s));
-            let pair = FramePair { machine, ..taken };
-            if std::mem::take(&mut live.unconfirmed) && !live.samples.has_stages(&pair.stages) {
-                live.samples = Samples::default();
-                added.afresh = true;
+        if let (Some(frame), Some(untimed_ns)) = (taken.timed, taken.untimed_ns) {
+            live.pair_s = Some(taken.frames_s);
+            let all_earlier = live.samples.pairs() == live.samples.earlier_pairs;
+            if all_earlier && !live.samples.has_stages(&frame.stages) {
+                (live.samples, live.kept_pairs) = (Samples::default(), 0);
             }
-            added.rejected = fault(&frame, untimed_ns, live.samples.stages());
-            added.pair = added.rejected.is_none().then_some(pair);
+            live.samples.add(frame, untimed_ns, (self.round, unix_s, machine));
         }
-        live.samples.add(&added);
-        let verdict = live.samples.verdict_on_rejections();
-        self.executor.keep(cell, added)?;
-        match verdict {
+        match live.samples.verdict_on_rejections() {
             Some(reason) => self.close(cell, Err(reason)),
             None => Ok(()),
         }
     }
 
-    /// Runs one step of a cell that is not closed; a failure closes the cell, and the loss of the device concerns all.
+    /// Runs one step of a cell that is not closed; a failure closes the cell.
     fn attempt(
         &mut self,
         cell: usize,
@@ -464,32 +461,11 @@ impl<X: Executor> Sampler<'_, X> {
         if !self.live.contains_key(&cell) {
             return Ok(());
         }
-        let result = match &self.hopeless {
-            Some(reason) => Err(Failure::Cell(reason.clone())),
-            None => step(self),
-        };
-        match result {
+        match step(self) {
             Ok(()) => Ok(()),
             Err(Failure::Cell(reason)) => self.close(cell, Err(reason)),
             Err(Failure::DeviceLost(reason)) => self.close(cell, Err(device_lost(&reason))),
         }
-    }
-
-    /// Prepares the surviving cells on a new device; they keep their samples and warm up again.
-    fn recover(&mut self, reason: &str) -> Result<(), X::Fatal> {
-        if let Err(why) = self.executor.recover() {
-            self.hopeless = Some(format!("device lost before ({reason}) and not recovered: {why}"));
-        }
-        let survivors: Vec<usize> = self.live.keys().copied().collect();
-        for cell in survivors {
-            let Some(live) = self.live.get_mut(&cell) else {
-                continue;
-            };
-            live.warm = false;
-            self.executor.release(cell);
-            self.attempt(cell, |sampler| sampler.executor.prepare(cell).map(|_| ()))?;
-        }
-        Ok(())
     }
 
     /// Closes a cell with what was sampled of it, unless it is closed.
@@ -504,8 +480,6 @@ impl<X: Executor> Sampler<'_, X> {
             Stopped::Precise
         } else if samples.pairs() >= MAX_PAIRS {
             Stopped::EnoughPairs
-        } else if self.interrupted() {
-            Stopped::Interrupted
         } else {
             Stopped::OutOfTime
         };
@@ -516,26 +490,21 @@ impl<X: Executor> Sampler<'_, X> {
         self.live.remove(&cell);
         let finished = self.executor.finish(cell, result);
         self.executor.release(cell);
-        finished?;
-        // Its own steps may have lost the device, or those by which its figures were read.
-        match self.executor.lost().filter(|_| self.hopeless.is_none()) {
-            Some(reason) => self.recover(&reason),
-            None => Ok(()),
-        }
+        finished
     }
 
-    /// Hands over what the group's cells have. What rendered nothing, or comes too late, stays for later. What has rendered on a
-    /// device that is lost renders once more, so that its figures can be read.
+    /// Hands over what the group's cells have. What rendered nothing, or comes when the run is over or the device is lost, is kept for later.
     fn finish_rest(&mut self) -> Result<(), X::Fatal> {
         while let Some((&cell, live)) = self.live.first_key_value() {
-            let too_little = self.is_too_late() || self.interrupted() && !live.suffices();
-            let rendered = live.warm || live.pair_s.is_some();
-            if too_little || !rendered || live.samples.pairs() == 0 {
+            if self.is_over() || !live.warm || live.samples.pairs() == 0 {
+                if live.samples.pairs() != live.kept_pairs {
+                    self.executor.keep(cell, &live.samples)?;
+                }
                 self.live.remove(&cell);
                 self.executor.release(cell);
             } else {
-                self.attempt(cell, |sampler| sampler.warm_up(cell, &mut Addition::default()))?;
                 self.close_sampled(cell)?;
+                self.keep()?;
             }
         }
         Ok(())

@@ -1,14 +1,14 @@
 //! Which cells of a run are measured next, so that a page can be read early and claims are settled soon.
 //!
-//! A run works in passes. Each is one or more batches of cells of one experiment, and what comes next is asked after each batch:
+//! A run begins cells in the order of one list, as far as they fit into the time that is left:
 //!
 //! 1. the cell of each pipeline that is nearest to the pipeline's defaults, the cheapest pipeline first;
 //! 2. units of cells that claims speak of, those first that have the most claims per second of foreseen time;
 //! 3. units without claims, the cheapest first;
-//! 4. the cells of an open claim up to their next look, the cheapest claim first;
-//! 5. cells whose interval is wider than asked, up to their next look, the unit with the widest first.
+//! 4. single cells of units that are too long for the time that is left, the cheapest first.
 //!
-//! A batch that does not fit into the time that is left is passed over; where no unit fits, its cells are measured one by one. A unit is what
+//! When nothing more can be begun, it deepens: the cells of the cheapest open claim up to their next look, else those of the unit with the
+//! widest interval. After each batch the run asks anew. A unit is what
 //! [`Experiment::units`](fathom_experiments::Experiment::units) gives: cells that are compared are sampled in the same rounds.
 //!
 //! What a cell will take is foreseen from the cell itself, where it was measured before; else its frame from its declared work, in
@@ -84,6 +84,15 @@ pub struct Batch {
     pub goal: Goal,
 }
 
+/// A batch that may come next: that of the least rank first, and among those that of the least price.
+struct Choice {
+    rank: u8,
+    price: f64,
+    /// Foreseen, seconds.
+    cost_s: f64,
+    batch: Batch,
+}
+
 /// The state of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Schedule {
@@ -101,21 +110,14 @@ impl Schedule {
     /// The next batch that fits into the time. A run that has measured nothing begins one whatever is foreseen, if there is any time.
     pub fn next(&self, left_s: f64) -> Option<Batch> {
         let left_s = if self.has_measured() || left_s <= 0.0 { left_s } else { f64::INFINITY };
-        let fits = |(cost_s, _): &(f64, Batch)| *cost_s <= left_s;
-        let passes: [&dyn Fn() -> Option<(f64, Batch)>; 6] = [
-            &|| cheapest(self.first_visits().filter(fits)),
-            &|| {
-                self.first_looks(
-                    |unit, cost_s| (unit.claims > 0).then(|| cost_s / unit.claims as f64),
-                    left_s,
-                )
-            },
-            &|| self.first_looks(|_, cost_s| Some(cost_s), left_s),
-            &|| cheapest(self.alone().filter(fits)),
-            &|| cheapest(self.open_claims().filter(fits)),
-            &|| self.widest(left_s),
-        ];
-        passes.into_iter().find_map(|pass| pass()).map(|(_, batch)| batch)
+        let best = |mut choices: Vec<Choice>| {
+            choices.retain(|choice| choice.cost_s <= left_s);
+            let order = |a: &Choice, b: &Choice| {
+                a.rank.cmp(&b.rank).then_with(|| a.price.total_cmp(&b.price))
+            };
+            choices.into_iter().min_by(order).map(|choice| choice.batch)
+        };
+        best(self.to_begin()).or_else(|| best(self.to_deepen()))
     }
 
     /// Something was measured, now or before.
@@ -127,106 +129,73 @@ impl Schedule {
         self.cells.iter().flatten()
     }
 
-    /// Whether someone may go on with the cell: it is not precise yet, or a claim on it is open, or its unit is not complete.
-    pub fn is_open(&self, experiment: usize, cell: usize) -> bool {
-        let state = &self.cells[experiment][cell];
-        let is_of = |of: usize, cells: &[usize]| of == experiment && cells.contains(&cell);
-        let in_claim = || self.open.iter().any(|claim| is_of(claim.experiment, &claim.cells));
-        let unit = self.units.iter().find(|unit| is_of(unit.experiment, &unit.cells));
-        let complete = || {
-            let cells = unit.into_iter().flat_map(|unit| &unit.cells);
-            cells.into_iter().all(|cell| self.cells[experiment][*cell].is_looked_at())
-        };
-        state.may_go_on() && (state.half_width > self.precision || in_claim() || !complete())
-    }
-
-    fn first_visits(&self) -> impl Iterator<Item = (f64, Batch)> {
-        let due = self.first.iter().filter(|(experiment, cell)| {
-            let state = &self.cells[*experiment][*cell];
+    /// What lacks its first look.
+    fn to_begin(&self) -> Vec<Choice> {
+        let is_new = |experiment: usize, cell: usize| {
+            let state = &self.cells[experiment][cell];
             !state.recorded && !state.out
-        });
-        due.map(|(experiment, cell)| self.batch(*experiment, vec![*cell], Goal::FirstVisits))
+        };
+        let alone = |rank, experiment, cell| {
+            let batch = Batch { experiment, cells: vec![cell], goal: Goal::FirstVisits };
+            is_new(experiment, cell).then(|| self.choice(rank, batch))
+        };
+        let first = self.first.iter().filter_map(|(experiment, cell)| alone(0, *experiment, *cell));
+        let mut choices: Vec<Choice> = first.collect();
+        for Unit { experiment, cells, claims } in &self.units {
+            let state = |cell: &usize| &self.cells[*experiment][*cell];
+            if cells.iter().all(|cell| state(cell).is_looked_at()) {
+                continue;
+            }
+            let is_due = |cell: &usize| !state(cell).is_looked_at() || state(cell).may_go_on();
+            let due = cells.iter().copied().filter(is_due).collect();
+            let batch = Batch { experiment: *experiment, cells: due, goal: Goal::FirstLook };
+            let unit = self.choice(if *claims > 0 { 1 } else { 2 }, batch);
+            let price = unit.cost_s / (*claims).max(1) as f64;
+            choices.push(Choice { price, ..unit });
+            // No claim compares them yet, but what they take may show that the others do fit.
+            choices.extend(cells.iter().filter_map(|cell| alone(3, *experiment, *cell)));
+        }
+        choices
     }
 
-    /// The unit of the least `price` that fits.
-    fn first_looks(
-        &self,
-        price: impl Fn(&Unit, f64) -> Option<f64>,
-        left_s: f64,
-    ) -> Option<(f64, Batch)> {
-        let priced = self.due().filter_map(|(unit, batch)| Some((price(unit, batch.0)?, batch)));
-        let fitting = priced.filter(|(_, (cost_s, _))| *cost_s <= left_s);
-        Some(fitting.min_by(|a, b| a.0.total_cmp(&b.0))?.1)
-    }
-
-    /// Units that lack a first look, with what they lack.
-    fn due(&self) -> impl Iterator<Item = (&Unit, (f64, Batch))> {
-        let due = self.units.iter().filter(|unit| {
-            unit.cells.iter().any(|cell| !self.cells[unit.experiment][*cell].is_looked_at())
-        });
-        due.map(|unit| {
-            let is_due = |cell: &usize| {
-                let state = &self.cells[unit.experiment][*cell];
-                !state.is_looked_at() || state.may_go_on()
+    /// Cells that may go on to their next look: of open claims, and of units those whose interval is wider than asked.
+    fn to_deepen(&self) -> Vec<Choice> {
+        let deeper = |rank, experiment: usize, cells: &[usize], least_width: f64| {
+            let may = |cell: &usize| {
+                let state = &self.cells[experiment][*cell];
+                state.recorded && state.may_go_on() && state.half_width > least_width
             };
-            let cells = unit.cells.iter().copied().filter(is_due).collect();
-            (unit, self.batch(unit.experiment, cells, Goal::FirstLook))
-        })
-    }
-
-    /// Cells without a record, each by itself, of units that do not fit into the time that is left. No claim compares them yet, but
-    /// what they take may show that the others do fit.
-    fn alone(&self) -> impl Iterator<Item = (f64, Batch)> {
-        let cells =
-            self.due().flat_map(|(unit, _)| unit.cells.iter().map(|cell| (unit.experiment, *cell)));
-        let without_record = cells.filter(|(experiment, cell)| {
-            let state = &self.cells[*experiment][*cell];
-            !state.recorded && !state.out
-        });
-        without_record
-            .map(|(experiment, cell)| self.batch(experiment, vec![cell], Goal::FirstVisits))
-    }
-
-    fn open_claims(&self) -> impl Iterator<Item = (f64, Batch)> {
-        self.open.iter().filter_map(|claim| self.deeper(claim.experiment, &claim.cells))
-    }
-
-    fn widest(&self, left_s: f64) -> Option<(f64, Batch)> {
-        let wide = self.units.iter().filter_map(|unit| {
-            let width = |cell: &usize| self.cells[unit.experiment][*cell].half_width;
-            let wide = unit.cells.iter().copied().filter(|cell| width(cell) > self.precision);
-            let wide: Vec<usize> = wide.collect();
-            let batch = self.deeper(unit.experiment, &wide)?;
-            Some((batch.1.cells.iter().map(width).fold(0.0, f64::max), batch))
-        });
-        let fitting = wide.filter(|(_, (cost_s, _))| *cost_s <= left_s);
-        Some(fitting.max_by(|a, b| a.0.total_cmp(&b.0))?.1)
-    }
-
-    /// Those of the cells that may go on to their next look.
-    fn deeper(&self, experiment: usize, cells: &[usize]) -> Option<(f64, Batch)> {
-        let may = |cell: &usize| {
-            let state = &self.cells[experiment][*cell];
-            state.recorded && state.may_go_on()
+            let cells: Vec<usize> = cells.iter().copied().filter(may).collect();
+            let batch = Batch { experiment, cells, goal: Goal::NextLook };
+            (!batch.cells.is_empty()).then(|| self.choice(rank, batch))
         };
-        let cells: Vec<usize> = cells.iter().copied().filter(may).collect();
-        (!cells.is_empty()).then(|| self.batch(experiment, cells, Goal::NextLook))
+        let claims = self
+            .open
+            .iter()
+            .filter_map(|claim| deeper(0, claim.experiment, &claim.cells, f64::NEG_INFINITY));
+        let units = self.units.iter().filter_map(|unit| {
+            let wide = deeper(1, unit.experiment, &unit.cells, self.precision)?;
+            let width = |cell: &usize| self.cells[unit.experiment][*cell].half_width;
+            let widest = wide.batch.cells.iter().map(width).fold(0.0, f64::max);
+            Some(Choice { price: -widest, ..wide })
+        });
+        claims.chain(units).collect()
     }
 
-    /// With its foreseen time.
-    fn batch(&self, experiment: usize, cells: Vec<usize>, goal: Goal) -> (f64, Batch) {
-        let pairs = |cell: &usize| self.cells[experiment][*cell].pairs;
-        let pairs: Vec<usize> = cells.iter().map(pairs).collect();
-        let targets = targets(goal, &pairs);
+    /// At the price of its foreseen time.
+    fn choice(&self, rank: u8, batch: Batch) -> Choice {
+        let pairs = |cell: &usize| self.cells[batch.experiment][*cell].pairs;
+        let pairs: Vec<usize> = batch.cells.iter().map(pairs).collect();
+        let targets = targets(batch.goal, &pairs);
         let cost = |(cell, (target, pairs)): (&usize, (usize, usize))| {
-            let foreseen = self.foreseen(experiment, *cell);
-            match goal {
+            let foreseen = self.foreseen(batch.experiment, *cell);
+            match batch.goal {
                 Goal::FirstVisits => foreseen.first_visits_s(),
                 _ => foreseen.visit_s(target - pairs),
             }
         };
-        let cost_s = cells.iter().zip(targets.into_iter().zip(pairs)).map(cost).sum();
-        (cost_s, Batch { experiment, cells, goal })
+        let cost_s = batch.cells.iter().zip(targets.into_iter().zip(pairs)).map(cost).sum();
+        Choice { rank, price: cost_s, cost_s, batch }
     }
 
     /// What the next steps of a cell will take.
@@ -239,14 +208,13 @@ impl Schedule {
                 .or_else(|| mean(self.all().filter_map(|cell| of(&cell.seen))))
                 .unwrap_or(UNSEEN_S)
         };
-        let known = state.seen.finish_s.is_some();
         let pair_s = state.seen.pair_s.unwrap_or_else(|| {
             2.0 * (state.declared_s * self.slowness(&state.pipeline)).max(SHORTEST_FRAME_S)
         });
         Foreseen {
             prepare_s: mean(|seen| seen.prepare_s),
             pair_s: if state.untimed { 0.0 } else { pair_s },
-            finish_s: if known { 0.0 } else { mean(|seen| seen.finish_s) },
+            finish_s: if state.recorded { 0.0 } else { mean(|seen| seen.finish_s) },
         }
     }
 
@@ -262,10 +230,6 @@ impl Schedule {
         let own = mean(ratios().filter(|(of, _)| *of == pipeline).map(|(_, ratio)| ratio));
         own.or_else(|| mean(ratios().map(|(_, ratio)| ratio))).unwrap_or(1.0)
     }
-}
-
-fn cheapest(batches: impl Iterator<Item = (f64, Batch)>) -> Option<(f64, Batch)> {
-    batches.min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {

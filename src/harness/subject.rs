@@ -6,29 +6,14 @@ use std::rc::Rc;
 
 use serde::Deserialize;
 use serde_json::Value;
-use thiserror::Error;
 
-use super::catalog::Catalog;
-use fathom_base::parameter::{self, ParamError};
+use super::catalog::{Catalog, SubjectError};
+use fathom_base::parameter;
 use fathom_base::tell;
-use fathom_base::text::did_you_mean;
 use fathom_gpu::{Capacity, Gpu, GpuError};
 use fathom_pipelines as pipelines;
 use fathom_pipelines::{AnyPipeline, Pipeline, PipelineKind, Plan};
 use fathom_scene::{Camera, Scene, SceneError, SceneFile};
-
-/// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
-#[derive(Debug, Error)]
-pub enum SubjectError {
-    #[error("unknown pipeline `{name}`{}", did_you_mean(.nearest))]
-    UnknownPipeline { name: String, nearest: Option<String> },
-    #[error(transparent)]
-    Scene(#[from] SceneError),
-    #[error(transparent)]
-    Param(#[from] ParamError),
-    #[error("{0}")]
-    Invalid(String),
-}
 
 /// A pipeline with its parameters, and a scene with its geometry.
 #[derive(Clone)]

@@ -10,7 +10,9 @@ use sha2::{Digest, Sha256};
 
 use fathom_base::{folder, input};
 use fathom_record as record;
-use fathom_record::{Cell, Clock, Damaged, Estimate, Measured, Record, Run, ShaderChecks};
+use fathom_record::{
+    Cell, Clock, Damaged, Estimate, Measured, Record, RecordError, Run, ShaderChecks,
+};
 
 /// The figures of a cell share its names.
 pub type Name = std::sync::Arc<str>;
@@ -71,26 +73,26 @@ pub struct NewFigure {
 }
 
 impl NewRun {
-    /// Reads the folder of a run. One record is in memory at a time.
+    /// Reads the folder of a run.
     ///
     /// # Errors
     /// Where the records cannot be read, a line is damaged, or they are a comparison's.
     pub fn read(folder: &Path, name: &str) -> anyhow::Result<NewRun> {
         let path = record::stored(&folder.join(name));
         let unread = |source| anyhow!("cannot read {}: {source}", path.display());
-        let open = || folder::unpacked(&path, MAX_RECORDS);
-        let source = open().map_err(|source| match source.kind() {
-            ErrorKind::NotFound => {
+        let read = record::read_good(&path).map_err(|error| match &error {
+            RecordError::Io { source, .. } if source.kind() == ErrorKind::NotFound => {
                 anyhow!("{} holds no run: there is no {name} in it", folder.display())
             }
-            _ => unread(source),
+            _ => error.into(),
         })?;
         let mut found = Found::default();
-        let damaged = record::each_good(&path, source, |record| found.take(record))?;
-        let header = found.check(&path, &damaged)?;
+        read.records.into_iter().for_each(|record| found.take(record));
+        let header = found.check(&path, &read.damaged)?;
+        let file = folder::unpacked(&path, MAX_RECORDS);
         let of_figure = |(key, (host, value))| NewFigure { key, host, value };
         Ok(NewRun {
-            digest: open().and_then(input::sha256).map_err(unread)?,
+            digest: file.and_then(input::sha256).map_err(unread)?,
             started_at: header.started_at.clone(),
             adapter: header.adapter.title(),
             driver: driver(&header),
@@ -101,7 +103,7 @@ impl NewRun {
     }
 }
 
-/// What the records of a run hold, as they come.
+/// What the records of a run hold.
 #[derive(Default)]
 struct Found {
     /// Of the first record, where that is one.
@@ -131,7 +133,8 @@ impl Found {
                 self.header = Some(*run);
             }
             Record::Cell(cell) => {
-                let Some(measured) = cell.measured() else { return };
+                let finished = cell.measured().filter(|measured| measured.is_finished());
+                let Some(measured) = finished else { return };
                 self.cells.insert(cell.resume_key());
                 if let Some(run) = &self.header {
                     let host = run.conditions.host.as_deref().map(Name::from);

@@ -1,22 +1,22 @@
-//! Records on disk, and which of them need no second measurement.
+//! Records on disk, and what a resumed run takes from them.
 
-use std::collections::BTreeSet;
-use std::io::Read;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use itertools::Itertools as _;
 use serde_json::Value;
+use sha2::{Digest, Sha256};
 
-use super::lines::{Damaged, Line, LineWriter, Reading, RecordError, read_lines, sift};
-use super::{Cell, Outcome, Record, Run, SCHEMA};
+use super::lines::{Damaged, Reading, RecordError, read};
+use super::{Begun, Cell, Measured, NoteKind, Outcome, Record, Run};
 use fathom_base::text;
 
-impl Line for Record {
-    const SCHEMA: u32 = SCHEMA;
-    const NAME: &'static str = "record";
+/// Bytes of the digest that names a cell.
+const ID_BYTES: usize = 12;
 
-    /// An experiment's id names files of the report.
-    fn check(&self) -> Result<(), String> {
+impl Record {
+    /// What no sound record holds, beyond what its types say: an experiment's id names files of the report.
+    pub(super) fn check(&self) -> Result<(), String> {
         let id = match self {
             Record::Experiment(definition) => &definition.id,
             Record::Cell(cell) => &cell.experiment,
@@ -28,37 +28,16 @@ impl Line for Record {
     }
 }
 
-pub type Writer = LineWriter<Record>;
-
-/// See [`read_lines`].
-pub fn read(path: &Path) -> Result<Reading, RecordError> {
-    read_lines(path)
-}
-
 /// As [`read`]. A file without any sound record is an error that names its damage.
 pub fn read_good(path: &Path) -> Result<Reading, RecordError> {
     let read = read(path)?;
     if read.records.is_empty() { Err(nothing_sound(path, read.damaged)) } else { Ok(read) }
 }
 
-/// The same of what `source` gives of the file, a record at a time.
-pub fn each_good(
-    path: &Path,
-    source: impl Read,
-    mut take: impl FnMut(Record),
-) -> Result<Damaged, RecordError> {
-    let mut any = false;
-    let (damaged, _) = sift(path, source, |record| {
-        any = true;
-        take(record);
-    })?;
-    if any { Ok(damaged) } else { Err(nothing_sound(path, damaged)) }
-}
-
 /// Lines were read and none is sound, or none was read.
 fn nothing_sound(path: &Path, damaged: Damaged) -> RecordError {
     let damage = if damaged.is_empty() { "it is empty".to_owned() } else { damaged.to_string() };
-    RecordError::NothingSound { path: path.to_owned(), name: Record::NAME, damage }
+    RecordError::NothingSound { path: path.to_owned(), damage }
 }
 
 /// Refuses a file of which lines were read and none is sound. An empty file passes: a process that was killed early leaves one.
@@ -67,20 +46,6 @@ pub fn empty_or_sound(path: &Path, read: &Reading) -> Result<(), RecordError> {
         return Ok(());
     }
     Err(nothing_sound(path, read.damaged.clone()))
-}
-
-/// Identity of a cell for `--resume`: a cell with another scene, stand-in or parameter is another cell.
-pub fn resume_key(
-    experiment: &str,
-    cell: &str,
-    pipeline: &str,
-    scene: &str,
-    stand_ins: &[String],
-    params: &Value,
-) -> String {
-    let mut sorted = params.clone();
-    sort_keys(&mut sorted);
-    serde_json::json!([experiment, cell, pipeline, scene, stand_ins, sorted]).to_string()
 }
 
 /// Of tables; those in lists stay as they are.
@@ -92,40 +57,86 @@ fn sort_keys(value: &mut Value) {
 }
 
 impl Cell {
-    /// See [`resume_key`].
+    /// Identity of a cell for `--resume`: one with another scene, stand-in or parameter is another cell.
     pub fn resume_key(&self) -> String {
         let Self { experiment, cell, pipeline, scene, stand_ins, params, .. } = self;
-        let params = Value::Object(params.to_map());
-        resume_key(experiment, cell, pipeline, scene, stand_ins, &params)
+        let mut params = Value::Object(params.to_map());
+        sort_keys(&mut params);
+        serde_json::json!([experiment, cell, pipeline, scene, stand_ins, params]).to_string()
     }
 }
 
-/// Resume keys of the cells that need no second measurement: those measured or skipped under the
-/// conditions of `run` (same adapter, profile and shader checks). Failed cells are tried again, and those that were not run are
-/// measured.
-pub fn finished(records: &[Record], run: &Run) -> BTreeSet<String> {
-    let mut same_conditions = false;
-    let mut keys = BTreeSet::new();
+impl Measured {
+    /// Its figures were read: what a run writes of a cell that it still samples, and a kill leaves, may lack them.
+    pub fn is_finished(&self) -> bool {
+        self.notes.iter().all(|note| note.kind != NoteKind::Unfinished)
+    }
+}
+
+/// What earlier runs left of a cell.
+#[derive(Clone, Copy, Debug)]
+pub struct Earlier<'a> {
+    pub cell: &'a Cell,
+    /// By the same build, on the same machine, by the same clocks: its samples and those of the resumed run go together.
+    pub is_continued: bool,
+}
+
+impl Earlier<'_> {
+    /// The cell needs no second measurement.
+    pub fn is_finished(&self) -> bool {
+        self.cell.measured().is_none_or(Measured::is_finished)
+    }
+}
+
+/// By resume key the cells that were measured or skipped before under the conditions of `run`: the same adapter, profile and shader checks.
+/// Failed cells are tried again, and those that were not run are measured.
+pub fn earlier<'a>(records: &'a [Record], run: &Run) -> BTreeMap<String, Earlier<'a>> {
+    let (mut header, mut found) = (None, BTreeMap::new());
     for record in records {
         match record {
-            Record::Run(earlier) => {
-                same_conditions = earlier.adapter == run.adapter
-                    && earlier.profile == run.profile
-                    && earlier.shader_checks == run.shader_checks;
-            }
+            Record::Run(of) => header = Some(of).filter(|of| of.has_conditions_of(run)),
             Record::Cell(cell)
-                if same_conditions
-                    && matches!(cell.outcome, Outcome::Measured(_) | Outcome::Skipped { .. }) =>
+                if matches!(cell.outcome, Outcome::Measured(_) | Outcome::Skipped { .. }) =>
             {
-                keys.insert(cell.resume_key());
+                let Some(of) = header else { continue };
+                let is_continued = of.goes_with(run) && of.clocks == run.clocks;
+                found.insert(cell.resume_key(), Earlier { cell, is_continued });
             }
             _ => {}
         }
     }
-    keys
+    found
 }
 
-/// Ids of the cells in which more than one process ended: their runs end with a [`Begun`](super::Begun) line.
+impl Run {
+    fn has_conditions_of(&self, other: &Run) -> bool {
+        self.adapter == other.adapter
+            && self.profile == other.profile
+            && self.shader_checks == other.shader_checks
+    }
+
+    /// Samples of both, by the same clocks, go together: they are of one build, machine and driver.
+    pub fn goes_with(&self, other: &Run) -> bool {
+        let build = |run: &Run| (run.fathom_version.clone(), run.build.clone());
+        self.has_conditions_of(other)
+            && build(self) == build(other)
+            && self.conditions.host == other.conditions.host
+    }
+}
+
+impl Begun {
+    /// The cell under a run's conditions: the same build, machine, adapter, profile and shader checks.
+    pub fn new(run: &Run, cell: &Cell) -> Self {
+        let Run { fathom_version, adapter, profile, shader_checks, .. } = run;
+        let (host, key) = (&run.conditions.host, cell.resume_key());
+        let conditions =
+            serde_json::json!([fathom_version, host, adapter, profile, shader_checks, key]);
+        let id = hex::encode(&Sha256::digest(conditions.to_string())[..ID_BYTES]);
+        Self { id, experiment: cell.experiment.clone(), cell: cell.cell.clone() }
+    }
+}
+
+/// Ids of the cells in which more than one process ended: their runs end with a [`Begun`] line.
 pub fn deadly(records: &[Record]) -> BTreeSet<String> {
     let runs = records.chunk_by(|_, next| !matches!(next, Record::Run(_)));
     let ended_in = runs.filter_map(|run| match run.last()? {

@@ -96,7 +96,7 @@ pub struct Standing {
     pub budget_s: f64,
     /// With a record, a provisional one too.
     pub reached: usize,
-    /// All that are chosen and that no earlier run has finished.
+    /// All that are chosen.
     pub cells: usize,
 }
 
@@ -128,6 +128,8 @@ pub enum NoteKind {
     NoCeilings,
     /// Of a merged run: some of its cells have no record.
     Incomplete,
+    /// The cell was written while it was measured: figures other than times are not read yet.
+    Unfinished,
     /// Some samples are of an earlier run.
     Resumed,
     /// The frame time still fell when warm-up was given up.

@@ -1,16 +1,18 @@
-//! Files of JSON lines: a writer that only ever appends, and a reader that gives back every sound line and counts the others.
+//! Files of records, a line of JSON each: a writer that appends, and a reader that gives every sound record that counts.
+//!
+//! A file may hold several versions of one cell: a run writes a cell as it stands, and again when it has more samples. The latest counts.
+//! [`latest`] alone decides that, for every reader; [`Writer::compact`] takes the others out of the file when a run ends.
 
+use std::collections::HashSet;
 use std::fmt;
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
-use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use serde_json::Value;
 
-use super::Record;
+use super::{Record, SCHEMA};
 use fathom_base::folder::{self, Folder};
 use fathom_base::input::{LineEnd, limited, next_line};
 use fathom_base::text;
@@ -23,64 +25,41 @@ pub const MAX_FILE: u64 = 2 << 30;
 /// Longest line that is read, bytes: a cell of ten stages with 40,000 samples each.
 pub const MAX_LINE: usize = 8 << 20;
 
-/// What a file of lines holds.
-pub trait Line: Clone + Serialize + DeserializeOwned {
-    /// Version of the format. A line with a `schema` field states it.
-    const SCHEMA: u32;
-    /// Names a line in messages, such as `record`.
-    const NAME: &'static str;
-
-    /// What no sound line holds, beyond what its types say.
-    fn check(&self) -> Result<(), String> {
-        Ok(())
-    }
-}
-
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     #[error("cannot {action} {}: {source}", path.display())]
     Io { action: &'static str, path: PathBuf, source: std::io::Error },
     #[error(
-        "{} line {line}: {name} format {found}, but this build reads format {reads}; \
+        "{} line {line}: record format {found}, but this build reads format {SCHEMA}; \
          use the build that wrote it, or measure again", path.display()
     )]
-    Schema { path: PathBuf, line: usize, name: &'static str, found: u64, reads: u32 },
-    #[error("a {name} that cannot be read back was not written: {source}")]
-    Unreadable { name: &'static str, source: serde_json::Error },
-    #[error("{} holds no sound {name}: {damage}", path.display())]
-    NothingSound { path: PathBuf, name: &'static str, damage: String },
+    Schema { path: PathBuf, line: usize, found: u64 },
+    #[error("a record that cannot be read back was not written: {0}")]
+    Unreadable(serde_json::Error),
+    #[error("{} holds no sound record: {damage}", path.display())]
+    NothingSound { path: PathBuf, damage: String },
 }
 
-/// Appends lines to a file. What one call writes is handed to the system in one piece.
+/// Appends records to a file. What one call writes is handed to the system in one piece.
 #[derive(Debug)]
-pub struct LineWriter<T> {
+pub struct Writer {
     path: PathBuf,
     file: File,
-    line: PhantomData<T>,
 }
 
-impl<T: Line> LineWriter<T> {
-    /// Starts an empty file, replacing one of that name.
-    pub fn create(path: &Path) -> Result<Self, RecordError> {
-        folder::write(path, b"").map_err(io("create", path))?;
-        let (folder, name) = folder::of(path).map_err(io("open", path))?;
-        Self::append(path, &folder, name)
-    }
-
+impl Writer {
     /// Continues a file, or starts it where there is none, and gives what it held. A torn last line is cut off, unless `check`
     /// refuses what was read: then nothing is changed.
     pub fn open<E: From<RecordError>>(
         path: &Path,
-        check: impl FnOnce(&Reading<T>) -> Result<(), E>,
-    ) -> Result<(Self, Reading<T>), E> {
+        check: impl FnOnce(&Reading) -> Result<(), E>,
+    ) -> Result<(Self, Reading), E> {
         let (folder, name) = folder::of(path).map_err(io("open", path))?;
         let (mut read, mut torn_bytes) = (Reading::default(), 0);
         match folder.read(name).and_then(|file| limited(file, MAX_FILE)) {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(io("read", path)(error).into()),
-            Ok(file) => {
-                (read.damaged, torn_bytes) = sift(path, file, |line| read.records.push(line))?;
-            }
+            Ok(file) => (read, torn_bytes) = sift(path, file)?,
         }
         check(&read)?;
         let mut writer = Self::append(path, &folder, name)?;
@@ -101,42 +80,51 @@ impl<T: Line> LineWriter<T> {
 
     fn append(path: &Path, folder: &Folder, name: &Path) -> Result<Self, RecordError> {
         let file = folder.append(name).map_err(io("open", path))?;
-        Ok(Self { path: path.to_owned(), file, line: PhantomData })
+        Ok(Self { path: path.to_owned(), file })
     }
 
-    /// Appends one line, which is on the disk when this returns. What cannot be read back (a number that is not finite) is an
+    /// Appends one record, which is on the disk when this returns. What cannot be read back (a number that is not finite) is an
     /// error, and nothing is written.
-    pub fn write(&mut self, line: &T) -> Result<(), RecordError> {
-        self.write_all(std::slice::from_ref(line))
+    pub fn write(&mut self, record: &Record) -> Result<(), RecordError> {
+        self.write_all(std::slice::from_ref(record))
     }
 
-    /// Appends lines, which are on the disk when this returns.
-    pub fn write_all(&mut self, lines: &[T]) -> Result<(), RecordError> {
-        self.hand_over(lines)?;
-        self.sync()
-    }
-
-    /// Appends lines and leaves it to the system when they go to the disk: they outlive this process, but not a loss of power.
-    pub fn hand_over(&mut self, lines: &[T]) -> Result<(), RecordError> {
-        let unreadable = |source| RecordError::Unreadable { name: T::NAME, source };
-        let mut bytes = Vec::new();
-        for line in lines {
-            let start = bytes.len();
-            serde_json::to_writer(&mut bytes, line).map_err(unreadable)?;
-            serde_json::from_slice::<T>(&bytes[start..]).map_err(unreadable)?;
-            bytes.push(b'\n');
-        }
-        self.put(&bytes)
-    }
-
-    /// Waits until all lines are on the disk.
-    pub fn sync(&self) -> Result<(), RecordError> {
+    /// Appends records, which are on the disk when this returns.
+    pub fn write_all(&mut self, records: &[Record]) -> Result<(), RecordError> {
+        self.hand_over(records)?;
         self.file.sync_data().map_err(io("write", &self.path))
     }
 
-    fn put(&mut self, bytes: &[u8]) -> Result<(), RecordError> {
-        self.file.write_all(bytes).map_err(io("write", &self.path))
+    /// Appends records and leaves it to the system when they go to the disk: they outlive this process, but not a loss of power.
+    pub fn hand_over(&mut self, records: &[Record]) -> Result<(), RecordError> {
+        self.file.write_all(&lines(records)?).map_err(io("write", &self.path))
     }
+
+    /// Ends the file: only records that count stay, which this gives. They are written beside it and take its name. A file with damaged
+    /// lines stays as it is.
+    pub fn compact(self) -> Result<Vec<Record>, RecordError> {
+        let (path, file) = (&self.path, File::open(&self.path));
+        let (read, torn_bytes) = sift(path, file.map_err(io("read", path))?)?;
+        if read.superseded > 0 && read.damaged.is_empty() && torn_bytes == 0 {
+            let (folder, name) = folder::of(path).map_err(io("open", path))?;
+            let bytes = lines(&read.records)?;
+            let write = |file: &mut File| file.write_all(&bytes).and_then(|()| file.sync_data());
+            folder.write_with(name, write).map_err(io("write", path))?;
+        }
+        Ok(read.records)
+    }
+}
+
+/// Records as a file has them.
+fn lines(records: &[Record]) -> Result<Vec<u8>, RecordError> {
+    let mut bytes = Vec::new();
+    for record in records {
+        let start = bytes.len();
+        serde_json::to_writer(&mut bytes, record).map_err(RecordError::Unreadable)?;
+        serde_json::from_slice::<Record>(&bytes[start..]).map_err(RecordError::Unreadable)?;
+        bytes.push(b'\n');
+    }
+    Ok(bytes)
 }
 
 fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> RecordError {
@@ -181,27 +169,36 @@ impl fmt::Display for Damaged {
     }
 }
 
-/// What a file held: its sound lines, and how many of the others there are.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Reading<T = Record> {
-    pub records: Vec<T>,
+/// What a file held: its sound records that count, how many others of cells are no longer the latest, and how many lines are damaged.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reading {
+    pub records: Vec<Record>,
+    pub superseded: usize,
     pub damaged: Damaged,
 }
 
-impl<T> Default for Reading<T> {
-    fn default() -> Self {
-        Self { records: Vec::new(), damaged: Damaged::default() }
-    }
-}
-
-/// Reads every sound line of a file, which may be compressed: see [`stored`]. Damaged lines, the torn last one of a crash among them,
-/// are counted and left out; a line in another format is an error.
-pub fn read_lines<T: Line>(path: &Path) -> Result<Reading<T>, RecordError> {
+/// Reads every record that counts of a file, which may be compressed: see [`stored`]. Damaged lines, the torn last one of a crash among
+/// them, are counted and left out; a line in another format is an error.
+pub fn read(path: &Path) -> Result<Reading, RecordError> {
     let path = stored(path);
     let source = folder::unpacked(&path, MAX_FILE).map_err(io("read", &path))?;
-    let mut records = Vec::new();
-    let (damaged, _) = sift(&path, source, |line: T| records.push(line))?;
-    Ok(Reading { records, damaged })
+    sift(&path, source).map(|(read, _)| read)
+}
+
+/// The records that count: the latest of each cell. That a cell is begun counts where its run ends with that.
+fn latest(records: Vec<Record>) -> Vec<Record> {
+    let (mut met, mut ends_run) = (HashSet::new(), true);
+    let mut counting: Vec<Record> = records.into_iter().rev().collect();
+    counting.retain(|record| {
+        let is_last = std::mem::replace(&mut ends_run, matches!(record, Record::Run(_)));
+        match record {
+            Record::Cell(cell) => met.insert(cell.resume_key()),
+            Record::Begun(_) => is_last,
+            _ => true,
+        }
+    });
+    counting.reverse();
+    counting
 }
 
 /// Where the lines of a file are read: from the file, or where there is none from `FILE.gz` beside it, which gzip compressed.
@@ -213,50 +210,49 @@ pub fn stored(path: &Path) -> PathBuf {
     if !folder::is_there(path) && folder::is_there(&packed) { packed } else { path.to_owned() }
 }
 
-/// Hands over each sound line, one at a time. Gives the damaged ones, and the bytes of a torn last line.
-pub(super) fn sift<T: Line>(
-    path: &Path,
-    source: impl Read,
-    mut take: impl FnMut(T),
-) -> Result<(Damaged, u64), RecordError> {
+/// The records of a file, and the bytes of a torn last line.
+pub(super) fn sift(path: &Path, source: impl Read) -> Result<(Reading, u64), RecordError> {
     let mut source = BufReader::with_capacity(READ_AT_ONCE, source);
-    let (mut damaged, mut line) = (Damaged::default(), Vec::new());
+    let (mut damaged, mut torn_bytes) = (Damaged::default(), 0);
+    let (mut all, mut line) = (Vec::new(), Vec::new());
     for number in 1.. {
         let end = next_line(&mut source, MAX_LINE, &mut line).map_err(io("read", path))?;
         let Some(end) = end else { break };
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        match parse::<T>(&line, end) {
+        match parse(&line, end) {
             Err(found) => {
-                let (path, name, reads) = (path.to_owned(), T::NAME, T::SCHEMA);
-                return Err(RecordError::Schema { path, line: number, name, found, reads });
+                return Err(RecordError::Schema { path: path.to_owned(), line: number, found });
             }
             Ok(Err(reason)) if end == LineEnd::File => {
                 damaged.add(number, &format!("torn off while it was written ({reason})"));
-                return Ok((damaged, line.len() as u64));
+                torn_bytes = line.len() as u64;
+                break;
             }
             Ok(Err(reason)) => damaged.add(number, &reason),
             // A copy has no room for more samples, which was made while they were read.
-            Ok(Ok(parsed)) => take(parsed.clone()),
+            Ok(Ok(record)) => all.push(record.clone()),
         }
     }
-    Ok((damaged, 0))
+    let count = all.len();
+    let records = latest(all);
+    Ok((Reading { superseded: count - records.len(), records, damaged }, torn_bytes))
 }
 
-/// A line, or why it is damaged; the error is the format that it says it has where that is another.
-fn parse<T: Line>(line: &[u8], end: LineEnd) -> Result<Result<T, String>, u64> {
+/// A record, or why its line is damaged; the error is the format that it says it has where that is another.
+fn parse(line: &[u8], end: LineEnd) -> Result<Result<Record, String>, u64> {
     if end == LineEnd::TooLong {
         return Ok(Err(format!("longer than {} MiB", MAX_LINE >> 20)));
     }
     let stated = serde_json::from_slice::<Stated>(line).ok();
     let found = stated.and_then(|stated| stated.schema?.as_u64());
-    if let Some(found) = found.filter(|found| *found != u64::from(T::SCHEMA)) {
+    if let Some(found) = found.filter(|found| *found != u64::from(SCHEMA)) {
         return Err(found);
     }
-    Ok(match serde_json::from_slice::<T>(line) {
-        Ok(line) => line.check().map(|()| line),
-        Err(error) if error.is_data() => Err(format!("not a {}: {error}", T::NAME)),
+    Ok(match serde_json::from_slice::<Record>(line) {
+        Ok(record) => record.check().map(|()| record),
+        Err(error) if error.is_data() => Err(format!("not a record: {error}")),
         Err(error) => Err(format!("not JSON: {error}")),
     })
 }

@@ -2,10 +2,8 @@
 //! reports read records and never measure.
 //!
 //! A file holds one [`Run`] line, a [`Definition`] line per experiment, then [`Cell`] lines in the order in
-//! which they were finished, then one [`End`] line. [`Begun`] lines lie between them. A resumed file may hold several runs. Units stand in
-//! the field names.
-//!
-//! Samples of cells that have no line yet stand in a file beside it, a [`SampleLine`] for each visit to a cell.
+//! which they were written, then one [`End`] line. [`Begun`] lines lie between them. A resumed file may hold several runs, and several
+//! versions of a cell, of which the latest counts. Units stand in the field names.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -33,7 +31,6 @@ pub mod nan;
 pub mod output;
 mod params;
 pub mod protocol;
-mod samples;
 pub mod schema;
 mod shard;
 #[cfg(test)]
@@ -45,18 +42,20 @@ pub use error_figure::ErrorFigure;
 pub use fathom_base::machine::Machine;
 pub use fathom_base::quiet::Conditions;
 pub use fathom_base::statistics::{Estimate, Interval};
-pub use file::{Writer, deadly, each_good, empty_or_sound, finished, read, read_good, resume_key};
+pub use file::{Earlier, deadly, earlier, empty_or_sound, read_good};
 pub use kinds::{
     ErrorSpan, FaultKind, Note, NoteKind, Picture, PictureKind, PictureScale, Profile,
     RejectedFrames, Rejection, SetUp, ShaderChecks, Standing, Surrounding,
 };
-pub use lines::{Damaged, Line, LineWriter, Reading, RecordError, read_lines, stored};
+pub use lines::{Damaged, Reading, RecordError, Writer, read, stored};
 pub use lock::{FolderLock, LOCK, LockError};
 pub use machine::{MachineState, ThrottleReason, Throttling};
 pub use mask::{Feature, Mask};
 pub use params::Params;
-pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 pub use shard::{MOST_SHARDS, Part};
+
+/// The clock that each kind of pass is timed by.
+pub type Clocks = BTreeMap<PassKind, Clock>;
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 3;
@@ -321,7 +320,7 @@ impl Cell {
 /// A process is about to build a cell, or to render its first frame. If a run ends with this line, the process ended in that.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Begun {
-    /// Digest of the cell and its conditions, as lines of samples have it.
+    /// Digest of the cell and its conditions: build, machine, adapter, profile, shader checks and resume key.
     pub id: String,
     /// The experiment, for readers: the id says all.
     pub experiment: String,

@@ -11,7 +11,6 @@ use super::calendar;
 use crate as record;
 use crate::{
     Compared, FolderLock, LockError, PictureKind, Profile, Reading, Record, RecordError, Writer,
-    read_lines,
 };
 use fathom_base::folder::{self, Folder};
 use fathom_base::text;
@@ -20,8 +19,6 @@ use fathom_base::text;
 pub const DEFAULT_FOLDER: &str = "reports/out";
 /// Name of the records' file in the folder of a run or a comparison.
 pub const RECORDS: &str = "records.jsonl";
-/// Name of the file of samples that have no record yet, in a run's folder.
-pub const SAMPLES: &str = "samples.jsonl";
 /// Name of the folder of pictures, in a run's folder.
 pub const PICTURES: &str = "renders";
 /// Bytes written to see whether the folder takes any: more than a cell's record.
@@ -100,18 +97,14 @@ impl OutputFolder {
         self.folder.join(RECORDS)
     }
 
-    pub fn samples(&self) -> PathBuf {
-        self.folder.join(SAMPLES)
-    }
-
     pub fn pictures(&self) -> PathBuf {
         self.folder.join(PICTURES)
     }
 
     /// It holds something that was measured.
     fn is_occupied(&self) -> bool {
-        let holds = |path: PathBuf| path.symlink_metadata().is_ok_and(|file| file.len() > 0);
-        holds(record::stored(&self.records())) || holds(self.samples())
+        let path = record::stored(&self.records());
+        path.symlink_metadata().is_ok_and(|file| file.len() > 0)
     }
 }
 
@@ -253,7 +246,7 @@ fn latest(parent: &Path) -> Option<PathBuf> {
 /// Records that can be read are those of a comparison.
 fn is_comparison(path: &Path) -> bool {
     let first = |read: Reading| read.records.first().map(FolderKind::of);
-    read_lines(path).ok().and_then(first) == Some(FolderKind::Comparison)
+    record::read(path).ok().and_then(first) == Some(FolderKind::Comparison)
 }
 
 #[cfg(test)]
@@ -327,14 +320,13 @@ mod tests {
         let precious = folder.path().join("precious");
         std::fs::create_dir(&precious).unwrap();
         std::fs::write(precious.join("a"), END).unwrap();
-        for name in [RECORDS, SAMPLES, "records.jsonl.gz", PICTURES, LOCK] {
+        for name in [RECORDS, "records.jsonl.gz", PICTURES, LOCK] {
             let out = folder.path().join(format!("out-{name}"));
             std::fs::create_dir(&out).unwrap();
             let target = if name == PICTURES { precious.clone() } else { precious.join("a") };
             std::os::unix::fs::symlink(target, out.join(name)).unwrap();
             create(&out).unwrap_err();
-            let resumed = Held::resume(Some(&out));
-            assert_eq!(resumed.is_ok(), name == SAMPLES, "the journal refuses a link itself");
+            Held::resume(Some(&out)).unwrap_err();
             assert!(out.join(name).is_symlink(), "{name}");
         }
         assert_eq!(files(&precious), ["a"]);

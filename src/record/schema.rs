@@ -6,8 +6,8 @@ use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::Value;
 
+use super::Record;
 use super::protocol::Exchange;
-use super::{Record, SampleLine};
 
 /// A kind of line that has a schema.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -16,8 +16,6 @@ pub enum LineKind {
     /// Lines of `records.jsonl`
     #[default]
     Record,
-    /// Lines of `samples.jsonl`
-    Sample,
     /// Lines between `fathom compare` and a worker: `$defs` has `WorkerRequest` and `Reply`
     Worker,
 }
@@ -27,7 +25,6 @@ impl LineKind {
     pub fn schema(self) -> Value {
         match self {
             Self::Record => of::<Record>("Record of fathom"),
-            Self::Sample => of::<SampleLine>("Samples of fathom"),
             Self::Worker => of::<Exchange>("Worker protocol of fathom"),
         }
     }

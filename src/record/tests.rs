@@ -54,7 +54,7 @@ fn what_is_written_is_read() {
     let (_folder, path) = file();
     let definition = Definition { id: "e".to_owned(), toml: "id = \"e\"\n".to_owned() };
     let records = [header(Profile::Quick), Record::Experiment(definition), skipped("a")];
-    let mut writer = Writer::create(&path).unwrap();
+    let mut writer = open(&path);
     for record in &records {
         writer.write(record).unwrap();
     }
@@ -86,7 +86,7 @@ fn a_torn_last_line_is_skipped_counted_and_cut_off_on_appending() {
 #[test]
 fn damaged_and_unknown_lines_are_counted_and_the_rest_is_read() {
     let (_folder, path) = file();
-    let good = serde_json::to_vec(&skipped("a")).unwrap();
+    let [good, other] = ["a", "c"].map(|name| serde_json::to_vec(&skipped(name)).unwrap());
     let (long, deep) = ("9".repeat(9 << 20), "[".repeat(1 << 20));
     let lines: [&[u8]; 9] = [
         &good,
@@ -97,7 +97,7 @@ fn damaged_and_unknown_lines_are_counted_and_the_rest_is_read() {
         b"\xff\xfe\0\0",
         long.as_bytes(),
         deep.as_bytes(),
-        &good,
+        &other,
     ];
     fs::write(&path, [lines.join(&b'\n'), b"\n".repeat(2)].concat()).unwrap();
     let reading = read(&path).unwrap();
@@ -134,12 +134,12 @@ fn a_missing_file_and_another_format_are_named() {
 #[test]
 fn a_number_that_is_not_finite_is_not_written() {
     let (_folder, path) = file();
-    let mut writer = Writer::create(&path).unwrap();
+    let mut writer = open(&path);
     writer.write(&skipped("a")).unwrap();
     let mut bad = run(Profile::Quick);
     bad.submit_cost_ns.insert(PassKind::Render, f64::NAN);
     let error = writer.write(&Record::Run(Box::new(bad))).unwrap_err();
-    assert!(matches!(error, RecordError::Unreadable { .. }));
+    assert!(matches!(error, RecordError::Unreadable(_)));
     assert_eq!(read(&path).unwrap().records.len(), 1);
 }
 
@@ -164,25 +164,85 @@ fn a_compressed_file_is_read_where_there_is_no_other() {
     assert!(error.starts_with(&format!("cannot read {}", compressed.display())), "{error}");
 }
 
+fn begun(cell: &str) -> Record {
+    let [id, experiment] = [cell, "e"].map(str::to_owned);
+    Record::Begun(Begun { id, experiment, cell: cell.to_owned() })
+}
+
+/// A measured cell with so many samples, of which the figures were read or were not.
+fn measured(name: &str, samples: u32, is_finished: bool) -> Record {
+    let note = Note::new(NoteKind::Unfinished, "it goes on");
+    let notes = if is_finished { Vec::new() } else { vec![note] };
+    let frame = FrameRecord { rounds: (0..samples).collect(), ..FrameRecord::default() };
+    cell(name, Outcome::Measured(Box::new(Measured { frame, notes, ..Measured::default() })))
+}
+
 #[test]
-fn only_cells_under_the_same_conditions_are_finished() {
-    let failed = cell("failed", Outcome::Failed { reason: "device lost".to_owned() });
-    let records = [
-        header(Profile::Paper),
-        skipped("other profile"),
+fn the_latest_record_of_a_cell_counts_and_the_others_go_when_the_run_ends() {
+    let (_folder, path) = file();
+    let mut writer = open(&path);
+    let first = [header(Profile::Quick), begun("a"), measured("a", 1, false), begun("b")];
+    let later = [header(Profile::Quick), measured("b", 1, false), measured("a", 2, true)];
+    writer
+        .write_all(&[&first[..], &later, &[measured("b", 2, true), begun("c")]].concat())
+        .unwrap();
+    let expected = [
         header(Profile::Quick),
-        skipped("same"),
-        failed,
+        begun("b"),
+        header(Profile::Quick),
+        measured("a", 2, true),
+        measured("b", 2, true),
+        begun("c"),
     ];
-    let keys = finished(&records, &run(Profile::Quick));
-    let Record::Cell(same) = skipped("same") else { panic!() };
-    let same = same.resume_key();
-    assert_eq!(keys.into_iter().collect::<Vec<_>>(), [same]);
+    let before = read(&path).unwrap();
+    assert_eq!((&before.records[..], before.superseded), (&expected[..], 3));
+    let torn = "{\"record\":";
+    fs::OpenOptions::new().append(true).open(&path).unwrap().write_all(torn.as_bytes()).unwrap();
+    assert_eq!(read(&path).unwrap().records, expected, "a kill in the midst of a line");
+    assert_eq!(open(&path).compact().unwrap(), expected);
+    assert_eq!(read(&path).unwrap(), Reading { records: expected.into(), ..Reading::default() });
+}
+
+/// What a resumed run takes from each record: nothing, that the cell needs no second measurement, or its samples too.
+#[test]
+fn what_is_finished_under_the_same_conditions_stays_and_samples_of_the_same_build_are_continued() {
+    let other = |change: fn(&mut Run)| {
+        let mut other = run(Profile::Quick);
+        change(&mut other);
+        Record::Run(Box::new(other))
+    };
+    let failed = cell("failed", Outcome::Failed { reason: "device lost".to_owned() });
+    let clocks = |run: &mut Run| {
+        run.clocks.insert(PassKind::Copy, Clock::FencedHost);
+    };
+    let (finished, sampled, nothing) = (Some((true, true)), Some((false, true)), None);
+    for (header, cell, expected) in [
+        (header(Profile::Quick), skipped("a"), finished),
+        (header(Profile::Quick), measured("a", 1, true), finished),
+        (header(Profile::Quick), measured("a", 1, false), sampled),
+        (header(Profile::Quick), failed, nothing),
+        (header(Profile::Quick), cell("a", Outcome::OverBudget), nothing),
+        (header(Profile::Paper), measured("a", 1, true), nothing),
+        (other(|run| run.adapter.name = "b".into()), measured("a", 1, true), nothing),
+        (other(|run| run.shader_checks = ShaderChecks::Unchecked), skipped("a"), nothing),
+        (other(|run| run.build = Some(Build::default())), skipped("a"), Some((true, false))),
+        (other(|run| run.conditions.host = Some("b".into())), skipped("a"), Some((true, false))),
+        (other(|run| run.fathom_version = "9".into()), skipped("a"), Some((true, false))),
+        (other(clocks), measured("a", 1, false), Some((false, false))),
+    ] {
+        let records = [header, cell];
+        let found = earlier(&records, &run(Profile::Quick));
+        let found = found.into_values().next().map(|of| (of.is_finished(), of.is_continued));
+        assert_eq!(found, expected, "{records:?}");
+    }
 }
 
 #[test]
 fn resume_keys_ignore_the_order_of_parameters_but_not_their_values() {
-    let key = |params| resume_key("e", "c", "p", "s", &[], &params);
+    let key = |params: serde_json::Value| {
+        let Record::Cell(cell) = skipped("a") else { panic!() };
+        Cell { params: params.into(), ..*cell }.resume_key()
+    };
     let one = json!({ "a": { "x": 1, "y": 2 }, "b": 3 });
     let turned = json!({ "b": 3, "a": { "y": 2, "x": 1 } });
     let other = json!({ "b": 3, "a": { "y": 2, "x": 9 } });

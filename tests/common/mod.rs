@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
 use fathom::experiments::parse_set;
-use fathom::record::{self, Cell, Measured, Outcome, Record, Writer};
+use fathom::record::{self, Cell, Measured, Outcome, Record};
 use serde_json::{Map, Value, json};
 use tempfile::TempDir;
 
@@ -264,7 +264,7 @@ pub fn lines(records: impl IntoIterator<Item = Record>) -> String {
 /// Writes a folder's records.
 pub fn write_records(folder: &Path, records: &[Record]) {
     std::fs::create_dir_all(folder).unwrap();
-    Writer::create(&folder.join("records.jsonl")).unwrap().write_all(records).unwrap();
+    std::fs::write(folder.join("records.jsonl"), lines(records.to_vec())).unwrap();
 }
 
 /// Parameters as the command line takes them, with spaces between.
@@ -280,17 +280,9 @@ pub fn records(out: &Path) -> Vec<Record> {
     reading.records
 }
 
-/// Of a cell that was sampled on the latest record.
 #[track_caller]
 pub fn cells(out: &Path) -> Vec<Cell> {
-    let mut latest: Vec<Cell> = Vec::new();
-    for cell in records(out).into_iter().filter_map(|record| Some(*record.try_as_cell()?)) {
-        match latest.iter_mut().find(|known| known.resume_key() == cell.resume_key()) {
-            Some(known) => *known = cell,
-            None => latest.push(cell),
-        }
-    }
-    latest
+    records(out).into_iter().filter_map(|record| Some(*record.try_as_cell()?)).collect()
 }
 
 #[track_caller]

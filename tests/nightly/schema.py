@@ -5,7 +5,7 @@ from pathlib import Path
 from jsonschema import Draft202012Validator
 
 root = Path(__file__).parents[2]
-STORED = {"record": ["run/records", "lines/record"], "sample": ["lines/sample"], "worker-protocol": ["lines/worker"]}
+STORED = {"record": ["run/records", "lines/record"], "worker-protocol": ["lines/worker"]}
 for schema, files in STORED.items():
     validator = Draft202012Validator(json.loads((root / f"docs/{schema}.schema.json").read_text()))
     Draft202012Validator.check_schema(validator.schema)

@@ -1,18 +1,15 @@
 //! Folders of measured data under two processes, kills and damage: nothing that was measured is lost or given to another run.
 #![cfg(unix)]
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
 use crate::common::{
     Ends, Place, SMALL, Told, cells, ended, failing_beyond, holds, measured, names, records,
     repetitions, signal, skipped_cell, wait_until, write_records,
 };
-use fathom::record::{
-    self, Addition, Cell, FolderLock, FramePair, Outcome, Record, Run, SCHEMA, SampleLine,
-};
+use fathom::record::{Begun, Cell, FolderLock, Outcome, Record, Run, SCHEMA};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -26,20 +23,10 @@ fn run(place: &Place, options: &str) -> Command {
     command
 }
 
-/// Waits for samples of a run that goes on.
-#[track_caller]
-fn wait_for_lines(place: &Place, child: &mut Child, lines: usize) {
-    wait_until("a sample", || {
-        assert_eq!(child.try_wait().unwrap(), None, "it ended before there were samples");
-        let text = fs::read(place.path("out/samples.jsonl")).unwrap_or_default();
-        text.iter().filter(|byte| **byte == b'\n').count() >= lines
-    });
-}
-
-fn kept(place: &Place) -> Vec<SampleLine> {
-    let read = record::read_lines(&place.path("out/samples.jsonl")).unwrap();
-    assert_eq!(read.damaged.count(), 0, "no line is torn");
-    read.records
+/// How many versions of measured cells the records hold.
+fn versions(place: &Place) -> usize {
+    let text = fs::read_to_string(place.path("out/records.jsonl")).unwrap_or_default();
+    text.matches("\"status\":\"measured\"").count()
 }
 
 /// While one run measures, another into the same folder names it. The first is interrupted after that, and a third run goes on with
@@ -65,54 +52,56 @@ fn one_of_two(place: &Place, options: &str) -> String {
 }
 
 #[test]
-fn a_kill_at_any_moment_loses_no_sample_and_one_of_two_processes_goes_on() {
+fn a_kill_at_any_moment_loses_no_record_and_one_of_two_processes_goes_on() {
     let mut random = Pcg64::seed_from_u64(repetitions());
     for _ in 0..repetitions() {
         let place = Place::new();
         let out = &place.path("out");
         let mut child = run(&place, "--budget 600").spawn().unwrap();
-        wait_for_lines(&place, &mut child, random.random_range(1..40));
+        // Each cell is written after its first pair, and after 12 and more.
+        let wanted = random.random_range(1..7);
+        wait_until("a record of a cell", || {
+            assert_eq!(child.try_wait().unwrap(), None, "it ended before there were records");
+            versions(&place) >= wanted
+        });
         // It measures no more.
         signal("-STOP", child.id());
         run(&place, "--resume").refused(&format!("process {} (", child.id()));
         child.kill().unwrap();
         child.wait().unwrap();
-        if !cells(out).is_empty() {
-            println!("killed too late: a cell had its record");
-            continue;
-        }
-        let before = kept(&place);
+        let before = cells(out);
         place.fathom("report out").ends(0);
         holds(&one_of_two(&place, "--resume"), &["continuing from "]);
         goes_on(&before, &cells(out));
-        assert!(!out.join("samples.jsonl").exists());
+        assert_eq!(
+            versions(&place),
+            2,
+            "only the latest of each cell is left when a run has ended"
+        );
+        assert_eq!(names(out).iter().filter(|name| name.ends_with(".jsonl")).count(), 1);
     }
 }
 
-/// Every pair that was kept stands in its cell's record, at the beginning and in its order. `harness::sample` has the rest of the law.
+/// Every pair that was recorded stands in its cell's latest record, at the beginning and in its order, and figures that were read stay.
+/// `harness::sample` has the rest of the law.
 #[track_caller]
-fn goes_on(before: &[SampleLine], cells: &[Cell]) {
-    assert_eq!(cells.len(), 2);
-    let mut additions = BTreeMap::<&str, Vec<&Addition>>::new();
-    for line in before {
-        additions.entry(&line.cell).or_default().push(&line.added);
+fn goes_on(before: &[Cell], after: &[Cell]) {
+    assert!(!before.is_empty() && after.len() == 2);
+    for cell in after {
+        let after = measured(cell);
+        let all = after.frame.untimed_samples_ns.len();
+        assert!(all >= 3 && after.frame.untimed.n == all && after.frame.timing_cost.n == all);
+        assert!(after.is_finished() && !after.quantities.is_empty());
+        let Some(before) = before.iter().find(|of| of.cell == cell.cell).map(measured) else {
+            continue;
+        };
+        let pairs = before.frame.rounds.len();
+        assert!(all >= pairs && after.warm_up_frames >= before.warm_up_frames);
+        assert_eq!(after.frame.rounds[..pairs], before.frame.rounds);
+        assert_eq!(after.frame.envelope_samples_ns[..pairs], before.frame.envelope_samples_ns);
+        assert_eq!(after.frame.untimed_samples_ns[..pairs], before.frame.untimed_samples_ns);
+        assert!(!before.is_finished() || before.quantities == after.quantities);
     }
-    for cell in cells {
-        let measured = measured(cell);
-        let added = additions.remove(cell.cell.as_str()).unwrap_or_default();
-        let pairs: Vec<&FramePair> = added.iter().filter_map(|added| added.pair.as_ref()).collect();
-        let (n, frame) = (pairs.len(), &measured.frame);
-        let all = frame.untimed_samples_ns.len();
-        // The pairs of the resumed run may all have been rejected.
-        assert!(all >= n.max(3) && frame.untimed.n == all && frame.timing_cost.n == all);
-        let of =
-            |ns: fn(&FramePair) -> f64| -> Vec<f64> { pairs.iter().map(|pair| ns(pair)).collect() };
-        assert_eq!(frame.envelope_samples_ns[..n], of(|pair| pair.envelope_ns));
-        assert_eq!(frame.untimed_samples_ns[..n], of(|pair| pair.untimed_ns));
-        let warm_up: u32 = added.iter().map(|added| added.warm_up_frames).sum();
-        assert!(measured.warm_up_frames >= warm_up + 2);
-    }
-    assert!(additions.is_empty(), "{:?}", additions.keys());
 }
 
 #[test]
@@ -183,11 +172,11 @@ fn a_cell_in_which_two_processes_ended_is_failed_named_and_passed_over() {
     let run = format!("{} {SMALL} --budget 10m", RUN.replace("1e-9", "1"));
     place.fathom(format!("{run} --out whole")).ends(0);
     // What a process leaves that ends in the second cell.
-    let left = records(&place.path("whole")).into_iter().filter(|record| match record {
-        Record::Begun(begun) => begun.cell.ends_with("=0.1"),
-        record => matches!(record, Record::Run(_)),
-    });
-    let left: Vec<Record> = left.collect();
+    let whole = records(&place.path("whole"));
+    let header = whole.iter().find_map(Record::try_as_run_ref).unwrap();
+    let mut measured = whole.iter().filter_map(Record::try_as_cell_ref);
+    let second = measured.find(|cell| cell.cell.ends_with("=0.1")).unwrap();
+    let left = [Record::Run(header.clone()), Record::Begun(Begun::new(header, second))];
     write_records(&place.path("out"), &[left.clone(), left].concat());
     let told = place.fathom(format!("{run} --out out --resume")).ends(1);
     holds(&told.err, &["water.amplitude_m=0.1: failed: two processes ended while they built it"]);

@@ -1,7 +1,7 @@
 //! Adapters without a feature.
 
 use crate::common::{Ends, Place, SMALL, holds, records};
-use fathom::record::{Feature, Mask, NoteKind, Record, finished};
+use fathom::record::{Feature, Mask, NoteKind, Record, earlier};
 
 /// Records, page and summary of less than the adapter say so.
 #[test]
@@ -25,5 +25,5 @@ fn a_masked_run_is_not_taken_for_the_adapters_own() {
     // A run goes on with what was measured under the same mask alone.
     let mut whole = header.clone();
     whole.adapter.mask = Mask::default();
-    assert_eq!([header, &whole].map(|run| finished(&all, run).len()), [1, 0]);
+    assert_eq!([header, &whole].map(|run| earlier(&all, run).len()), [1, 0]);
 }

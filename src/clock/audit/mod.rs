@@ -34,11 +34,9 @@ use self::kernels::{Kernel, Kernels};
 use self::verdict::{Series, factor, judge, median};
 use super::frame::{FrameSample, FrameTimer, HostClock, Probe};
 use super::session::FEATURES;
-use super::{DeviceError, TimedStage as _, WatchedDevice};
+use super::{DeviceError, StageTime, TimedStage as _, WatchedDevice};
 use fathom_base::statistics;
-use fathom_record::{
-    AuditRow, Clock, ClockPlan, Conditions, PassKind, StageTime, SubmitCost, Surrounding,
-};
+use fathom_record::{AuditRow, Clock, ClockPlan, Conditions, PassKind, SubmitCost, Surrounding};
 
 const KINDS: [PassKind; 3] = [PassKind::Render, PassKind::Compute, PassKind::Copy];
 /// Length of a pass at N work: on a software adapter, and on a GPU. Long beside the jitter of a

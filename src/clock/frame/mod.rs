@@ -27,5 +27,5 @@ pub use meter::CostMeter;
 pub(super) use probe::Probe;
 pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Query, Recorder};
-pub use stage::TimedStage;
+pub use stage::{StageTime, TimedStage};
 pub use timer::{Fault, FrameSample, FrameTimer, HostCost};

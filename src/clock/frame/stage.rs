@@ -1,6 +1,7 @@
 //! What a frame is made of.
 
 use super::StageScope;
+use fathom_record::Clock;
 
 /// A unit of a frame that is timed.
 pub trait TimedStage {
@@ -11,5 +12,37 @@ pub trait TimedStage {
     /// How often the stage is encoded in a frame. Neighbours with the same number of turns, more than one, take them together.
     fn turns(&self) -> u32 {
         1
+    }
+}
+
+/// Time of a stage in one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StageTime {
+    /// The stage's name: `FAMILY/STEM`.
+    pub stage: String,
+    pub clock: Clock,
+    /// Nanoseconds, less the submission's cost, if one is taken off; noise of that cost can then leave less than nothing.
+    pub ns: f64,
+    /// What was taken off, nanoseconds.
+    pub submit_cost_ns: f64,
+    /// A shorter time cannot be distinguished from 0, nanoseconds.
+    pub resolution_ns: f64,
+}
+
+impl StageTime {
+    /// Of a stage that did nothing.
+    pub fn none(stage: &str) -> Self {
+        let (stage, clock) = (stage.into(), Clock::Host);
+        Self { stage, clock, ns: 0.0, submit_cost_ns: 0.0, resolution_ns: 0.0 }
+    }
+
+    /// Whether the time is more than the clock's uncertainty.
+    pub fn is_resolved(&self) -> bool {
+        self.ns > self.resolution_ns
+    }
+
+    /// The time, or the resolution where that is longer.
+    pub fn at_least_resolution_ns(&self) -> f64 {
+        self.ns.max(self.resolution_ns)
     }
 }

@@ -6,8 +6,8 @@ use super::host_clock::{HostClock, thread_ns};
 use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
 use crate::queries::{QueryResults, RESULT_BYTES};
-use crate::{DeviceError, TimedStage, WatchedDevice};
-use fathom_record::{Clock, ClockPlan, FaultKind, PassKind, StageTime};
+use crate::{DeviceError, StageTime, TimedStage, WatchedDevice};
+use fathom_record::{Clock, ClockPlan, FaultKind, PassKind};
 
 /// Vulkan's least number of valid bits of a timestamp. The others are zero.
 const LEAST_VALID_BITS: u32 = 36;

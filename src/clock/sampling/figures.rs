@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::samples::{Samples, Stopped};
+use crate::StageTime;
 use fathom_base::statistics;
 use fathom_record::{
-    Clock, Estimate, Fenced, FrameRecord, Note, NoteKind, StageRecord, StageTime, Throttling, Work,
+    Clock, Estimate, Fenced, FrameRecord, Note, NoteKind, StageRecord, Throttling, Work,
 };
 
 /// Share of outliers among the frame times from which on the record says so: one in twenty.
@@ -120,7 +121,58 @@ pub fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_record::{FramePair, MachineState, ThrottleReason};
+    use crate::FramePair;
+    use fathom_record::{MachineState, Measured, ThrottleReason};
+
+    /// A resumed run goes on with what a record holds.
+    #[test]
+    fn samples_are_read_from_a_record_as_they_were() {
+        let stage = |name: &str, clock, number: f64, cost_ns| StageTime {
+            clock,
+            ns: 1e6 * number,
+            submit_cost_ns: cost_ns,
+            resolution_ns: cost_ns / 2.0,
+            ..StageTime::none(name)
+        };
+        for has_machine in [true, false] {
+            let pair = |number: u32| FramePair {
+                round: 3 * number,
+                sampled_at_s: f64::from(number),
+                machine: has_machine.then(MachineState::default),
+                stages: vec![
+                    stage("a", Clock::Timestamp, f64::from(number), 0.0),
+                    stage("b", Clock::FencedHost, f64::from(number) - 4.0, 64.0),
+                ],
+                envelope_ns: 5e6 * f64::from(number),
+                gaps_ns: 7.0,
+                untimed_ns: 4e6 * f64::from(number),
+            };
+            let samples = Samples {
+                taken: (1..9).map(pair).collect(),
+                warm_up_frames: 3,
+                unsteady: true,
+                rejected: [(fathom_record::FaultKind::Zero.into(), 2)].into(),
+                earlier_pairs: 8,
+                stopped: Stopped::default(),
+            };
+            let frame = frame_record(&samples);
+            let stage = |(place, name)| {
+                stage_record(&samples, (place, name), Default::default(), Default::default())
+            };
+            let mut measured = Measured {
+                stages: ["a", "b"].into_iter().enumerate().map(stage).collect(),
+                notes: sampling_notes(&samples, &frame.untimed, 0.02),
+                frame,
+                warm_up_frames: samples.warm_up_frames,
+                rejected: samples.rejected_frames(),
+                ..Measured::default()
+            };
+            assert_eq!(Samples::recorded(&measured), samples);
+            // Anyone may have written it: what lacks a figure is no sample.
+            measured.stages[1].fenced.as_mut().unwrap().wall_samples_ns.truncate(5);
+            assert_eq!(Samples::recorded(&measured).taken, samples.taken[..5]);
+        }
+    }
 
     #[test]
     fn a_throttled_cell_has_a_note_with_share_and_reasons() {

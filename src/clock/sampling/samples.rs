@@ -4,16 +4,35 @@ use std::collections::BTreeMap;
 
 use itertools::Itertools;
 
-use crate::{Fault, FrameSample};
+use crate::{Fault, FrameSample, StageTime};
 use fathom_base::statistics;
 use fathom_record::{
-    Addition, FaultKind, FramePair, MachineState, RejectedFrames, Rejection, StageTime,
+    FaultKind, Fenced, MachineState, Measured, NoteKind, RejectedFrames, Rejection, StageRecord,
 };
 
 /// Timed frames before a cell is judged by how many of them were rejected.
 pub const MIN_JUDGED_FRAMES: usize = 6;
 /// Share of rejected frames above which a cell fails.
 pub const MAX_REJECTED_SHARE: f64 = 0.5;
+
+/// A timed frame and an untimed one, nanoseconds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FramePair {
+    /// The round of sampling: samples of one round were taken next to each other.
+    pub round: u32,
+    /// When it was sampled, seconds of Unix time.
+    pub sampled_at_s: f64,
+    /// The adapter at that moment, where its driver tells.
+    pub machine: Option<MachineState>,
+    /// In frame order.
+    pub stages: Vec<StageTime>,
+    /// From the first stage's begin to the last stage's end, nanoseconds.
+    pub envelope_ns: f64,
+    /// Time between stages, nanoseconds.
+    pub gaps_ns: f64,
+    /// Frame time without per-stage timing, nanoseconds.
+    pub untimed_ns: f64,
+}
 
 /// Why a cell's sampling ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -43,18 +62,31 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// What an earlier run kept. Where stages or clocks changed, what came before does not count.
-    pub fn of(additions: &[Addition]) -> Self {
-        let mut samples = Self::default();
-        for added in additions {
-            let other_stages = |pair: &FramePair| !samples.has_stages(&pair.stages);
-            if added.pair.as_ref().is_some_and(other_stages) {
-                samples = Self::default();
-            }
-            samples.add(added);
+    /// Those that an earlier run left in a record.
+    pub fn recorded(measured: &Measured) -> Self {
+        let frame = &measured.frame;
+        let pair = |number: usize| {
+            let stages = measured.stages.iter().map(|stage| recorded_stage(stage, number));
+            Some(FramePair {
+                round: *frame.rounds.get(number)?,
+                sampled_at_s: *frame.sampled_at_s.get(number)?,
+                machine: frame.machine.get(number).cloned(),
+                stages: stages.collect::<Option<_>>()?,
+                envelope_ns: *frame.envelope_samples_ns.get(number)?,
+                gaps_ns: *frame.gap_samples_ns.get(number)?,
+                untimed_ns: *frame.untimed_samples_ns.get(number)?,
+            })
+        };
+        let taken = (0..).map_while(pair).collect_vec();
+        let rejected = measured.rejected.iter().map(|of| (of.rejection.clone(), of.frames));
+        Self {
+            earlier_pairs: taken.len(),
+            taken,
+            warm_up_frames: measured.warm_up_frames,
+            unsteady: measured.notes.iter().any(|note| note.kind == NoteKind::Unsteady),
+            rejected: rejected.collect(),
+            stopped: Stopped::default(),
         }
-        samples.earlier_pairs = samples.pairs();
-        samples
     }
 
     pub fn pairs(&self) -> usize {
@@ -76,17 +108,28 @@ impl Samples {
         self.taken.iter().filter_map(|pair| pair.machine.clone()).collect()
     }
 
-    /// Adds what one visit to the cell gave.
-    pub fn add(&mut self, added: &Addition) {
-        if added.afresh {
-            *self = Self::default();
+    /// Adds a timed frame and the untimed one that was run beside it, in this round and at this second of Unix time, or why they cannot be
+    /// used.
+    pub fn add(
+        &mut self,
+        frame: FrameSample,
+        untimed_ns: f64,
+        (round, sampled_at_s, machine): (u32, f64, Option<MachineState>),
+    ) {
+        if let Some(reason) = fault(&frame, untimed_ns, self.stages()) {
+            *self.rejected.entry(reason).or_default() += 1;
+            return;
         }
-        self.warm_up_frames += added.warm_up_frames;
-        self.unsteady |= added.unsteady;
-        self.taken.extend(added.pair.clone());
-        if let Some(reason) = &added.rejected {
-            *self.rejected.entry(reason.clone()).or_default() += 1;
-        }
+        let FrameSample { stages, gaps_ns, envelope_ns, .. } = frame;
+        self.taken.push(FramePair {
+            round,
+            sampled_at_s,
+            machine,
+            stages,
+            envelope_ns,
+            gaps_ns,
+            untimed_ns,
+        });
     }
 
     /// These stages, on the same clocks, were sampled before, or none were.
@@ -123,26 +166,22 @@ impl Samples {
     }
 }
 
-/// A timed frame and an untimed one that was run beside it, in this round and at this second of Unix time.
-pub fn frame_pair(
-    frame: &FrameSample,
-    untimed_ns: f64,
-    (round, sampled_at_s): (u32, f64),
-) -> FramePair {
-    FramePair {
-        round,
-        sampled_at_s,
-        machine: None,
-        stages: frame.stages.clone(),
-        envelope_ns: frame.envelope_ns,
-        gaps_ns: frame.gaps_ns,
-        untimed_ns,
-    }
+/// The time of a stage in the frame of this number of a record, whose resolution is that of all its frames.
+fn recorded_stage(record: &StageRecord, number: usize) -> Option<StageTime> {
+    let StageRecord { stage, clock, samples_ns, fenced, .. } = record;
+    let (ns, submit_cost_ns, resolution_ns) = match fenced {
+        None => (*samples_ns.get(number)?, 0.0, 0.0),
+        Some(Fenced { wall_samples_ns, submit_cost_samples_ns, resolution_ns }) => {
+            let cost_ns = *submit_cost_samples_ns.get(number)?;
+            (wall_samples_ns.get(number)? - cost_ns, cost_ns, *resolution_ns)
+        }
+    };
+    Some(StageTime { stage: stage.clone(), clock: *clock, ns, submit_cost_ns, resolution_ns })
 }
 
 /// Why a pair of frames cannot be used: the timer's own reason first, then what no duration may be. A frame with several faults
 /// is one rejected frame.
-pub fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageTime]) -> Option<Rejection> {
+fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageTime]) -> Option<Rejection> {
     if let Some(Fault { stage, kind, .. }) = frame.faults.first() {
         return Some(Rejection { stage: Some((*stage).to_owned()), fault: *kind });
     }

@@ -6,12 +6,12 @@ use std::time::Instant;
 use itertools::Itertools;
 
 use super::{FEATURES, FrameClock, Sampled};
-use crate::{ClockError, Samples, frame_record, sampling_notes, stage_record};
+use crate::{ClockError, Samples, StageTime, frame_record, sampling_notes, stage_record};
 use fathom_base::{private, text};
 use fathom_record::output::{FolderKind, OutputError, Taken};
 use fathom_record::{
     Cell, Conditions, End, Measured, Note, NoteKind, Outcome, PassKind, Record, Run, SCHEMA, SetUp,
-    ShaderChecks, StageTime,
+    ShaderChecks,
 };
 
 impl FrameClock {

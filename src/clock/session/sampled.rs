@@ -2,8 +2,8 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::{FrameSample, Samples, Stopped, WarmUp, fault, frame_pair};
-use fathom_record::{Addition, MachineState};
+use crate::{FrameSample, Samples, Stopped, WarmUp};
+use fathom_record::MachineState;
 
 /// Pairs of frames at the first look at their precision, and at the last: as in fathom's own runs.
 pub(super) const LEAST_PAIRS: usize = 12;
@@ -104,13 +104,11 @@ impl Sampled {
             Ran::Timed(frame) => self.timed = Some(frame),
             Ran::Untimed(wall_ns) => self.untimed_ns = Some(wall_ns),
         }
-        if let (Some(frame), Some(untimed_ns)) = (&self.timed, self.untimed_ns) {
-            let rejected = fault(frame, untimed_ns, self.samples.stages());
-            let mut pair = frame_pair(frame, untimed_ns, (self.round, unix_s()));
-            pair.machine = state();
-            let pair = rejected.is_none().then_some(pair);
-            self.samples.add(&Addition { rejected, pair, ..Addition::default() });
-            (self.timed, self.untimed_ns) = (None, None);
+        if let Some(untimed_ns) = self.untimed_ns
+            && let Some(frame) = self.timed.take()
+        {
+            self.samples.add(frame, untimed_ns, (self.round, unix_s(), state()));
+            self.untimed_ns = None;
             self.round += 1;
         }
         wall_ns
@@ -125,8 +123,8 @@ fn unix_s() -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Fault, MAX_WARM_UP_FRAMES};
-    use fathom_record::{Clock, FaultKind, StageTime};
+    use crate::{Fault, MAX_WARM_UP_FRAMES, StageTime};
+    use fathom_record::{Clock, FaultKind};
 
     fn frame(ns: f64) -> FrameSample {
         let stage = StageTime { clock: Clock::Timestamp, ns, ..StageTime::none("blur") };

@@ -6,7 +6,7 @@ use rand_pcg::Pcg64;
 use super::*;
 use fathom_base::statistics::estimate;
 use fathom_experiments::fixtures;
-use fathom_record::{Clock, Damaged, ErrorFigure, Measured, Outcome, Reading, Record};
+use fathom_record::{Clock, ErrorFigure, Measured, Outcome, Reading, Record};
 
 /// How many times as long each time takes in the second run.
 const DRIFT: f64 = 1.4;
@@ -15,7 +15,7 @@ const BETWEEN: f64 = 0.04;
 
 fn file(name: &str, records: Vec<Record>) -> RunFile {
     let path = PathBuf::from(name).join("records.jsonl");
-    RunFile { path, reading: Reading { records, damaged: Damaged::default() } }
+    RunFile { path, reading: Reading { records, ..Reading::default() } }
 }
 
 fn changes(base: Vec<Record>, head: Vec<Record>) -> Changes {

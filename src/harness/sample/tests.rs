@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::*;
 use fathom_base::statistics;
-use fathom_clock::MAX_WARM_UP_FRAMES;
-use fathom_record::{Clock, FaultKind, StageTime};
+use fathom_clock::{MAX_WARM_UP_FRAMES, StageTime};
+use fathom_record::{Clock, FaultKind};
 use rand::RngExt;
 
 /// Nanoseconds of a frame, from the cell's frame count (warm-up included) and the clock in seconds.
@@ -69,13 +69,9 @@ struct Mock {
     calls: Vec<Call>,
     results: BTreeMap<usize, Result<Samples, String>>,
     /// What an earlier run has left, by cell.
-    earlier: BTreeMap<usize, Vec<Addition>>,
-    /// In the order in which it was kept.
-    kept: Vec<(usize, Addition)>,
-    /// So much of it, the first, would outlive the process.
-    safe: usize,
-    /// Most visits that were ever not safe.
-    most_unsafe: usize,
+    earlier: BTreeMap<usize, Samples>,
+    /// In the order in which it was kept or finished, with the moment.
+    kept: Vec<(f64, usize, Samples)>,
     now_s: f64,
     lost: Option<String>,
     /// The device was opened anew, which works once.
@@ -101,9 +97,17 @@ impl Mock {
     }
 
     fn try_run(&mut self, settings: &Settings) -> Result<(), String> {
-        let cells: Vec<usize> = (0..self.cells.len()).collect();
-        let interrupted = Arc::clone(&self.interrupted);
-        sample(self, &cells, settings, &interrupted).map(drop)
+        let mut cells: Vec<usize> = (0..self.cells.len()).collect();
+        let (interrupted, mut settings) = (Arc::clone(&self.interrupted), *settings);
+        settings.first_round = sample(self, &cells, &settings, &interrupted)?;
+        // As a run does, once.
+        if self.lost.take().is_some() {
+            self.recovered = true;
+            self.cells.iter_mut().for_each(|cell| cell.loses_device_at = None);
+            cells.retain(|cell| !self.results.contains_key(cell));
+            sample(self, &cells, &settings, &interrupted)?;
+        }
+        Ok(())
     }
 
     fn frame(&mut self, cell: usize) -> Result<(f64, usize), Failure> {
@@ -179,17 +183,12 @@ impl Executor for Mock {
     }
 
     fn earlier(&mut self, cell: usize) -> Samples {
-        Samples::of(self.earlier.get(&cell).map_or(&[][..], Vec::as_slice))
+        self.earlier.get(&cell).cloned().unwrap_or_default()
     }
 
-    fn keep(&mut self, cell: usize, added: Addition) -> Result<(), String> {
-        self.kept.push((cell, added));
-        self.most_unsafe = self.most_unsafe.max(self.kept.len() - self.safe);
-        Ok(())
-    }
-
-    fn end_round(&mut self) -> Result<(), String> {
-        self.safe = self.kept.len();
+    fn keep(&mut self, cell: usize, samples: &Samples) -> Result<(), String> {
+        self.kept.push((self.now_s, cell, samples.clone()));
+        self.earlier.insert(cell, samples.clone());
         Ok(())
     }
 
@@ -215,6 +214,9 @@ impl Executor for Mock {
         if self.disk_full {
             return Err("disk full".to_owned());
         }
+        if let Ok(samples) = &result {
+            self.keep(cell, samples)?;
+        }
         self.last_step_s = self.now_s;
         self.now_s += self.cells[cell].finish_s;
         let is_lost = std::mem::take(&mut self.cells[cell].loses_device_at_finish);
@@ -234,17 +236,6 @@ impl Executor for Mock {
 
     fn lost(&self) -> Option<String> {
         self.lost.clone()
-    }
-
-    fn recover(&mut self) -> Result<(), String> {
-        if std::mem::replace(&mut self.recovered, true) {
-            return Err("once is enough".to_owned());
-        }
-        self.lost = None;
-        for cell in &mut self.cells {
-            cell.loses_device_at = None;
-        }
-        Ok(())
     }
 
     fn now_s(&self) -> f64 {
@@ -367,15 +358,6 @@ fn samples_name_their_round_and_their_time_and_groups_share_no_round() {
     assert!(rounds(3).iter().all(|round| !rounds(0).contains(round)));
     let times = mock.samples(0).each(|pair| pair.sampled_at_s);
     assert!(times.is_sorted() && times[0] > 1.7e9 && times.len() == MIN_PAIRS);
-}
-
-#[test]
-fn samples_keep_stages_gaps_and_pairs_in_step() {
-    let mock = Mock::of(vec![STEADY]).run(&SETTINGS);
-    let samples = mock.samples(0);
-    let n = samples.pairs();
-    assert!(n >= MIN_PAIRS && samples.taken.iter().all(|pair| pair.stages.len() == 2));
-    assert_eq!(samples.stages()[1].clock, Clock::FencedHost);
 }
 
 #[test]
@@ -552,16 +534,6 @@ fn a_device_that_is_lost_while_figures_are_read_is_opened_once_more() {
 }
 
 #[test]
-fn a_device_lost_for_good_fails_the_rest_with_the_reason() {
-    let loses = MockCell { loses_device_at: Some(0), bytes: 600, ..STEADY };
-    let cells = vec![loses, STEADY, STEADY];
-    let mock = Mock { recovered: true, ..Mock::of(cells) }.run(&SETTINGS);
-    let reason = "device lost before (gone) and not recovered: once is enough";
-    assert_eq!(mock.reason(0), "device lost: gone");
-    assert_eq!([mock.reason(1), mock.reason(2)], [reason; 2]);
-}
-
-#[test]
 fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
     let alone = |time| MockCell { time, bytes: 900, ..STEADY };
     let cells = vec![alone(|_, _| 1e7), alone(|_, _| 1e9), alone(|_, _| 1e7)];
@@ -571,17 +543,6 @@ fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
     assert!(mock.now_s < 5.0, "it ends after the pair that is under way: {}", mock.now_s);
     assert_eq!(mock.count(Prepare), 2);
     assert_eq!(mock.count(Release), 2);
-}
-
-#[test]
-fn an_interrupted_cell_with_enough_pairs_says_so() {
-    let noisy = || cell(|f, _| 1e7 * noise(f, 0.9));
-    // In the last round: one of the two has all its pairs.
-    let mock = Mock { interrupt_at_s: Some(0.5), ..Mock::of(vec![noisy(), noisy()]) };
-    let mock = mock.run(&SETTINGS);
-    let results: Vec<&Samples> = mock.results.keys().map(|cell| mock.samples(*cell)).collect();
-    assert!(!results.is_empty() && results.iter().all(|s| s.pairs() >= MIN_PAIRS));
-    assert!(results.iter().all(|samples| samples.stopped == Stopped::Interrupted));
 }
 
 #[test]

@@ -4,20 +4,19 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
+use fathom_record::Record;
 use fathom_record::protocol::{Reply, WorkerRequest};
 use fathom_record::schema::*;
-use fathom_record::{Record, SampleLine};
 
 fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
-const KINDS: [LineKind; 3] = [LineKind::Record, LineKind::Sample, LineKind::Worker];
+const KINDS: [LineKind; 2] = [LineKind::Record, LineKind::Worker];
 
 fn committed(kind: LineKind) -> PathBuf {
     let name = match kind {
         LineKind::Record => "record",
-        LineKind::Sample => "sample",
         LineKind::Worker => "worker-protocol",
     };
     root().join(format!("docs/{name}.schema.json"))
@@ -79,8 +78,7 @@ fn stored_lines_are_written_as_they_were_read() {
         json!({"request": again::<WorkerRequest>(request), "reply": again::<Option<Reply>>(reply)})
     };
     type Again<'a> = &'a dyn Fn(&Value) -> Value;
-    let kinds: [(&str, Again<'_>); 3] =
-        [("record", &again::<Record>), ("sample", &again::<SampleLine>), ("worker", &exchange)];
+    let kinds: [(&str, Again<'_>); 2] = [("record", &again::<Record>), ("worker", &exchange)];
     for (kind, again) in kinds {
         let path = root().join(format!("tests/golden/lines/{kind}.jsonl"));
         let text = std::fs::read_to_string(&path).unwrap();

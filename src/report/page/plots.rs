@@ -142,6 +142,9 @@ fn meaning(kind: NoteKind) -> &'static str {
         NoteKind::NoCeilings => "the adapter's limits were not measured",
         NoteKind::OtherClocks => "passes are timed by another clock than the audit chose",
         NoteKind::Incomplete => "cells of the merged run are missing",
+        NoteKind::Unfinished => {
+            "the run ended or went on before figures other than times were read"
+        }
         NoteKind::Resumed => "some samples are of an earlier run",
         NoteKind::Unsteady => "the frame time still fell when warm-up ended",
         NoteKind::Imprecise => "sampling stopped before the precision asked for was reached",

@@ -106,13 +106,9 @@ fn exporters_and_schemas_are_told() {
     for format in ["csv", "plots", "junit", "bencher", "github-action-benchmark"] {
         assert!(listed.lines().any(|line| line.trim_start().starts_with(format)), "{format}");
     }
-    for (words, kind) in [
-        ("schema", LineKind::Record),
-        ("schema sample", LineKind::Sample),
-        ("schema worker", LineKind::Worker),
-    ] {
+    for (words, kind) in [("schema", LineKind::Record), ("schema worker", LineKind::Worker)] {
         assert_eq!(fathom(words).ends(0).json(), kind.schema());
     }
     let wrong = fathom("schema records").refused("error: invalid value 'records'");
-    holds(&wrong, &["record, sample, worker"]);
+    holds(&wrong, &["record, worker"]);
 }

@@ -2,59 +2,60 @@
 
 use super::*;
 
-/// A noisy cell with rejected frames, one that compiles at first, and a slow one.
+/// A noisy cell with rejected frames, one that compiles at first, and two slow ones.
 fn cells() -> Vec<MockCell> {
     let noisy = MockCell { faulty: |f| f % 8 == 5, ..cell(|f, _| 1e7 * noise(f, 0.9)) };
     let compiles = cell(|f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1.5e7) * noise(f, 0.5));
-    vec![noisy, compiles, cell(|f, _| 2e8 * noise(f, 0.3))]
+    let slow = || cell(|f, _| 8e8 * noise(f, 0.3));
+    vec![noisy, compiles, slow(), slow()]
 }
 
-const SHORT: Settings = SETTINGS;
+type Kept = [(f64, usize, Samples)];
 
-fn by_cell(kept: &[(usize, Addition)]) -> BTreeMap<usize, Vec<Addition>> {
-    let mut cells = BTreeMap::<usize, Vec<Addition>>::new();
-    for (cell, added) in kept {
-        cells.entry(*cell).or_default().push(added.clone());
-    }
-    cells
+/// The latest of each cell, as a record of it gives it to the next run.
+fn latest(kept: &Kept) -> BTreeMap<usize, Samples> {
+    let latest = kept.iter().map(|(_, cell, samples)| {
+        (*cell, Samples { earlier_pairs: samples.pairs(), ..samples.clone() })
+    });
+    latest.collect()
 }
 
 /// What a whole run leaves behind.
 fn whole() -> Mock {
-    Mock::of(cells()).run(&SHORT)
+    Mock::of(cells()).run(&SETTINGS)
 }
 
 /// A run that has this from before.
-fn resumed(earlier: &[(usize, Addition)]) -> Mock {
-    Mock { earlier: by_cell(earlier), ..Mock::of(cells()) }
+fn resumed(earlier: &Kept) -> Mock {
+    Mock { earlier: latest(earlier), ..Mock::of(cells()) }
 }
 
 #[test]
-fn what_is_kept_makes_up_all_samples_and_no_more_than_a_round_is_at_risk() {
+fn a_cell_is_kept_after_its_first_pair_and_then_every_few_seconds() {
     let mock = whole();
-    assert_eq!(mock.safe, mock.kept.len());
-    assert_eq!(mock.most_unsafe, 3, "each cell once");
-    for (cell, additions) in by_cell(&mock.kept) {
-        let samples = mock.samples(cell);
-        let made_up =
-            Samples { earlier_pairs: 0, stopped: samples.stopped, ..Samples::of(&additions) };
-        assert_eq!(made_up, *samples);
-        assert!(samples.pairs() >= MIN_PAIRS && samples.warm_up_frames >= 2);
+    for cell in 0..cells().len() {
+        let of_cell = mock.kept.iter().filter(|(_, of, _)| *of == cell);
+        let (at_s, pairs): (Vec<f64>, Vec<usize>) =
+            of_cell.map(|(at_s, _, samples)| (*at_s, samples.pairs())).unzip();
+        assert_eq!((pairs[0], *pairs.last().unwrap()), (1, mock.samples(cell).pairs()));
+        assert!(at_s.len() > 2 && pairs.is_sorted(), "{at_s:?} {pairs:?}");
+        // A visit to a slow cell takes two seconds, its warm-up two more.
+        let longest_s = at_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        assert!(longest_s <= KEEP_INTERVAL_S + 4.0, "{at_s:?}");
     }
     assert!(!mock.samples(0).rejected.is_empty());
 }
 
 #[test]
-fn a_run_that_was_killed_after_any_visit_goes_on_with_all_that_was_kept() {
+fn a_run_that_was_killed_at_any_moment_goes_on_with_all_that_was_kept() {
     let whole = whole();
     for killed_after in 0..whole.kept.len() {
         let earlier = &whole.kept[..killed_after];
-        let mock = resumed(earlier).run(&SHORT);
-        assert_eq!(mock.results.len(), 3);
-        for cell in 0..3 {
-            let before = by_cell(earlier).remove(&cell).unwrap_or_default();
-            let (before, after) = (Samples::of(&before), mock.samples(cell));
-            let pairs = before.pairs();
+        let mock = resumed(earlier).run(&SETTINGS);
+        assert_eq!(mock.results.len(), cells().len());
+        for cell in 0..cells().len() {
+            let before = latest(earlier).remove(&cell).unwrap_or_default();
+            let (pairs, after) = (before.pairs(), mock.samples(cell));
             assert_eq!(after.earlier_pairs, pairs);
             assert_eq!(after.taken[..pairs], before.taken);
             let all = after.pairs();
@@ -71,42 +72,39 @@ fn a_run_that_was_killed_after_any_visit_goes_on_with_all_that_was_kept() {
 #[test]
 fn a_resumed_cell_with_all_its_pairs_still_renders_before_it_is_finished() {
     let whole = whole();
-    let mock = resumed(&whole.kept).run(&SHORT);
-    for cell in 0..3 {
+    let mock = resumed(&whole.kept).run(&SETTINGS);
+    for cell in 0..cells().len() {
         assert!(mock.calls.contains(&(Timed, cell)));
         assert!(mock.samples(cell).pairs() <= whole.samples(cell).pairs() + 1);
     }
 }
 
 #[test]
-fn an_interruption_before_the_first_frame_leaves_a_resumed_cell_for_later() {
-    // In the warm-up of the first cell that is visited.
-    let mock = Mock { interrupt_at_s: Some(0.001), ..resumed(&whole().kept) }.run(&SHORT);
-    assert_eq!(mock.results.len(), 1, "what rendered nothing is not finished");
-    assert_eq!(mock.safe, mock.kept.len());
+fn an_interruption_keeps_what_has_too_little_and_leaves_what_rendered_nothing() {
+    // In the warm-up of the first cell that is visited, and after all cells have a few pairs.
+    let early = Mock { interrupt_at_s: Some(0.001), ..resumed(&whole().kept) }.run(&SETTINGS);
+    assert!(early.results.is_empty() && early.kept.is_empty());
+    let late = Mock { interrupt_at_s: Some(15.0), ..Mock::of(cells()) }.run(&SETTINGS);
+    assert!(late.results.is_empty());
+    let kept = latest(&late.kept);
+    let count = |did| late.calls.iter().filter(|call| **call == (did, 0)).count();
+    let rejected: u32 = kept[&0].rejected.values().sum();
+    let taken = kept[&0].pairs() + rejected as usize;
+    assert!(count(Timed) - taken <= 2, "all but the warm-up and at most the visit that it met");
 }
 
 #[test]
 fn what_was_timed_by_another_clock_does_not_count() {
-    let whole = whole();
-    let mut other = whole.kept.clone();
-    let pairs = other.iter_mut().filter_map(|(_, added)| added.pair.as_mut());
-    pairs.for_each(|pair| pair.stages[1].clock = Clock::Timestamp);
-    let mock = resumed(&other).run(&SHORT);
-    for cell in 0..3 {
+    let mut other = whole().kept;
+    for pair in other.iter_mut().flat_map(|(_, _, samples)| &mut samples.taken) {
+        pair.stages[1].clock = Clock::Timestamp;
+    }
+    let mock = resumed(&other).run(&SETTINGS);
+    for cell in 0..cells().len() {
         let samples = mock.samples(cell);
         assert_eq!(samples.stages()[1].clock, Clock::FencedHost);
         assert_eq!(samples.earlier_pairs, 0);
-        let new: Vec<Addition> = by_cell(&mock.kept).remove(&cell).unwrap();
-        assert!(new[0].afresh, "the next run must not go back to them");
-        assert!(new[1..].iter().all(|added| !added.afresh));
-        // Of both runs' lines, as they stand in the file.
-        let all: Vec<Addition> =
-            by_cell(&other).remove(&cell).unwrap().into_iter().chain(new).collect();
-        assert_eq!(Samples::of(&all).taken, samples.taken);
+        let kept = mock.kept.iter().filter(|(_, of, _)| *of == cell);
+        assert!(kept.map(|(_, _, samples)| samples).all(|kept| kept.has_stages(samples.stages())));
     }
-    // Should the line that says so be lost, clocks are still not mixed.
-    let (old, new) = (whole.kept[0].1.clone(), other[0].1.clone());
-    let mixed = Samples::of(&[old, new.clone()]);
-    assert_eq!(mixed.taken, Samples::of(&[new]).taken);
 }
