@@ -45,21 +45,39 @@ fn export(view: &ReportView<'_>) -> String {
     parts.push(Part::Paragraph(Line::from("Every cell, picture and plot: ").and(files)));
     parts.extend(Part::list(notes(view)).cut(MOST_NOTES, &place));
     let page = Page::new(vec![PageRun { label: String::new(), view }]);
-    let [of_papers, own] = MOST_CLAIMS;
     for (title, of_section, most) in [
-        ("Claims", page::claims::parts(&page), vec![of_papers, own]),
-        ("Where the time goes", page::time::parts(&page), vec![MOST_STAGES]),
-        ("How it scales", page::scaling::parts(&page), vec![MOST_EXPONENTS]),
+        ("Claims", page::claims::parts(&page), &MOST_CLAIMS[..]),
+        ("Where the time goes", page::time::parts(&page), &[MOST_STAGES]),
+        ("How it scales", page::scaling::parts(&page), &[MOST_EXPONENTS]),
     ] {
         parts.extend((!of_section.is_empty()).then(|| Part::Title(title.into())));
-        let mut most = most.into_iter();
-        parts.extend(of_section.into_iter().flat_map(|part| {
-            let is_table = matches!(part, Part::Table(_));
-            part.cut(if is_table { most.next().unwrap_or_default() } else { 0 }, &place)
-        }));
+        parts.extend(shortened(of_section, most, &place));
     }
     let title = Line::from(format!("fathom on {}", run.adapter.title()));
     format!("# {}\n\n{}", title.markdown(), document::markdown(&parts))
+}
+
+/// At most so many rows below each heading, or in all where there is one number. What is folded gets the rows that the tables before it leave.
+fn shortened(parts: Vec<Part>, most: &[usize], place: &Line) -> Vec<Part> {
+    let mut limits = most.iter().copied();
+    let mut left = if most.len() == 1 { most[0] } else { 0 };
+    let cut = |part: Part| match part {
+        Part::Heading(_) => {
+            left = limits.next().unwrap_or(left);
+            vec![part]
+        }
+        Part::Table(table) => {
+            let (most, rows) = (left, table.rows.len());
+            left = left.saturating_sub(rows);
+            Part::Table(table).cut(most, place)
+        }
+        Part::Fold(words, folded) if left > 0 => {
+            let tables = folded.into_iter().flat_map(|part| part.cut(left, place));
+            std::iter::once(Part::Paragraph(words)).chain(tables).collect()
+        }
+        part => part.cut(0, place),
+    };
+    parts.into_iter().flat_map(cut).collect()
 }
 
 /// Notes on the run, the stand-ins that cells ran on, and what cannot be shown, once each.

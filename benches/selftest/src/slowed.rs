@@ -43,7 +43,7 @@ fn entry_with_loop(signature: &str, iterations: u32, condition: Option<&str>) ->
     let (value, first, nothing) = match kind {
         "u32" => (name.to_owned(), "", "u32(nothing)"),
         "vec3<u32>" => (name.to_owned(), ".x", "u32(nothing)"),
-        "SceneVertex" => (format!("{name}.position_m"), ".x", "nothing"),
+        "SceneVertex" | "Corner" => (format!("{name}.position_m"), ".x", "nothing"),
         _ if kind.starts_with("vec") => (name.to_owned(), ".x", "nothing"),
         _ => (format!("{name}.clip"), ".x", "nothing"),
     };
