@@ -109,10 +109,13 @@ pub fn earlier<'a>(records: &'a [Record], run: &Run) -> BTreeMap<String, Earlier
 }
 
 impl Run {
+    /// What a cell's figures rest on: those of different ones do not stand for each other.
+    pub(super) fn conditions_key(&self) -> String {
+        serde_json::json!([self.adapter, self.profile, self.shader_checks]).to_string()
+    }
+
     fn has_conditions_of(&self, other: &Run) -> bool {
-        self.adapter == other.adapter
-            && self.profile == other.profile
-            && self.shader_checks == other.shader_checks
+        self.conditions_key() == other.conditions_key()
     }
 
     /// Samples of both, by the same clocks, go together: they are of one build, machine and driver.

@@ -8,6 +8,7 @@ use std::fmt;
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -185,20 +186,27 @@ pub fn read(path: &Path) -> Result<Reading, RecordError> {
     sift(&path, source).map(|(read, _)| read)
 }
 
-/// The records that count: the latest of each cell. That a cell is begun counts where its run ends with that.
+/// The records that count: the latest of each cell under the same conditions. That a cell is begun counts where its run ends with that.
 fn latest(records: Vec<Record>) -> Vec<Record> {
+    let mut conditions: Rc<str> = "".into();
+    let with_conditions = records.into_iter().map(|record| {
+        if let Record::Run(run) = &record {
+            conditions = run.conditions_key().into();
+        }
+        (conditions.clone(), record)
+    });
+    let mut counting: Vec<(Rc<str>, Record)> = with_conditions.collect();
+    counting.reverse();
     let (mut met, mut ends_run) = (HashSet::new(), true);
-    let mut counting: Vec<Record> = records.into_iter().rev().collect();
-    counting.retain(|record| {
+    counting.retain(|(conditions, record)| {
         let is_last = std::mem::replace(&mut ends_run, matches!(record, Record::Run(_)));
         match record {
-            Record::Cell(cell) => met.insert(cell.resume_key()),
+            Record::Cell(cell) => met.insert((conditions.clone(), cell.resume_key())),
             Record::Begun(_) => is_last,
             _ => true,
         }
     });
-    counting.reverse();
-    counting
+    counting.into_iter().rev().map(|(_, record)| record).collect()
 }
 
 /// Where the lines of a file are read: from the file, or where there is none from `FILE.gz` beside it, which gzip compressed.

@@ -200,7 +200,14 @@ fn the_latest_record_of_a_cell_counts_and_the_others_go_when_the_run_ends() {
     fs::OpenOptions::new().append(true).open(&path).unwrap().write_all(torn.as_bytes()).unwrap();
     assert_eq!(read(&path).unwrap().records, expected, "a kill in the midst of a line");
     assert_eq!(open(&path).compact().unwrap(), expected);
-    assert_eq!(read(&path).unwrap(), Reading { records: expected.into(), ..Reading::default() });
+    assert_eq!(
+        read(&path).unwrap(),
+        Reading { records: expected.clone().into(), ..Reading::default() }
+    );
+    // A cell of other conditions is no newer version.
+    let other = [header(Profile::Paper), measured("a", 1, true)];
+    open(&path).write_all(&other).unwrap();
+    assert_eq!(open(&path).compact().unwrap(), [&expected[..], &other].concat());
 }
 
 /// What a resumed run takes from each record: nothing, that the cell needs no second measurement, or its samples too.

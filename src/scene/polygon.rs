@@ -14,10 +14,10 @@ const LEAST_FAN_SHARE: f64 = 1e-6;
 /// Rotates the corners of a polygon, so that they begin at the same one wherever its file begins: the smallest of all rotations.
 /// Triangles stay as they are.
 pub fn rotate_to_first<T: Ord>(corners: &mut [T]) {
-    let rotated = |first: &usize| corners[*first..].iter().chain(&corners[..*first]);
-    let first = (0..corners.len()).min_by(|a, b| rotated(a).cmp(rotated(b)));
-    if let Some(first) = first.filter(|_| corners.len() > 3) {
-        corners.rotate_left(first);
+    if corners.len() > 3 {
+        let rotated = |first: &usize| corners[*first..].iter().chain(&corners[..*first]);
+        let first = (0..corners.len()).min_by(|a, b| rotated(a).cmp(rotated(b)));
+        corners.rotate_left(first.unwrap_or(0));
     }
 }
 
@@ -31,7 +31,11 @@ pub fn triangles(positions: &[[f32; 3]], corners: Vec<u32>, counts: &[u32]) -> V
     for count in counts {
         let (face, others) = rest.split_at(*count as usize);
         rest = others;
-        cut(positions, face, &mut indices);
+        if *count == 3 {
+            indices.extend(face);
+        } else {
+            cut(positions, face, &mut indices);
+        }
     }
     indices
 }
