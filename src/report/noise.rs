@@ -187,7 +187,7 @@ impl RunVerdict {
                 format!("do not compare times of early and late cells, which drifted by {change} %")
             }),
             (!self.is_precise())
-                .then(|| "add samples with `fathom run --resume --budget 10m`".to_owned()),
+                .then(|| "add samples by fathom run --resume --budget 10m".to_owned()),
         ];
         advice.into_iter().flatten().collect()
     }

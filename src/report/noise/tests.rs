@@ -127,7 +127,7 @@ fn stolen_time_makes_a_run_noisy() {
 fn a_short_run_is_quiet_and_asks_for_samples() {
     let verdict = Model { minutes: 0.7, ..QUIET }.verdict(|_| AT_REST);
     assert_eq!((verdict.noise, verdict.tone()), (Noise::Quiet, Tone::Neutral), "{verdict:?}");
-    assert_eq!(verdict.advice(), ["add samples with `fathom run --resume --budget 10m`"]);
+    assert_eq!(verdict.advice(), ["add samples by fathom run --resume --budget 10m"]);
 }
 
 #[test]
