@@ -103,13 +103,12 @@ impl Deref for Gpu {
 type Found = (wgpu::Adapter, wgpu::InstanceFlags);
 
 /// Adapters of every interface, the preferred one first.
-fn found() -> Vec<Found> {
+fn enumerate_adapters() -> Vec<Found> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
     descriptor.flags = wgpu::InstanceFlags::empty().with_env();
     let (backends, flags) = (descriptor.backends, descriptor.flags);
     let instance = wgpu::Instance::new(descriptor);
-    let mut all = pollster::block_on(instance.enumerate_adapters(backends));
-    all.retain(|adapter| adapter.get_info().backend != wgpu::Backend::Noop);
+    let mut all = pollster::block_on(instance.enumerate_adapters(backends - wgpu::Backends::NOOP));
     all.sort_by_key(rank);
     all.into_iter().map(|adapter| (adapter, flags)).collect()
 }
@@ -140,7 +139,7 @@ fn find(names: &[String], asked: &str) -> Option<usize> {
 fn choose(asked: Option<&str>) -> Result<Found, GpuError> {
     let from_environment = std::env::var("WGPU_ADAPTER_NAME").ok().filter(|name| !name.is_empty());
     let asked = asked.map(str::to_owned).or(from_environment);
-    let mut all = found();
+    let mut all = enumerate_adapters();
     if let Some(index) = position(&all, asked.as_deref()) {
         return Ok(all.swap_remove(index));
     }
@@ -202,7 +201,7 @@ impl Gpu {
             adapter: describe(adapter),
             lacks: lacks(adapter, &adapter.limits()),
         };
-        found().iter().map(listed).collect()
+        enumerate_adapters().iter().map(listed).collect()
     }
 
     /// What the chosen adapter is; it is not opened.

@@ -4,7 +4,7 @@
 //! with the CPU's: a driver that leaves out work looks fast and is found out. `docs/ceilings.md` tells what is measured and how it is
 //! used.
 
-mod kernel;
+mod compute;
 mod raster;
 #[cfg(test)]
 mod tests;
@@ -12,7 +12,7 @@ mod waker;
 
 pub use waker::Waker;
 
-use self::kernel::{Kernel, Turns};
+use self::compute::{Kernel, Turns};
 use super::{ClockPlan, FrameTimer, Gpu, GpuError};
 use fathom_base::statistics::{estimate, median};
 use fathom_record::ceilings::{Ceiling, Limit, MEMORY_SET_BYTES};

@@ -1,6 +1,6 @@
 //! Kernels that draw: fill and small triangles.
 
-use super::kernel::{Kernel, Output};
+use super::compute::{Kernel, Output};
 use crate::shader::compilation_options;
 use crate::{ColorTarget, Gpu, GpuError, StageScope, Targets};
 
