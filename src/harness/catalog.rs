@@ -180,10 +180,13 @@ impl Catalog {
         Ok(found)
     }
 
-    /// Every stage: those of fathom, and those of the pipelines.
+    /// Every stage: those of fathom, and those of the pipelines that were added to its own.
     pub fn stages(&self) -> Vec<&'static StageInfo> {
         let mut all: Vec<&'static StageInfo> = stages::REGISTRY.iter().collect();
-        for stage in self.kinds.iter().flat_map(|k| self.stages_of(k.name).unwrap_or_default()) {
+        let is_own =
+            |kind: &&PipelineKind| pipelines::KINDS.iter().any(|own| own.name == kind.name);
+        let added = self.kinds.iter().filter(|kind| !is_own(kind));
+        for stage in added.flat_map(|kind| self.stages_of(kind.name).unwrap_or_default()) {
             if !all.iter().any(|known| known.name == stage.name) {
                 all.push(stage);
             }
@@ -197,8 +200,9 @@ impl Catalog {
     }
 }
 
-/// Scenes that pipelines are listed with, where they suit: one of objects, one of a volume, and an empty pool, all quickly made.
-const LISTED: [&str; 3] = ["plane", "smoke", "planar_pool"];
+/// Scenes that pipelines are listed with, where they suit: one of objects, one of a volume, an empty pool, and one of glass, all
+/// quickly made.
+const LISTED: [&str; 4] = ["plane", "smoke", "planar_pool", "glass_teapot_small"];
 /// A scene that more stages are made for than for those.
 const TRANSPARENT: &str = "glass";
 

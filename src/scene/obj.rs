@@ -155,20 +155,20 @@ impl<R: BufRead> Statements<R> {
     }
 
     fn geometry(&mut self, line: &str) -> Result<(), String> {
-        let words: Vec<&str> = line.split_ascii_whitespace().collect();
-        match words[..] {
-            ["v", ..] => {
+        let mut words = line.split_ascii_whitespace();
+        match words.next() {
+            Some("v") => {
                 self.positions = counted(self.positions, "vertices")?;
                 // Six numbers and more are a position and a colour.
-                self.put(if words.len() >= 7 { &words[..4] } else { &words });
+                let has_colour = words.clone().nth(5).is_some();
+                self.put("v", words.take(if has_colour { 3 } else { usize::MAX }));
             }
-            ["vn", ..] => {
+            Some("vn") => {
                 self.normals = counted(self.normals, "normals")?;
-                self.put(&words);
+                self.put("vn", words);
             }
-            ["f", _, _, _, ..] => self.face(&words[1..])?,
-            ["f", ..] => {}
-            [keyword, ..] if self.unknown.len() < MAX_UNKNOWN => {
+            Some("f") => self.face(&words.collect::<Vec<_>>())?,
+            Some(keyword) if self.unknown.len() < MAX_UNKNOWN => {
                 self.unknown.entry(read::clipped(keyword)).or_insert(self.number);
             }
             _ => {}
@@ -177,6 +177,9 @@ impl<R: BufRead> Statements<R> {
     }
 
     fn face(&mut self, corners: &[&str]) -> Result<(), String> {
+        if corners.len() < 3 {
+            return Ok(());
+        }
         self.triangles += corners.len() - 2;
         if self.triangles > self.most_triangles {
             return Err(read::too_many_triangles(self.most_triangles));
@@ -202,7 +205,7 @@ impl<R: BufRead> Statements<R> {
         }
         self.objects += 1;
         self.ended = false;
-        self.put(&["o", "object"]);
+        self.put("o", ["object"].into_iter());
         Ok(())
     }
 
@@ -218,8 +221,12 @@ impl<R: BufRead> Statements<R> {
         Ok((index(position, self.positions)?, normal.unwrap_or(Ok::<_, String>(NO_NORMAL))?))
     }
 
-    fn put(&mut self, words: &[&str]) {
-        self.out.extend_from_slice(words.join(" ").as_bytes());
+    fn put<'a>(&mut self, keyword: &str, words: impl Iterator<Item = &'a str>) {
+        self.out.extend_from_slice(keyword.as_bytes());
+        for word in words {
+            self.out.push(b' ');
+            self.out.extend_from_slice(word.as_bytes());
+        }
         self.out.push(b'\n');
     }
 }

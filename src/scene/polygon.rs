@@ -1,5 +1,7 @@
 //! Polygons of mesh files, cut into triangles.
 
+use std::cmp::Ordering;
+
 use earcut::Earcut;
 use glam::{DVec3, Vec3};
 use itertools::Itertools;
@@ -14,11 +16,25 @@ const LEAST_FAN_SHARE: f64 = 1e-6;
 /// Rotates the corners of a polygon, so that they begin at the same one wherever its file begins: the smallest of all rotations.
 /// Triangles stay as they are.
 pub fn rotate_to_first<T: Ord>(corners: &mut [T]) {
-    if corners.len() > 3 {
-        let rotated = |first: &usize| corners[*first..].iter().chain(&corners[..*first]);
-        let first = (0..corners.len()).min_by(|a, b| rotated(a).cmp(rotated(b)));
-        corners.rotate_left(first.unwrap_or(0));
+    let count = corners.len();
+    if count <= 3 {
+        return;
     }
+    // Of two candidates that agree in `same` corners and then differ, the larger goes, and with it those that begin within what agreed.
+    let (mut a, mut b, mut same) = (0, 1, 0);
+    while a.max(b) < count && same < count {
+        match corners[(a + same) % count].cmp(&corners[(b + same) % count]) {
+            Ordering::Equal => {
+                same += 1;
+                continue;
+            }
+            Ordering::Greater => a += same + 1,
+            Ordering::Less => b += same + 1,
+        }
+        b += usize::from(a == b);
+        same = 0;
+    }
+    corners.rotate_left(a.min(b));
 }
 
 /// The indices of triangles of polygons that have so many of these corners each; without `counts` all are triangles.
@@ -70,4 +86,21 @@ fn cut(positions: &[[f32; 3]], face: &[u32], indices: &mut Vec<u32>) {
         cut.extend(fan(first).flatten().map(|corner| corner as u32));
     }
     indices.extend(cut.iter().map(|corner| face[*corner as usize]));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corners_begin_at_the_smallest_of_all_rotations() {
+        for corners in (4..8).flat_map(|count| (0..count).map(|_| 0..3).multi_cartesian_product()) {
+            let rotations =
+                (0..corners.len()).map(|first| [&corners[first..], &corners[..first]].concat());
+            let smallest = rotations.min().unwrap();
+            let mut rotated = corners;
+            rotate_to_first(&mut rotated);
+            assert_eq!(rotated, smallest);
+        }
+    }
 }

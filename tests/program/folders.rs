@@ -13,8 +13,14 @@ use fathom::record::{Begun, Cell, FolderLock, Outcome, Record, Run, SCHEMA};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// A run of two small cells that never reach their precision.
-const RUN: &str = "run uw-waves --no-ceilings --precision 1e-9 --axis water=circular --axis water.amplitude_m=0.0,0.1";
+/// A run of two small cells.
+const RUN: &str =
+    "run uw-waves --no-ceilings --axis water=circular --axis water.amplitude_m=0.0,0.1";
+
+/// A precision that no cell reaches.
+const UNENDING: &str = "--precision 1e-9 --budget 10m";
+/// One that a cell reaches at once.
+const AT_ONCE: &str = "--precision 1 --budget 10m";
 
 /// The same into the folder `out`.
 fn run(place: &Place, options: &str) -> Command {
@@ -33,7 +39,7 @@ fn versions(place: &Place) -> usize {
 /// what it has measured. Gives what the first said.
 #[track_caller]
 fn one_of_two(place: &Place, options: &str) -> String {
-    let first = run(place, &format!("--budget 600 {options}")).spawn().unwrap();
+    let first = run(place, &format!("{UNENDING} {options}")).spawn().unwrap();
     let begin = format!("process {} ", first.id());
     let lock = || fs::read_to_string(place.path("out/.lock")).unwrap_or_default();
     wait_until("a holder of the folder", || lock().starts_with(&begin));
@@ -47,7 +53,7 @@ fn one_of_two(place: &Place, options: &str) -> String {
     assert!(
         matches!(records(&place.path("out")).last(), Some(Record::End(end)) if end.interrupted)
     );
-    run(place, "--resume --budget 10m").ends(0);
+    run(place, &format!("--resume {AT_ONCE}")).ends(0);
     told.err
 }
 
@@ -57,7 +63,7 @@ fn a_kill_at_any_moment_loses_no_record_and_one_of_two_processes_goes_on() {
     for _ in 0..repetitions() {
         let place = Place::new();
         let out = &place.path("out");
-        let mut child = run(&place, "--budget 600").spawn().unwrap();
+        let mut child = run(&place, UNENDING).spawn().unwrap();
         // Each cell is written after its first pair, and after 12 and more.
         let wanted = random.random_range(1..7);
         wait_until("a record of a cell", || {
@@ -160,16 +166,16 @@ fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
     use std::os::unix::ffi::OsStrExt;
     let place = Place::new();
     let out = place.path(std::ffi::OsStr::from_bytes(b"o\xffut"));
-    let run = RUN.replace("1e-9", "1");
-    place.fathom(format!("{run} {SMALL} --budget 10m --out")).arg(&out).ends(0);
-    assert_eq!(cells(&out).len(), 2);
+    let run = "run uw-default --cell base --no-ceilings";
+    place.fathom(format!("{run} {SMALL} {AT_ONCE} --out")).arg(&out).ends(0);
+    assert_eq!(cells(&out).len(), 1);
     place.fathom("report").arg(&out).ends(0);
 }
 
 #[test]
 fn a_cell_in_which_two_processes_ended_is_failed_named_and_passed_over() {
     let place = Place::new();
-    let run = format!("{} {SMALL} --budget 10m", RUN.replace("1e-9", "1"));
+    let run = format!("{RUN} {SMALL} {AT_ONCE}");
     place.fathom(format!("{run} --out whole")).ends(0);
     // What a process leaves that ends in the second cell.
     let whole = records(&place.path("whole"));

@@ -98,7 +98,7 @@ fn no_verdict_rests_on_two_machines() {
 #[test]
 fn shards_that_were_measured_make_a_run() {
     let place = Place::new();
-    let experiments = own_experiments(&place, 3);
+    let experiments = own_experiments(&place, 2);
     let run = |part: &str, options: &str| {
         let words = format!(
             "run {experiments} --budget 10m --precision 1 --no-ceilings --shard {part} {options}"

@@ -33,7 +33,7 @@ fn recorded() -> Place {
 /// Of listings and help, and of what needs an adapter.
 #[test]
 fn an_answer_on_a_full_disk_is_an_error_and_a_reader_that_has_had_enough_is_none() {
-    for words in ["list stages", "--help", "verify water/reflection"] {
+    for words in ["list stages", "--help", "verify voxel/clear"] {
         let told = fathom(words).stdout(full()).ends(2);
         let error = told.error("cannot write to standard output: ");
         assert!(error.starts_with("error: cannot write to standard output: "), "{error}");

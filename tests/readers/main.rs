@@ -267,6 +267,8 @@ fn immense_content_is_refused() {
     let turns = format!("[views]\nquantity = \"q\"\nturns_deg = [{}]\n", "1,".repeat(400_000));
     let knot = "[[object]]\nname = \"k\"\ngenerator = \"knot\"\nparams = { segments = 700, sides = 160 }\n";
     let corners = |rest: String| format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{rest}");
+    // A polygon has as many triangles as corners, less two.
+    let polygons = format!("f{}\n", " 1 2 3".repeat(10_000)).repeat(134);
     let no_faces = "f 1 2\nl 1 1 1\no\ng a\n";
     let rows: [(String, Reader, &str); 10] = [
         (of(axes), experiment, "counted too: at most 20000"),
@@ -277,7 +279,7 @@ fn immense_content_is_refused() {
         (of(format!("[params]\na{} = 1", ".a".repeat(200_000))), experiment, ""),
         (corners("f 1 2 3\no\n".repeat(100_001)), mesh, "more than 100000 objects"),
         ("v 0 0 0\n".repeat(3_600_001), mesh, "more than 3600000 vertices"),
-        (corners("f 1 2 3\n".repeat(4_000_001)), mesh, "more than 4000000 triangles"),
+        (corners(polygons), mesh, "more than 4000000 triangles"),
         (corners(no_faces.repeat(1 << 18)), mesh, "no triangles"),
     ];
     for (text, reader, reason) in rows {
