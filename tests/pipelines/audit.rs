@@ -64,7 +64,6 @@ fn an_audit_of_lavapipe_agrees_with_itself() {
     agrees_with_itself("/usr/share/vulkan/icd.d", "lvp_icd");
 }
 
-#[cfg(feature = "nightly")]
 #[test]
 fn an_audit_of_swiftshader_agrees_with_itself() {
     agrees_with_itself("/usr/lib/chromium", "vk_swiftshader_icd");

@@ -78,7 +78,11 @@ fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
     for case in [
         ("volume_ao", "corner", "ao.rays=5000"),
         ("hsao", "corner", "view.width=4096 view.height=4096"),
-        ("scalar_ao", "smoke", "view.width=4096 view.height=4096 scalar.mode=direct"),
+        (
+            "scalar_ao",
+            "smoke",
+            "view.width=4096 view.height=4096 scalar.mode=direct volume.cells=[48,48,48]",
+        ),
     ] {
         let subject = subject(&mut subjects, case);
         let reason = subject.beyond(&capacity).unwrap().unwrap_or_else(|| panic!("{case:?}"));

@@ -38,8 +38,17 @@ fn build(tree: &Value, gpu: &Gpu, scene: &Scene) -> Result<Box<AnyPipeline>, Gpu
     built
 }
 
+/// In a process of its own on one core, where the audit of its clock is soon done.
 #[test]
 fn a_lost_device_fails_one_cell_by_its_name_and_the_others_are_measured() {
+    let child = super::this_program("lost_device::child").output().unwrap();
+    assert!(child.status.success(), "{}", String::from_utf8_lossy(&child.stderr));
+}
+
+#[test]
+#[ignore = "run by the other test"]
+fn child() {
+    fathom_base::quiet::begin_again();
     let place = Place::new();
     let experiments = vec![place.write("lost.toml", EXPERIMENT).display().to_string()];
     let mut catalog = Catalog::builtin();

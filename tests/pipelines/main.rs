@@ -1,5 +1,6 @@
 //! The GPU layer, scenes and whole pipelines on the adapter at hand: what they draw, what they tell, what they ask for, and the checks of their stages.
 
+#[cfg(feature = "nightly")]
 mod audit;
 mod capacity;
 #[path = "../common/mod.rs"]

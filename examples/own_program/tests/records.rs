@@ -6,6 +6,7 @@ use std::process::{Command, Output};
 use fathom::gates::changes::Changes;
 use fathom::gates::files::RunFile;
 use fathom::gates::verdict::Status;
+use fathom::quiet::{self, Quiet};
 use fathom::record::output::RECORDS;
 use fathom::record::{Cell, Clock, PassKind, Record, Run, read};
 
@@ -24,8 +25,12 @@ fn the_clock_takes_few_lines_and_the_front_page_shows_them() {
     }
 }
 
+/// On one core, where the audit of the clock is soon done.
 fn run(program: &str, arguments: &[&str]) -> Output {
-    Command::new(program).args(arguments).output().expect("it starts")
+    let mut command = Command::new(program);
+    let core = quiet::allowed_cores().first().copied();
+    quiet::apply(&mut command, &Quiet { core, ..Quiet::default() });
+    command.args(arguments).output().expect("it starts")
 }
 
 /// The run and the only cell of a file of records.
