@@ -81,7 +81,8 @@ impl Claim {
         if self.source.is_some() { Whose::Publication } else { Whose::Own }
     }
 
-    /// Whether the publication prints a number that the figure is held against. Otherwise the bound is our own.
+    /// Whether the publication prints a number that the figure is held against. Otherwise the bound is our own, and so it is where the
+    /// number is said to be about right: how far the figure may be from it is then our choice.
     pub fn has_printed_bound(&self) -> bool {
         let is_number = |word: &str| {
             let word = word.trim_matches(|c: char| !c.is_ascii_alphanumeric());
@@ -89,7 +90,7 @@ impl Claim {
         };
         let printed = self.printed.as_deref().unwrap_or_default();
         let prints_number = self.published.is_some() || printed.split([' ', '/']).any(is_number);
-        self.source.is_some() && prints_number
+        self.source.is_some() && prints_number && !printed.contains("about")
     }
 
     /// The publication's value of the figure that is tested.
