@@ -37,7 +37,7 @@ fn a_doctor_tells_what_it_found_and_its_status_follows() {
     let output = place.fathom("doctor --json --quiet").output().unwrap();
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let findings = report["findings"].as_array().unwrap();
-    for subject in ["adapter", "clock", "precision", "asset", "shader cache", "valgrind"] {
+    for subject in ["adapter", "clock", "precision", "asset", "valgrind"] {
         assert!(
             findings.iter().any(|finding| finding["subject"] == subject),
             "{subject}: {report}"

@@ -100,6 +100,8 @@ fn no_report_prints_what_is_not_finite_whichever_figure_lacks() {
     // Parameters and the version of the format are no figures.
     let found: Vec<String> =
         found.into_iter().filter(|path| !path.contains("/params/") && path != "/schema").collect();
+    // Each figure in one of both ways; `make test-all` tries each in both.
+    let is_whole = std::env::var_os("FATHOM_DRAWS").is_some();
     let tried = found.par_iter().enumerate().map(|(number, path)| {
         let path: Vec<&str> = path.split('/').skip(1).collect();
         let mut tried = Vec::new();
@@ -109,7 +111,9 @@ fn no_report_prints_what_is_not_finite_whichever_figure_lacks() {
             lines.into_iter().map(|line| serde_json::from_value(line).ok()).collect()
         };
         let lacking = LACKING.iter().find_map(|by| changed(by));
-        for (way, changed) in [lacking, changed(&ZERO)].into_iter().flatten().enumerate() {
+        let ways = [lacking, changed(&ZERO)].into_iter().enumerate();
+        for (way, changed) in ways.filter(|(way, _)| is_whole || number % 2 == *way) {
+            let Some(changed) = changed else { continue };
             let folder = place.path(format!("{number}-{way}"));
             write_records(&folder, &changed);
             let words = words(&place.path("whole"), &folder).into_iter();
@@ -121,6 +125,6 @@ fn no_report_prints_what_is_not_finite_whichever_figure_lacks() {
         tried
     });
     let tried: Vec<Vec<String>> = tried.flatten().collect();
-    assert!(tried.len() > 60, "{} of {} figures", tried.len(), found.len());
+    assert!(tried.len() > 30, "{} of {} figures", tried.len(), found.len());
     assert_eq!(tried.concat(), Vec::<String>::new());
 }
