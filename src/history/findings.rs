@@ -5,19 +5,16 @@ use std::iter::once;
 use itertools::Itertools;
 use rayon::prelude::*;
 
-use super::changes::{LEAST_RUNS, change_points};
-use super::controls::{Controls, MachineShift};
-use super::scores::Scores;
-use super::shift::shift;
+use super::controls::{Controls, MOST_SIDE, MachineShift};
 use super::stored::{Series, StoredRuns};
+use fathom_judge::change_points::{LEAST_RUNS, change_points};
+use fathom_judge::scores::Scores;
+use fathom_judge::shift::shift;
 use fathom_record::Estimate;
 
 /// A change is sure where, of all changes that are as sure or surer, at most this share is expected to be false. Benjamini &
 /// Hochberg, *J. R. Stat. Soc. B* 57 (1995).
 pub const FALSE_SHARE: f64 = 0.05;
-
-/// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
-pub(crate) const MOST_SIDE: usize = 60;
 
 /// By how much a figure changed, the later runs against the earlier ones.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,15 +4,21 @@
 //! samples is that they are independent and scatter evenly to both sides of their centre.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use fathom_base::statistics::{Estimate, Interval, median};
 
-/// Probability of each rank sum 0 … n(n + 1)/2 of `n` samples that scatter evenly about 0.
-pub fn rank_sums(n: usize) -> Vec<f64> {
+/// Probability of each rank sum 0 … n(n + 1)/2 of `n` samples that scatter evenly about 0. Computed once for each `n`.
+pub fn rank_sums(n: usize) -> Arc<Vec<f64>> {
+    static KNOWN: Mutex<BTreeMap<usize, Arc<Vec<f64>>>> = Mutex::new(BTreeMap::new());
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    known.entry(n).or_insert_with(|| Arc::new(convolved(n))).clone()
+}
+
+fn convolved(n: usize) -> Vec<f64> {
     let mut probability = vec![1.0];
     for rank in 1..=n {
         // Each rank is in the sum or not, with even odds.

@@ -1,6 +1,6 @@
 //! By how much two sides of a change differ.
 
-use super::changes::LEAST_SIDE;
+use super::change_points::LEAST_SIDE;
 use fathom_base::statistics::{Estimate, Interval, Z_95, median};
 
 /// The shift from the first side to the second with its 95 % interval: the median of all differences (Hodges and Lehmann) and the
