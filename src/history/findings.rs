@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::controls::{Controls, MOST_SIDE, MachineShift};
 use super::stored::{Series, StoredRuns};
 use fathom_judge::change_points::{LEAST_RUNS, change_points};
+use fathom_judge::rank::benjamini_hochberg;
 use fathom_judge::scores::Scores;
 use fathom_judge::shift::shift;
 use fathom_record::Estimate;
@@ -172,15 +173,9 @@ fn of_series(
 
 /// Each series is searched once, and both sides of each change once more.
 fn tell_false_share(changes: &mut [Change], searched: usize) {
-    changes.sort_by(|a, b| b.p.total_cmp(&a.p));
-    let found = changes.len();
-    let tests = (searched + 2 * found) as f64;
-    let mut least = 1.0_f64;
-    for (place, change) in changes.iter_mut().enumerate() {
-        let as_sure = (found - place) as f64;
-        least = least.min(tests * change.p / as_sure);
-        change.false_share = least;
-    }
+    let p: Vec<f64> = changes.iter().map(|change| change.p).collect();
+    let shares = benjamini_hochberg(&p, searched + 2 * p.len());
+    changes.iter_mut().zip(shares).for_each(|(change, share)| change.false_share = share);
 }
 
 #[cfg(test)]

@@ -102,17 +102,17 @@ pub fn holm(probabilities: &[f64]) -> Vec<f64> {
     adjusted
 }
 
-/// Probabilities adjusted for their number, in the order given: of what is at most `alpha`, a share of at most `alpha` is expected to
+/// Probabilities adjusted for so many tests, in the order given: of what is at most `alpha`, a share of at most `alpha` is expected to
 /// be false. Benjamini & Hochberg, *J. R. Statist. Soc. B* 57 (1995); it holds too where the tests go together (Benjamini &
 /// Yekutieli, *Ann. Statist.* 29 (2001)).
-pub fn benjamini_hochberg(probabilities: &[f64]) -> Vec<f64> {
+pub fn benjamini_hochberg(probabilities: &[f64], tests: usize) -> Vec<f64> {
     let mut order: Vec<usize> = (0..probabilities.len()).collect();
     order.sort_by(|a, b| probabilities[*b].total_cmp(&probabilities[*a]));
     let mut adjusted = vec![1.0; probabilities.len()];
     let mut least = 1.0_f64;
     for (done, index) in order.iter().enumerate() {
         let rank = (probabilities.len() - done) as f64;
-        least = least.min(probabilities[*index] * probabilities.len() as f64 / rank);
+        least = least.min(probabilities[*index] * tests as f64 / rank);
         adjusted[*index] = least;
     }
     adjusted
@@ -151,7 +151,7 @@ fn simulated(n: usize, level: f64) -> Option<f64> {
 }
 
 /// A standard normal number. Box & Muller, *Ann. Math. Statist.* 29 (1958).
-pub(super) fn normal(random: &mut Pcg64) -> f64 {
+pub(crate) fn normal(random: &mut Pcg64) -> f64 {
     let radius = (-2.0 * (1.0 - random.random::<f64>()).ln()).sqrt();
     radius * (std::f64::consts::TAU * random.random::<f64>()).cos()
 }

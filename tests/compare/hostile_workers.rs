@@ -23,11 +23,8 @@ const CASES: [(&str, &str, &str); 13] = [
     ("exact", "bytes negative words", "garbage"),
     ("checks", "rubbish overflow", "garbage"),
     ("clock", "other null", "garbage"),
-    (
-        "sample",
-        "rubbish bytes endless deep other overflow negative zero great small words null many none-of-it",
-        "garbage",
-    ),
+    // Times that cannot be are tested in `compare::launch`, damaged replies in `tests/readers`.
+    ("sample", "rubbish endless negative many none-of-it", "garbage"),
     ("sample", "refused fatal", "red"),
     ("sample", "unsupported", "it does not know"),
     ("sample", "killed", "it ended with signal: 9"),
