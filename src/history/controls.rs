@@ -7,10 +7,10 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use fathom_base::statistics::{Estimate, Interval, median};
+use fathom_base::statistics::{Estimate, median};
 
 use super::stored::{Series, SeriesKey, StoredRuns};
-use fathom_judge::shift::shift;
+use fathom_judge::shift::{excludes_none, shift};
 
 /// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
 pub const MOST_SIDE: usize = 60;
@@ -97,10 +97,6 @@ impl Controls {
             MachineShift::Still
         }
     }
-}
-
-fn excludes_none(interval: Interval) -> bool {
-    interval.low > 0.0 || interval.high < 0.0
 }
 
 /// ln(time) of a series and of its machine, in the runs that have both.

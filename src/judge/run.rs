@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use itertools::Itertools;
 
+use crate::shift::excludes_none;
 use fathom_base::statistics::{self, PairSlope};
-use fathom_record::{Estimate, FrameRecord, Interval, Run};
+use fathom_record::{Estimate, FrameRecord, Run};
 
 /// Scatter of one frame's time beyond which a run is noisy. On llvmpipe it is 2.5 % in the median cell of `reports/llvmpipe`, and
 /// 12 % on a machine that shares its host. At 5 % a cell needs 38 samples for ±2 %, three times what a short run takes of it.
@@ -94,7 +95,6 @@ pub struct Drift {
 impl Drift {
     /// Its interval excludes none, and over the run it is more than this share.
     fn exceeds(&self, share: f64) -> bool {
-        let excludes_none = |i: Interval| i.low > 0.0 || i.high < 0.0;
         self.per_minute.interval.is_some_and(excludes_none) && self.change().abs() > share
     }
 

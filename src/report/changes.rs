@@ -193,10 +193,9 @@ fn noise_words(views: [&ReportView<'_>; 2], times: &Times<'_>) -> Option<String>
 }
 
 fn rulings<'a>(view: &'a ReportView<'a>) -> impl Iterator<Item = (&'a str, &'a Claim, &'a Ruling)> {
-    view.sections.iter().flat_map(|section| {
-        let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
-        claims.zip(section.rulings()).map(|(claim, ruling)| (section.id, claim, ruling))
-    })
+    view.sections
+        .iter()
+        .flat_map(|section| section.claims().map(|(claim, ruling)| (section.id, claim, ruling)))
 }
 
 fn claims_block(views: [&ReportView<'_>; 2]) -> Vec<Part> {

@@ -132,23 +132,6 @@ mod tests {
     }
 
     #[test]
-    fn the_summary_tells_device_verdicts_and_figures() {
-        let text = written(&fixtures::run());
-        for expected in [
-            "# fathom on llvmpipe",
-            "software driver",
-            "Absolute times",
-            "(uw-photons.svg)",
-            "(index.html)",
-            "(cells.csv)",
-            "| contradicted",
-            "caustics/splat",
-        ] {
-            assert!(text.contains(expected), "{expected}");
-        }
-    }
-
-    #[test]
     fn a_run_ends_with_its_verdicts_and_slowest_stages() {
         let records = fixtures::run();
         let view = ReportView::new(&records, None);

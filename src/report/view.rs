@@ -17,6 +17,7 @@ use super::document::Span;
 use fathom_base::folder::Folder;
 use fathom_base::private;
 use fathom_experiments as experiments;
+use fathom_experiments::schema::Claim;
 use fathom_experiments::{Experiment, Ruling, label_text};
 use fathom_judge::claims::{self, Entry};
 use fathom_judge::run::RunVerdict;
@@ -229,6 +230,11 @@ impl<'a> Section<'a> {
             let experiment = self.experiment.as_ref();
             experiment.map_or_else(Vec::new, |of| claims::rulings(of, &self.entries, self.run))
         })
+    }
+
+    /// Its claims with their rulings.
+    pub fn claims(&self) -> impl Iterator<Item = (&Claim, &Ruling)> {
+        self.experiment.iter().flat_map(|experiment| &experiment.claim).zip(self.rulings())
     }
 
     pub(super) fn figure(&self) -> &Figure {

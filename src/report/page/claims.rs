@@ -116,8 +116,7 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
     let mut rows = IndexMap::<(&str, &str), Row<'_>>::new();
     for (place, run) in page.runs.iter().enumerate() {
         for section in &run.view.sections {
-            let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
-            for (claim, ruling) in claims.zip(section.rulings()) {
+            for (claim, ruling) in section.claims() {
                 let row = rows.entry((section.id, &claim.id)).or_insert_with(|| Row {
                     section,
                     claim,
