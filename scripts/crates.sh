@@ -19,7 +19,7 @@ lines() { # paths, apart by blanks
 
 echo "| crate | lines | own | others | what |"
 echo "|---|---|---|---|---|"
-for folder in base scene record reference clock gpu stages pipelines verify experiments report gates harness compare history; do
+for folder in base scene record reference clock gpu stages pipelines verify experiments judge report harness compare history; do
     row "fathom-$folder" "src/$folder" "src/$folder/*.rs"
 done
 row fathom . "src/cli src/exporters.rs src/lib.rs src/main.rs"

@@ -9,21 +9,22 @@ use anyhow::{anyhow, bail};
 use itertools::Itertools;
 
 use crate::folder::Folder;
-use crate::gates::changes::Changes;
-use crate::gates::files::RunFile;
-use crate::gates::store::{StoredComparison, holds_comparison};
-use crate::gates::tables::on_page;
-use crate::gates::verdict::Verdicts;
+use crate::judge::files::RunFile;
+use crate::judge::store::{StoredComparison, holds_comparison};
+use crate::judge::verdict::Verdicts;
 use crate::private;
+use crate::record::comparison::Gate;
 use crate::record::output::RECORDS;
 use crate::record::{self, Reading};
+use crate::report::changes::Changes;
+use crate::report::comparison::on_page;
 use crate::report::page::{self, ComparisonOnPage, Page};
 use crate::report::{
     Artifact, Exported, Exporter, LeftOut, OF_RUNS, OfRun, ReportView, RunExporter, Written,
 };
 use crate::text;
 
-pub use crate::gates::tables::OF_COMPARISONS;
+pub use crate::report::comparison::OF_COMPARISONS;
 
 /// The files of a comparison's report.
 pub fn of_comparison(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
@@ -163,7 +164,7 @@ impl Folders {
     /// What changed from the first of two runs to the second; an error of fewer or more, and where they have no cell in common.
     pub fn changes(&self) -> anyhow::Result<Changes> {
         let [base, head] = self.runs.as_slice() else { bail!("these are not two runs") };
-        Changes::of_files([base, head])
+        Changes::of_files([base, head], &Gate::ALL)
     }
 
     /// One page of all.

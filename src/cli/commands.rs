@@ -12,7 +12,6 @@ use crate::gpu::{self, Audit, Gpu};
 use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, Figure};
-use crate::harness::outcome::Counts;
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
@@ -21,7 +20,7 @@ use crate::harness::{
     verify as verifying,
 };
 use crate::record::output::{OutputFolder, RECORDS};
-use crate::record::{Clock, FolderLock, PassKind, Reading, Record, Standing};
+use crate::record::{Clock, FolderLock, OutcomeCounts, PassKind, Reading, Record, Standing};
 use crate::report::{self, Artifact, ReportView};
 use crate::verify::{SkippedCase, Verified};
 use crate::{exporters, private, quiet, record, tell, text};
@@ -77,7 +76,7 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     in_short.iter().for_each(tell::done);
     print_summary(&summary);
     print_pages(&files);
-    let Counts { measured, failed, over_budget, .. } = summary.counts;
+    let OutcomeCounts { measured, failed, over_budget, .. } = summary.counts;
     let nothing = measured + failed + summary.kept == 0;
     Ok(match &summary.skip_reason {
         _ if summary.end.interrupted => ExitCode::from(INTERRUPTED),
@@ -143,8 +142,9 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
 }
 
 fn print_summary(summary: &Summary) {
-    let Summary { counts: Counts { measured, skipped, failed, over_budget }, kept, end, .. } =
-        summary;
+    let Summary {
+        counts: OutcomeCounts { measured, skipped, failed, over_budget }, kept, end, ..
+    } = summary;
     tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));

@@ -10,15 +10,16 @@ use crate::compare::cells::Gates;
 use crate::compare::environment::{self, Environment};
 use crate::compare::flow::{self, CompareOptions, Program};
 use crate::compare::launch::WorkerStart;
-use crate::compare::{settings, tables};
-use crate::gates::changes::Changes;
-use crate::gates::files::RunFile;
-use crate::gates::store::StoredComparison;
-use crate::gates::verdict::{Status, Verdicts};
+use crate::compare::settings;
 use crate::harness::catalog::Catalog;
+use crate::judge::files::RunFile;
+use crate::judge::store::StoredComparison;
+use crate::judge::verdict::Verdicts;
 use crate::record::FolderLock;
 use crate::record::comparison::{Gate, GateSettings, Side};
 use crate::record::output::Held;
+use crate::report::changes::Changes;
+use crate::report::comparison;
 use crate::{exporters, folder, private, tell};
 use anyhow::{Context, ensure};
 use tempfile::TempDir;
@@ -180,11 +181,8 @@ impl MadeSide {
 /// Two files of records: what changed.
 fn two_runs(files: [&PathBuf; 2], gates: &[Gate]) -> Outcome {
     let [base, head] = [RunFile::read(files[0])?, RunFile::read(files[1])?];
-    let changes = Changes::of_files([&base, &head])?;
-    let status = match changes.status {
-        Status::TimesNotJudged if !gates.contains(&Gate::Time) => Status::NoRegression,
-        status => status,
-    };
+    let changes = Changes::of_files([&base, &head], gates)?;
+    let status = changes.status;
     let headline = format!("{status} (status {}): {}", status as u8, changes.headline);
     tell::answer(Changes { headline, ..changes }.into_text());
     Ok(ExitCode::from(status as u8))
@@ -205,7 +203,7 @@ fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
 fn write(folder: &Path, verdicts: &Verdicts<'_>, fresh: bool) -> Outcome {
     exporters::put(folder, exporters::of_comparison(verdicts))?;
     if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
-        append(Path::new(&page), &tables::markdown(verdicts))?;
+        append(Path::new(&page), &comparison::markdown(verdicts))?;
     }
     tell::note(folder.display());
     Ok(ExitCode::from(verdicts.status as u8))

@@ -19,11 +19,12 @@ use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options};
+use crate::judge::clocks::{self, ClockTrust};
+use crate::judge::run::{Noise, RunVerdict};
 use crate::record::output::OutputFolder;
 use crate::record::{self, Cell, Measured, Record, Run};
-use crate::report::noise::{Noise, RunVerdict};
-use crate::report::trust::{self, ClockTrust};
 use crate::report::{ReportView, facts};
+use crate::report::{noise, trust};
 use crate::scene::assets::Source;
 use crate::{process, quiet, tell, text};
 
@@ -156,7 +157,7 @@ fn of_records(records: &[Record]) -> Vec<Finding> {
     findings.extend(notes.map(|note| Finding::new("adapter", Level::Note, &*note.text)));
     findings.extend(machine(run));
     findings.push(clock(run));
-    findings.extend(RunVerdict::of(&view).map(|verdict| load(&verdict)));
+    findings.extend(view.verdict.as_ref().map(load));
     let cells = records.iter().filter_map(Record::try_as_cell_ref);
     findings.extend(cells.map(|cell| precision(cell, run)));
     findings
@@ -187,7 +188,7 @@ fn machine(run: &Run) -> Option<Finding> {
 
 fn clock(run: &Run) -> Finding {
     let found = format!("{} ({})", trust::verdict(run), trust::conditions(run));
-    match trust::clocks(run).map(|(.., trust)| trust).max() {
+    match clocks::clocks(run).map(|(.., trust)| trust).max() {
         Some(ClockTrust::NotAudited | ClockTrust::Unsound) => {
             Finding::new("clock", Level::Warning, found).remedy("`fathom audit` has the figures")
         }
@@ -196,7 +197,7 @@ fn clock(run: &Run) -> Finding {
 }
 
 fn load(verdict: &RunVerdict) -> Finding {
-    let found = format!("{} machine: {}", verdict.noise, verdict.figures());
+    let found = format!("{} machine: {}", verdict.noise, noise::figures(verdict));
     match verdict.noise {
         Noise::Quiet => Finding::new("load", Level::Ok, found),
         Noise::Drifting | Noise::Noisy => Finding::new("load", Level::Warning, found)

@@ -4,9 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::commands::{Outcome, ended};
 use crate::harness::merge::{self, Merged};
-use crate::harness::outcome::Counts;
 use crate::record::output::OutputFolder;
-use crate::record::{self, OVER_BUDGET};
+use crate::record::{self, OVER_BUDGET, OutcomeCounts};
 use crate::report::ReportView;
 use crate::{exporters, tell, text};
 
@@ -14,9 +13,9 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Outcome {
     let Merged { absent, notes, lock: _lock } = merge::merge(folders, out)?;
     let reading = record::read(&OutputFolder { folder: out.to_owned() }.records())?;
     let view = ReportView::new(&reading.records, Some(out));
-    let counts = Counts::of(view.entries().map(|entry| entry.cell));
+    let counts = OutcomeCounts::of(view.entries().map(|entry| entry.cell));
     exporters::write(out, reading)?;
-    let Counts { measured, skipped, failed, over_budget } = counts;
+    let OutcomeCounts { measured, skipped, failed, over_budget } = counts;
     tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}"
     ));

@@ -121,15 +121,6 @@ mod tests {
     use fathom_harness::catalog::Catalog;
 
     #[test]
-    fn names_are_configuration_and_stage() {
-        let cell = CellId::new("tank-fine", "caustics/trace");
-        assert_eq!(cell.to_string(), "tank-fine caustics/trace");
-        assert_eq!(cell.configuration(), "tank-fine");
-        assert_eq!(cell.stage(), "caustics/trace");
-        assert_eq!(serde_json::to_string(&cell).unwrap(), "\"tank-fine caustics/trace\"");
-    }
-
-    #[test]
     fn names_of_stages_hold_no_space() {
         let toml = "title = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"s\"\nstages = [\"blur µ|1\"]\n[[sweep]]\nid = \"one\"\n";
         let experiment = Experiment::parse("own", &format!("id = \"own\"\n{toml}")).unwrap();

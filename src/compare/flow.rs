@@ -19,12 +19,12 @@ use super::rounds::{self, Before};
 use super::settings;
 use super::survey::{self, SurveyedBuild};
 use fathom_base::input;
-use fathom_gates::adapters::AdapterRelation;
-use fathom_gates::counts;
-use fathom_gates::schedule::Schedule;
-use fathom_gates::store::{self, StoredComparison};
-use fathom_gates::time;
 use fathom_harness::catalog::Catalog;
+use fathom_judge::adapters::AdapterRelation;
+use fathom_judge::counts;
+use fathom_judge::schedule::Schedule;
+use fathom_judge::store::{self, StoredComparison};
+use fathom_judge::time;
 use fathom_record::comparison::{
     CellId, CellSubject, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate,
     GateSettings, Side, Skip,

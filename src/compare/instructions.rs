@@ -27,7 +27,7 @@ use super::launch::{self, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStar
 use super::protocol::{GateConfiguration, Reply, WorkerRequest};
 use super::valgrind;
 use fathom_base::{process, quiet, text};
-use fathom_gates::store::{self, StoredComparison};
+use fathom_judge::store::{self, StoredComparison};
 use fathom_record::RecordError;
 use fathom_record::comparison::{
     CellId, CellSubject, Compared, Fault, Gate, InstructionCounts, Side,

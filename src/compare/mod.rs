@@ -4,7 +4,7 @@
 //! bytes and errors ([`exact`]); instruction counts ([`instructions`]); time ([`time`]). [`worker`] is the measured side: a
 //! process that holds the prepared configurations of one build and answers [`protocol`]'s requests. [`flow`] measures;
 //! what is measured goes to a folder of records ([`store`]); the [`verdict`] is a function of those alone, and
-//! [`tables`] report it.
+//! `report` writes it.
 
 pub mod bench;
 pub mod bisect;
@@ -23,4 +23,4 @@ pub mod worker;
 
 pub use fathom_record::protocol;
 
-pub use fathom_gates::{adapters, exact, files, rank, store, tables, time, verdict};
+pub use fathom_judge::{exact, rank, store, time, verdict};

@@ -20,7 +20,7 @@ use rand_pcg::Pcg64;
 use strum::{Display, IntoStaticStr};
 
 use super::launch::WorkerFault;
-use fathom_gates::schedule::Schedule;
+use fathom_judge::schedule::Schedule;
 use fathom_record::MachineState;
 use fathom_record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, PairStates, Side};
 

@@ -161,11 +161,6 @@ mod tests {
     "#;
 
     #[test]
-    fn cells_that_nothing_compares_are_apart() {
-        assert_eq!(units(SWEEP).len(), 4);
-    }
-
-    #[test]
     fn a_claim_keeps_the_cells_that_it_speaks_of_together() {
         let claim = r#"
             [[claim]]

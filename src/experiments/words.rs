@@ -79,11 +79,6 @@ pub fn figure(name: &str) -> Label {
     known(FIGURES, name).unwrap_or_else(|| read(name))
 }
 
-/// `photons not converged (%)` of `caustics_unconverged_rate`.
-pub fn figure_label(name: &str) -> String {
-    figure(name).text()
-}
-
 /// Label of a parameter by its dotted path, or of an axis by its name.
 pub fn parameter(path: &str) -> Label {
     known(PARAMETERS, path).unwrap_or_else(|| read(&path.replace('.', "_")))
@@ -293,15 +288,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn labels_are_words_with_units() {
-        assert_eq!(figure_label("caustics_unconverged_rate"), "caustic photons not converged (%)");
-        assert_eq!(parameter_label("godrays.line_width_px"), "line width of godrays (px)");
-        assert_eq!(figure_label("reads_per_pixel_mean"), "reads per pixel, mean");
-    }
-
-    #[test]
     fn unknown_names_are_read_by_their_parts() {
         for (name, label) in [
+            ("godrays.line_width_px", "line width of godrays (px)"),
             ("foam_error_median_m", "foam error, median (m)"),
             ("lost_foam_rate", "lost foam (%)"),
             ("foam.height_px", "foam height (px)"),

@@ -1,4 +1,4 @@
-//! Published figures as data: `benches/figures/*.toml`. Each lists the panels that are rendered for it, which [`sheet`](super::sheet)
+//! Published figures as data: `benches/figures/*.toml`. Each lists the panels that are rendered for it, which `sheet`
 //! shows with their captions.
 
 use std::collections::BTreeMap;

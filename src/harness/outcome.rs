@@ -5,9 +5,7 @@ use std::collections::BTreeMap;
 use fathom_clock::{Samples, frame_record, sampling_notes, stage_record};
 use fathom_gpu::StageCounters;
 use fathom_pipelines::AnyPipeline;
-use fathom_record::{
-    Cell, ErrorFigure, HostCosts, Measured, Note, NoteKind, Outcome, Picture, StageRecord,
-};
+use fathom_record::{ErrorFigure, HostCosts, Measured, Note, NoteKind, Picture, StageRecord};
 
 /// What is found out about a cell after its last frame, and what could not be.
 #[derive(Clone, Default)]
@@ -43,31 +41,6 @@ impl Findings {
     pub fn unfinished() -> Self {
         let text = "written while it was measured, before its figures other than times were read";
         Self { notes: vec![Note::new(NoteKind::Unfinished, text)], ..Self::default() }
-    }
-}
-
-/// Cells by what became of them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    pub measured: usize,
-    pub skipped: usize,
-    pub failed: usize,
-    /// Not run or not finished, as the time budget ended or the run was interrupted.
-    pub over_budget: usize,
-}
-
-impl Counts {
-    pub fn of<'a>(cells: impl IntoIterator<Item = &'a Cell>) -> Self {
-        let mut counts = Self::default();
-        for cell in cells {
-            *match &cell.outcome {
-                Outcome::Measured(measured) if measured.is_finished() => &mut counts.measured,
-                Outcome::Skipped { .. } => &mut counts.skipped,
-                Outcome::Failed { .. } => &mut counts.failed,
-                Outcome::Measured(_) | Outcome::OverBudget => &mut counts.over_budget,
-            } += 1;
-        }
-        counts
     }
 }
 

@@ -10,7 +10,6 @@ use anyhow::{Result, bail, ensure};
 
 use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, KnownCells, Session, Spent};
-use super::outcome::Counts;
 use super::plan::{self, PlannedCell, PlannedExperiment, Request};
 use super::progress::Progress;
 use super::reports::{Output, Report, Reports};
@@ -26,8 +25,8 @@ use fathom_record as record;
 use fathom_record::calendar;
 use fathom_record::output::Held;
 use fathom_record::{
-    Cell, Conditions, Definition, Earlier, End, FolderLock, Note, NoteKind, Outcome, Part,
-    PassKind, Profile, Record, RecordError, Run, SCHEMA, SetUp, ShaderChecks,
+    Cell, Conditions, Definition, Earlier, End, FolderLock, Note, NoteKind, Outcome, OutcomeCounts,
+    Part, PassKind, Profile, Record, RecordError, Run, SCHEMA, SetUp, ShaderChecks,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -68,7 +67,7 @@ pub struct Summary {
     pub out: PathBuf,
     /// Of the folder, which reports are written to.
     pub lock: FolderLock,
-    pub counts: Counts,
+    pub counts: OutcomeCounts,
     /// Why the first skipped cell was.
     pub skip_reason: Option<String>,
     /// Cells of an earlier run that were not measured again.
@@ -517,7 +516,7 @@ impl Measurement<'_> {
             Outcome::Skipped { reason } => Some(reason.clone()),
             _ => None,
         });
-        let counts = Counts::of(cells.map(|cell| &**cell));
+        let counts = OutcomeCounts::of(cells.map(|cell| &**cell));
         Ok(Summary { out: output.folder, lock, counts, skip_reason, kept, end })
     }
 }

@@ -7,12 +7,13 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use fathom_base::statistics::{Estimate, Interval, median};
+use fathom_base::statistics::{Estimate, median};
 
-use super::findings::MOST_SIDE;
-use super::shift::shift;
 use super::stored::{Series, SeriesKey, StoredRuns};
+use fathom_judge::shift::{excludes_none, shift};
 
+/// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
+pub const MOST_SIDE: usize = 60;
 /// Runs next to a change, on either side, by which the machine is judged. Ten on each side have an interval of a quarter of their scatter.
 const NEAR: usize = 10;
 /// Share of a change that the machine must account for to be its cause.
@@ -96,10 +97,6 @@ impl Controls {
             MachineShift::Still
         }
     }
-}
-
-fn excludes_none(interval: Interval) -> bool {
-    interval.low > 0.0 || interval.high < 0.0
 }
 
 /// ln(time) of a series and of its machine, in the runs that have both.

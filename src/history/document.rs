@@ -3,12 +3,12 @@
 use itertools::Itertools;
 use maud::{Markup, PreEscaped, html};
 
-use super::changes::LEAST_RUNS;
 use super::findings::{Certainty, Change, Findings};
 use super::run::FRAME;
 use super::stored::{Point, Series, StoredRuns};
 use super::tables;
 use fathom_experiments::words;
+use fathom_judge::change_points::LEAST_RUNS;
 use fathom_report::axis::Scale;
 use fathom_report::charts::points::{self, ChangeLine, PointChart};
 use fathom_report::charts::style::{self, Marker};

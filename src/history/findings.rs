@@ -5,19 +5,17 @@ use std::iter::once;
 use itertools::Itertools;
 use rayon::prelude::*;
 
-use super::changes::{LEAST_RUNS, change_points};
-use super::controls::{Controls, MachineShift};
-use super::scores::Scores;
-use super::shift::shift;
+use super::controls::{Controls, MOST_SIDE, MachineShift};
 use super::stored::{Series, StoredRuns};
+use fathom_judge::change_points::{LEAST_RUNS, change_points};
+use fathom_judge::rank::benjamini_hochberg;
+use fathom_judge::scores::Scores;
+use fathom_judge::shift::shift;
 use fathom_record::Estimate;
 
 /// A change is sure where, of all changes that are as sure or surer, at most this share is expected to be false. Benjamini &
 /// Hochberg, *J. R. Stat. Soc. B* 57 (1995).
 pub const FALSE_SHARE: f64 = 0.05;
-
-/// Runs of a side that count: those nearest to the change. It bounds the time of a history in which everything changed.
-pub(crate) const MOST_SIDE: usize = 60;
 
 /// By how much a figure changed, the later runs against the earlier ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -175,15 +173,9 @@ fn of_series(
 
 /// Each series is searched once, and both sides of each change once more.
 fn tell_false_share(changes: &mut [Change], searched: usize) {
-    changes.sort_by(|a, b| b.p.total_cmp(&a.p));
-    let found = changes.len();
-    let tests = (searched + 2 * found) as f64;
-    let mut least = 1.0_f64;
-    for (place, change) in changes.iter_mut().enumerate() {
-        let as_sure = (found - place) as f64;
-        least = least.min(tests * change.p / as_sure);
-        change.false_share = least;
-    }
+    let p: Vec<f64> = changes.iter().map(|change| change.p).collect();
+    let shares = benjamini_hochberg(&p, searched + 2 * p.len());
+    changes.iter_mut().zip(shares).for_each(|(change, share)| change.false_share = share);
 }
 
 #[cfg(test)]

@@ -4,14 +4,11 @@
 //! machine, adapter, driver, profile and configuration is a series, in the order of the commits' dates, and of one commit in
 //! the order in which the runs started.
 
-pub mod changes;
 mod controls;
 pub mod document;
 pub mod findings;
 pub mod origin;
 pub mod run;
-mod scores;
-mod shift;
 mod store;
 mod stored;
 pub mod tables;

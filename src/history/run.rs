@@ -8,7 +8,7 @@ use anyhow::{Context, anyhow, bail};
 use indexmap::{IndexMap, IndexSet};
 use sha2::{Digest, Sha256};
 
-use fathom_base::{folder, input};
+use fathom_base::{folder, input, text};
 use fathom_record as record;
 use fathom_record::{
     Cell, Clock, Damaged, Estimate, Measured, Record, RecordError, Run, ShaderChecks,
@@ -27,6 +27,13 @@ pub const NANOSECONDS: &str = "ns";
 const CONFIGURATION_DIGITS: usize = 16;
 /// Largest file of records that is read, bytes.
 const MAX_RECORDS: u64 = 2 << 30;
+
+/// Digits of a commit or a run that people read.
+const SHORT: usize = 10;
+
+pub(super) fn shortened(name: &str) -> String {
+    text::line(name).chars().take(SHORT).collect()
+}
 
 /// What makes figures of different runs comparable, but for machine and branch.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

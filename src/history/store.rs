@@ -8,8 +8,7 @@ use itertools::Itertools;
 use jiff::Timestamp;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 
-use super::run::{NewFigure, NewRun};
-use super::stored::shortened;
+use super::run::{NewFigure, NewRun, shortened};
 use super::{DEFAULT_FILE, FORMAT, Origin, VARIABLE};
 use fathom_base::text::line;
 

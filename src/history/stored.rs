@@ -10,14 +10,11 @@ use jiff::tz::TimeZone;
 use rusqlite::Row;
 
 use super::History;
-use super::run::{FigureKey, NANOSECONDS, Name};
+use super::run::{FigureKey, NANOSECONDS, Name, shortened};
 use super::store::{RUN_COLUMNS, SERIES_COLUMNS};
 use fathom_base::text::line;
 use fathom_record::{Estimate, Interval};
 use fathom_report::format::NS_PER_MS;
-
-/// Digits of a commit or a run that people read.
-const SHORT: usize = 10;
 
 /// A run without its records.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,10 +50,6 @@ impl StoredRun {
         let moment = Timestamp::from_second(self.committed_at).unwrap_or_default();
         moment.to_zoned(TimeZone::UTC).date().to_string()
     }
-}
-
-pub(super) fn shortened(name: &str) -> String {
-    line(name).chars().take(SHORT).collect()
 }
 
 /// What makes values comparable.

@@ -2,12 +2,12 @@
 
 use serde_json::{Value, json};
 
-use super::changes::{LEAST_RUNS, LEVEL};
 use super::controls::MachineShift;
 use super::findings::{Certainty, Change, FALSE_SHARE, Findings, Size};
 use super::run::NANOSECONDS;
 use super::stored::{Series, StoredRun, StoredRuns};
 use fathom_base::text;
+use fathom_judge::change_points::{LEAST_RUNS, LEVEL};
 use fathom_record::Estimate;
 use fathom_report::format::{interval, three, trim_zeros};
 

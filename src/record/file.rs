@@ -73,6 +73,31 @@ impl Measured {
     }
 }
 
+/// Cells by what became of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct OutcomeCounts {
+    pub measured: usize,
+    pub skipped: usize,
+    pub failed: usize,
+    /// Not run or not finished, as the time budget ended or the run was interrupted.
+    pub over_budget: usize,
+}
+
+impl OutcomeCounts {
+    pub fn of<'a>(cells: impl IntoIterator<Item = &'a Cell>) -> Self {
+        let mut counts = Self::default();
+        for cell in cells {
+            *match &cell.outcome {
+                Outcome::Measured(measured) if measured.is_finished() => &mut counts.measured,
+                Outcome::Skipped { .. } => &mut counts.skipped,
+                Outcome::Failed { .. } => &mut counts.failed,
+                Outcome::Measured(_) | Outcome::OverBudget => &mut counts.over_budget,
+            } += 1;
+        }
+        counts
+    }
+}
+
 /// What earlier runs left of a cell.
 #[derive(Clone, Copy, Debug)]
 pub struct Earlier<'a> {

@@ -42,7 +42,7 @@ pub use error_figure::ErrorFigure;
 pub use fathom_base::machine::Machine;
 pub use fathom_base::quiet::Conditions;
 pub use fathom_base::statistics::{Estimate, Interval};
-pub use file::{Earlier, deadly, earlier, empty_or_sound, read_good};
+pub use file::{Earlier, OutcomeCounts, deadly, earlier, empty_or_sound, read_good};
 pub use kinds::{
     ErrorSpan, FaultKind, Note, NoteKind, Picture, PictureKind, PictureScale, Profile,
     RejectedFrames, Rejection, SetUp, ShaderChecks, Standing, Surrounding,

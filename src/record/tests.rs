@@ -111,17 +111,6 @@ fn damaged_and_unknown_lines_are_counted_and_the_rest_is_read() {
 }
 
 #[test]
-fn what_two_writers_append_stays_whole() {
-    let (_folder, path) = file();
-    let mut writers = [open(&path), open(&path)];
-    for n in 0..6 {
-        writers[n % 2].write(&skipped(&n.to_string())).unwrap();
-    }
-    let expected: Vec<Record> = (0..6).map(|n| skipped(&n.to_string())).collect();
-    assert_eq!(read(&path).unwrap().records, expected);
-}
-
-#[test]
 fn a_missing_file_and_another_format_are_named() {
     let (_folder, path) = file();
     let error = read(&path).unwrap_err().to_string();

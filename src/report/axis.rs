@@ -17,14 +17,6 @@ impl ScaleKind {
     pub fn name(self) -> &'static str {
         match self {
             ScaleKind::Linear => "linear",
-            ScaleKind::Log => "logarithmic",
-        }
-    }
-
-    /// The same where there is little room.
-    pub fn short(self) -> &'static str {
-        match self {
-            ScaleKind::Linear => "linear",
             ScaleKind::Log => "log",
         }
     }

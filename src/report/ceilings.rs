@@ -14,6 +14,11 @@ pub struct Bound<'a> {
     pub share: &'a CeilingShare,
 }
 
+/// Limits of the adapter were measured.
+pub fn are_measured(view: &ReportView<'_>) -> bool {
+    view.runs.iter().any(|run| !run.ceilings.is_empty())
+}
+
 /// Every stage of every cell that has a share of a ceiling, the nearest to its ceiling first.
 pub fn bounds<'a>(view: &ReportView<'a>) -> Vec<Bound<'a>> {
     let stages = view

@@ -74,8 +74,7 @@ fn export(view: &ReportView<'_>) -> String {
 }
 
 fn rows<'v, 'a>(section: &'v Section<'a>) -> impl Iterator<Item = Row<'v, 'a>> {
-    let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
-    claims.zip(section.rulings()).map(move |(claim, ruling)| Row { section, claim, ruling })
+    section.claims().map(move |(claim, ruling)| Row { section, claim, ruling })
 }
 
 /// `SPT` of `SPT §4, Table 1`.

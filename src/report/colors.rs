@@ -152,9 +152,4 @@ mod tests {
         }
         assert_eq!(Color(250, 250, 200).ink(), Color(0, 0, 0));
     }
-
-    #[test]
-    fn a_colour_is_written_as_css_does() {
-        assert_eq!(Color(1, 160, 255).hex(), "#01a0ff");
-    }
 }

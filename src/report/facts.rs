@@ -35,37 +35,6 @@ pub fn tallies(view: &ReportView<'_>) -> impl Iterator<Item = (Whose, [(Verdict,
     tallies.into_iter().filter(|(_, counts)| counts.iter().any(|(_, count)| *count > 0))
 }
 
-/// A claim's ruling and the experiment that it belongs to.
-#[derive(Clone, Copy)]
-pub struct RuledClaim<'v, 'a> {
-    pub section: &'v Section<'a>,
-    pub ruling: &'v Ruling,
-}
-
-impl RuledClaim<'_, '_> {
-    /// How many times its furthest figure lies beyond its band.
-    fn excess(&self) -> f64 {
-        self.ruling.deciding.first().map_or(0.0, experiments::RuledFigure::excess)
-    }
-}
-
-/// All claims: the contradicted ones first and of these the furthest from its band, then those that are near the bound, inconclusive, not run and
-/// supported, in the order of the plan.
-pub fn claims<'v, 'a>(view: &'v ReportView<'a>) -> Vec<RuledClaim<'v, 'a>> {
-    let of_section = |section: &'v Section<'a>| {
-        section.rulings().iter().map(move |ruling| RuledClaim { section, ruling })
-    };
-    let mut claims: Vec<RuledClaim<'v, 'a>> = view.sections.iter().flat_map(of_section).collect();
-    claims.sort_by(|a, b| {
-        let further = || b.excess().total_cmp(&a.excess());
-        a.ruling.verdict.cmp(&b.ruling.verdict).then_with(|| match a.ruling.verdict {
-            Verdict::Contradicted => further(),
-            _ => std::cmp::Ordering::Equal,
-        })
-    });
-    claims
-}
-
 /// The frame that stands for a pipeline. Of its timed cells the first by this order: those whose stages are all above the clock's
 /// resolution; those nearest to the pipeline's defaults; the plan.
 #[derive(Clone, Copy)]
@@ -205,6 +174,12 @@ pub fn still_open(view: &ReportView<'_>) -> Vec<String> {
     open
 }
 
+/// The run neither came to its end nor goes on.
+pub fn ended_early(view: &ReportView<'_>) -> Option<String> {
+    let is_cut = view.standing.is_none() && view.ends.last().is_none_or(|end| end.interrupted);
+    is_cut.then(|| "The run ended early. What was measured until then is shown.".to_owned())
+}
+
 /// `fathom 0.1.0 of commit 1c4666a with changed files`
 pub fn program(run: &Run) -> String {
     let commit = run.build.as_ref().map(|build| match (&build.commit, build.dirty) {
@@ -323,14 +298,18 @@ pub fn claims_finding(view: &ReportView<'_>) -> Option<String> {
     let [(_, supported), (_, contradicted), ..] = counts;
     let all: usize = counts.iter().map(|(_, count)| count).sum();
     let mut sentence = format!("{supported} of {all} {whose} are supported");
-    let first = claims(view).into_iter().find(|claim| claim.ruling.whose == whose)?;
-    let furthest = first.ruling.deciding.first().filter(|_| contradicted > 0);
-    if let Some(figure) = furthest {
+    let contradict =
+        |ruling: &&Ruling| ruling.whose == whose && ruling.verdict == Verdict::Contradicted;
+    let figures = view.sections.iter().flat_map(|section| {
+        let rulings = section.rulings().iter().filter(contradict);
+        rulings.filter_map(move |ruling| Some((section.id, ruling, ruling.deciding.first()?)))
+    });
+    if let Some((id, ruling, figure)) = figures.min_by(|a, b| b.2.excess().total_cmp(&a.2.excess()))
+    {
         sentence += &format!(
-            " and {contradicted} contradicted, the furthest of them “{}”{} ({}): {} where {} is asked",
-            first.ruling.text,
-            first.ruling.mark(),
-            first.section.id,
+            " and {contradicted} contradicted, the furthest of them “{}”{} ({id}): {} where {} is asked",
+            ruling.text,
+            ruling.mark(),
             figure.text(),
             figure.asked()
         );
@@ -361,19 +340,10 @@ mod tests {
     fn the_tally_counts_every_claim_once() {
         let view = testing::view();
         let counts = Whose::ALL.map(|whose| tally(&view, whose).map(|(_, count)| count));
-        assert_eq!(counts.as_flattened().iter().sum::<usize>(), claims(&view).len());
+        let all = view.sections.iter().map(|section| section.rulings().len()).sum::<usize>();
+        assert_eq!(counts.as_flattened().iter().sum::<usize>(), all);
         let some = |verdict: usize| counts.iter().any(|counts| counts[verdict] > 0);
         assert!([0, 1, 4].into_iter().all(some), "{counts:?}");
-    }
-
-    #[test]
-    fn claims_stand_by_verdict_and_the_furthest_contradicted_first() {
-        let view = testing::view();
-        let claims = claims(&view);
-        assert!(claims.is_sorted_by_key(|claim| claim.ruling.verdict));
-        let contradicted = claims.iter().filter(|c| c.ruling.verdict == Verdict::Contradicted);
-        let excesses: Vec<f64> = contradicted.map(RuledClaim::excess).collect();
-        assert!(excesses.is_sorted_by(|a, b| a >= b) && excesses[0] > 1.0, "{excesses:?}");
     }
 
     #[test]

@@ -6,9 +6,11 @@ pub mod axis;
 pub mod bencher;
 pub mod ceilings;
 mod cells_csv;
+pub mod changes;
 pub mod charts;
 mod claims;
 pub mod colors;
+pub mod comparison;
 pub mod document;
 pub mod facts;
 pub mod format;
@@ -34,7 +36,8 @@ use std::path::Path;
 
 use fathom_record::Record;
 
-pub use view::{Entry, LeftOut, ReportView, Section, shown_file};
+pub use fathom_judge::claims::Entry;
+pub use view::{LeftOut, ReportView, Section, shown_file};
 
 /// A file of the report: its name within the output folder, and its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,320 +1,87 @@
-//! The verdict on a run itself: whether the machine was quiet enough for the times that it gave. A function of records.
+//! How noisy a run or a comparison was, in words.
 
-use std::collections::BTreeMap;
-
-use itertools::Itertools;
-
-use super::ReportView;
 use super::format::{percent, three, trim_zeros};
 use super::page::Tone;
-use fathom_base::statistics::{self, PairSlope};
-use fathom_record::{Estimate, FrameRecord, Interval};
+use fathom_judge::noise::TimeNoise;
+use fathom_judge::run::{Advice, Drift, MeanLoad, Noise, RunVerdict};
+use fathom_judge::verdict::Verdicts;
 
-/// Scatter of one frame's time beyond which a run is noisy. On llvmpipe it is 2.5 % in the median cell of `reports/llvmpipe`, and
-/// 12 % on a machine that shares its host. At 5 % a cell needs 38 samples for ±2 %, three times what a short run takes of it.
-const SCATTER: f64 = 0.05;
-/// Share of the machine's cores that others keep busy, beyond which a run is noisy: on two cores a process that works a fifth of
-/// the time. Of a machine at rest its services take 1 to 3 %.
-const OTHERS: f64 = 0.1;
-/// Stolen time beyond which a run is noisy, in cores. If all of it is taken from the core that measures, times are longer by half
-/// of the ±2 % that are asked.
-const STEAL: f64 = 0.01;
-/// Frame times of one machine correlate over less than 2 s, so medians of such spans of time are nearly independent.
-const SPAN_S: f64 = 10.0;
-/// Spans at most, as pairs grow with the square of them.
-const MOST_SPANS: f64 = 120.0;
-/// Without a sample for so long the run was taken up again: what changed meanwhile is no drift.
-const PAUSE_S: f64 = 300.0;
-
-/// The noisiest last.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, strum::Display)]
-#[strum(serialize_all = "lowercase")]
-pub enum Noise {
-    Quiet,
-    /// Frame times became longer or shorter while the run went on.
-    Drifting,
-    /// Samples of a cell scatter, or others used the machine.
-    Noisy,
-}
-
-/// What a run's records say of the machine while it measured.
-#[derive(Clone, Debug)]
-pub struct RunVerdict {
-    pub noise: Noise,
-    /// The half width that was asked of each cell's frame time, over its median.
-    pub asked: f64,
-    /// Timed cells.
-    pub cells: usize,
-    /// Those of them that reached what was asked.
-    pub precise: usize,
-    /// Of the median cell; infinite where it has too few samples for an interval.
-    pub half_width: f64,
-    /// Standard deviation of the logarithm of one frame's time without the drift, by its quartiles, in the median cell.
-    pub scatter: f64,
-    pub load: Option<MeanLoad>,
-    pub drift: Option<Drift>,
-}
-
-/// Mean over the samples, in cores.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MeanLoad {
-    pub others: f64,
-    pub steal: f64,
-    /// That the machine has.
-    pub cores: usize,
-}
-
-impl MeanLoad {
-    fn is_busy(&self) -> bool {
-        self.others > OTHERS * self.cores as f64
-    }
-
-    fn is_stolen_from(&self) -> bool {
-        self.steal > STEAL
+pub fn tone(verdict: &RunVerdict) -> Tone {
+    match verdict.noise {
+        Noise::Quiet if verdict.is_precise() => Tone::Good,
+        Noise::Quiet => Tone::Neutral,
+        Noise::Drifting | Noise::Noisy => Tone::Open,
     }
 }
 
-/// How frame times changed while the run measured.
-#[derive(Clone, Copy, Debug)]
-pub struct Drift {
-    /// Change of a frame's time in a minute, as a share of it; its `n` counts spans of time.
-    pub per_minute: Estimate,
-    /// The longest time without a pause.
-    pub minutes: f64,
+/// `noisy run: 7 % of 223 cells reached ±2 %`
+pub fn headline(verdict: &RunVerdict) -> String {
+    let RunVerdict { noise, cells, precise, asked, .. } = verdict;
+    let share = (100.0 * *precise as f64 / *cells as f64).round();
+    let asked = three(100.0 * asked);
+    format!("{noise} run: {share} % of {cells} cells reached ±{} %", trim_zeros(&asked))
 }
 
-impl Drift {
-    /// Its interval excludes none, and over the run it is more than this share.
-    fn exceeds(&self, share: f64) -> bool {
-        let excludes_none = |i: Interval| i.low > 0.0 || i.high < 0.0;
-        self.per_minute.interval.is_some_and(excludes_none) && self.change().abs() > share
-    }
-
-    /// Over the whole run.
-    fn change(&self) -> f64 {
-        (self.per_minute.median * self.minutes).exp_m1()
-    }
+/// What it was measured by: `half width of the median cell 3.6 %, scatter of one frame's time 8.4 %, …`
+pub fn figures(verdict: &RunVerdict) -> String {
+    let [half_width, scatter] = [verdict.half_width, verdict.scatter].map(percent);
+    let load = match verdict.load {
+        Some(MeanLoad { others, steal, cores }) => format!(
+            "other processes {} of {cores} cores, steal time {} % of a core",
+            three(others),
+            three(100.0 * steal)
+        ),
+        None => "load and steal time not recorded".to_owned(),
+    };
+    let drift =
+        verdict.drift.map_or_else(String::new, |of_run| format!(", drift {}", drift(&of_run)));
+    format!(
+        "half width of the median cell {half_width}, scatter of one frame's time {scatter}, {load}{drift}"
+    )
 }
 
-impl RunVerdict {
-    /// None where no cell was timed.
-    pub fn of(view: &ReportView<'_>) -> Option<Self> {
-        let run = view.run()?;
-        let frames = view.timed().map(|(_, measured)| &measured.frame).collect_vec();
-        let asked = run.asked_precision();
-        let widths = frames.iter().map(|frame| frame.untimed.relative_half_width()).collect_vec();
-        let precise = widths.iter().filter(|width| **width <= asked).count();
-        let drift = drift(&frames);
-        let per_minute = drift.map_or(0.0, |drift| drift.per_minute.median);
-        let scatters = frames.iter().filter_map(|frame| scatter(frame, per_minute));
-        let scatter = statistics::median(&scatters.collect_vec());
-        let machine = run.conditions.machine.as_ref();
-        let cores = machine.and_then(|machine| machine.cores).unwrap_or(run.adapter.host_threads);
-        let load = load(&frames, cores);
-        let is_noisy =
-            scatter > SCATTER || load.is_some_and(|load| load.is_busy() || load.is_stolen_from());
-        let noise = match drift {
-            _ if is_noisy => Noise::Noisy,
-            Some(drift) if drift.exceeds(asked) => Noise::Drifting,
-            _ => Noise::Quiet,
-        };
-        let (cells, half_width) = (frames.len(), statistics::median(&widths));
-        (cells > 0).then_some(Self {
-            noise,
-            asked,
-            cells,
-            precise,
-            half_width,
-            scatter,
-            load,
-            drift,
-        })
-    }
+/// `-3.90 % a minute (-4.20 to -3.60)`
+pub fn drift(drift: &Drift) -> String {
+    let in_percent = |share: f64| format!("{:+.2}", 100.0 * share);
+    let interval = drift.per_minute.interval.map_or_else(String::new, |i| {
+        format!(" ({} to {})", in_percent(i.low), in_percent(i.high))
+    });
+    format!("{} % a minute{interval}", in_percent(drift.per_minute.median))
+}
 
-    /// Half of the cells or more have the precision that was asked.
-    fn is_precise(&self) -> bool {
-        2 * self.precise >= self.cells
-    }
+/// For the terminal and the summary: the headline, the figures, what would make the next run better.
+pub fn lines(verdict: &RunVerdict) -> Vec<String> {
+    let advice = verdict.advice().iter().map(advice).collect::<Vec<_>>().join("; ");
+    let advice = (!advice.is_empty()).then(|| format!("to do: {advice}"));
+    [headline(verdict), figures(verdict)].into_iter().chain(advice).collect()
+}
 
-    pub fn tone(&self) -> Tone {
-        match self.noise {
-            Noise::Quiet if self.is_precise() => Tone::Good,
-            Noise::Quiet => Tone::Neutral,
-            Noise::Drifting | Noise::Noisy => Tone::Open,
+fn advice(advice: &Advice) -> String {
+    match advice {
+        Advice::CloseOthers => "close other programs".to_owned(),
+        Advice::UnsharedHost => "use a machine that does not share its host with others".to_owned(),
+        Advice::QuieterMachine => "use a quieter machine".to_owned(),
+        Advice::Drifted(change) => {
+            let change = three(100.0 * change.abs());
+            format!("do not compare times of early and late cells, which drifted by {change} %")
         }
-    }
-
-    /// `noisy run: 7 % of 223 cells reached ±2 %`
-    pub fn headline(&self) -> String {
-        let Self { noise, cells, asked, .. } = self;
-        let share = (100.0 * self.precise as f64 / *cells as f64).round();
-        format!(
-            "{noise} run: {share} % of {cells} cells reached ±{} %",
-            trim_zeros(&three(100.0 * asked))
-        )
-    }
-
-    /// What it was measured by: `half width of the median cell 3.6 %, scatter of one frame's time 8.4 %, …`
-    pub fn figures(&self) -> String {
-        let [half_width, scatter] = [self.half_width, self.scatter].map(percent);
-        let load = match self.load {
-            Some(MeanLoad { others, steal, cores }) => format!(
-                "other processes {} of {cores} cores, steal time {} % of a core",
-                three(others),
-                three(100.0 * steal)
-            ),
-            None => "load and steal time not recorded".to_owned(),
-        };
-        let drift = self.drift.map_or_else(String::new, |d| format!(", drift {}", d.words()));
-        format!(
-            "half width of the median cell {half_width}, scatter of one frame's time {scatter}, {load}{drift}"
-        )
-    }
-
-    /// What would make the next run better; empty where nothing is to be done.
-    pub fn advice(&self) -> Vec<String> {
-        let is_busy = self.load.is_some_and(|load| load.is_busy());
-        let is_stolen_from = self.load.is_some_and(|load| load.is_stolen_from());
-        let scatters_alone = self.noise == Noise::Noisy && !is_busy && !is_stolen_from;
-        let drift = self.drift.filter(|drift| drift.exceeds(self.asked));
-        let advice = [
-            is_busy.then(|| "close other programs".to_owned()),
-            is_stolen_from
-                .then(|| "use a machine that does not share its host with others".to_owned()),
-            scatters_alone.then(|| "use a quieter machine".to_owned()),
-            drift.map(|drift| {
-                let change = three(100.0 * drift.change().abs());
-                format!("do not compare times of early and late cells, which drifted by {change} %")
-            }),
-            (!self.is_precise())
-                .then(|| "add samples by fathom run --resume --budget 10m".to_owned()),
-        ];
-        advice.into_iter().flatten().collect()
-    }
-
-    /// For the terminal and the summary: the headline, the figures, the advice.
-    pub fn lines(&self) -> Vec<String> {
-        let advice = self.advice().join("; ");
-        let advice = (!advice.is_empty()).then(|| format!("to do: {advice}"));
-        [self.headline(), self.figures()].into_iter().chain(advice).collect()
+        Advice::MoreSamples => "add samples by fathom run --resume --budget 10m".to_owned(),
     }
 }
 
-impl Drift {
-    /// `-3.90 % a minute (-4.20 to -3.60)`
-    pub fn words(&self) -> String {
-        let in_percent = |share: f64| format!("{:+.2}", 100.0 * share);
-        let interval = self.per_minute.interval.map_or_else(String::new, |i| {
-            format!(" ({} to {})", in_percent(i.low), in_percent(i.high))
-        });
-        format!("{} % a minute{interval}", in_percent(self.per_minute.median))
-    }
-}
-
-/// By the quartiles, which half of all samples have to leave before it misses them. None below four samples.
-fn scatter(frame: &FrameRecord, drift_per_minute: f64) -> Option<f64> {
-    /// Between the quartiles of a normal distribution, in standard deviations.
-    const QUARTILES: f64 = 1.349;
-    let start_s = frame.sampled_at_s.first()?;
-    let samples = frame.untimed_samples_ns.iter().zip(&frame.sampled_at_s);
-    let log = |(ns, at_s): (&f64, &f64)| ns.ln() - drift_per_minute * (at_s - start_s) / 60.0;
-    let logs = samples.map(log).collect_vec();
-    let quartile = |share| statistics::quantile(&logs, share);
-    (logs.len() >= 4).then(|| (quartile(0.75) - quartile(0.25)) / QUARTILES)
-}
-
-fn load(frames: &[&FrameRecord], cores: usize) -> Option<MeanLoad> {
-    let states = frames.iter().flat_map(|frame| &frame.machine);
-    let loads = states.filter_map(|state| Some((state.others_load?, state.steal?))).collect_vec();
-    let mean = |of: fn(&(f32, f32)) -> f32| statistics::mean(loads.iter().map(of).map(f64::from));
-    (!loads.is_empty()).then(|| MeanLoad {
-        others: mean(|load| load.0),
-        steal: mean(|load| load.1),
-        cores: cores.max(1),
+/// In one sentence, before any verdict; none where no times were to be judged.
+pub fn of_comparison(verdicts: &Verdicts<'_>) -> Option<String> {
+    let in_percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    Some(match TimeNoise::of(verdicts)? {
+        TimeNoise::Void(reason) => format!("times cannot be used: {reason}"),
+        TimeNoise::TooFewLaunches { scatter } => format!(
+            "too few launches to see a slowdown in half of the cells; those of the median cell scatter by {}",
+            in_percent(scatter)
+        ),
+        TimeNoise::Judged { noise, scatter, visible } => format!(
+            "{noise}: launches of the median cell scatter by {}; in half of the cells a slowdown below {} can go unseen",
+            in_percent(scatter),
+            in_percent(visible)
+        ),
     })
 }
-
-/// An untimed frame.
-struct Sample {
-    at_s: f64,
-    /// Number of its cell.
-    cell: usize,
-    /// Logarithm of its time.
-    log: f64,
-}
-
-/// A span of time, with the median of each cell's log times in it by the number of the cell.
-struct Span {
-    at_s: f64,
-    cells: BTreeMap<usize, f64>,
-}
-
-/// The median slope between spans of time; none where they are too few for its interval. Between two spans it is that of the median of the cells that both have: only samples of
-/// one cell are compared, so cells need not be measured at the same time.
-fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
-    let sittings = sittings(frames);
-    let lasts_s = |samples: &Vec<Sample>| Some(samples.last()?.at_s - samples.first()?.at_s);
-    let longest_s = sittings.iter().filter_map(lasts_s).fold(0.0, f64::max);
-    let (mut pairs, mut first) = (Vec::new(), 0);
-    for spans in sittings.iter().map(|samples| spans(samples)) {
-        pairs.extend(slopes(&spans, first));
-        first += spans.len();
-    }
-    let per_minute = statistics::slope_of_pairs(&pairs)?;
-    per_minute.interval?;
-    Some(Drift { per_minute, minutes: longest_s / 60.0 })
-}
-
-/// All samples in the order of time, divided at pauses.
-fn sittings(frames: &[&FrameRecord]) -> Vec<Vec<Sample>> {
-    let of_cell = |(cell, frame): (usize, &&FrameRecord)| {
-        let samples = frame.sampled_at_s.iter().zip(&frame.untimed_samples_ns);
-        samples.map(|(at_s, ns)| Sample { at_s: *at_s, cell, log: ns.ln() }).collect_vec()
-    };
-    let samples = frames.iter().enumerate().flat_map(of_cell);
-    let samples = samples.filter(|sample| sample.log.is_finite());
-    let mut sittings = Vec::<Vec<Sample>>::new();
-    for sample in samples.sorted_by(|a, b| a.at_s.total_cmp(&b.at_s)) {
-        let before = sittings.last_mut();
-        let goes_on = |before: &Vec<Sample>| sample.at_s - before[before.len() - 1].at_s < PAUSE_S;
-        match before.filter(|before| goes_on(before)) {
-            Some(before) => before.push(sample),
-            None => sittings.push(vec![sample]),
-        }
-    }
-    sittings
-}
-
-fn spans(samples: &[Sample]) -> Vec<Span> {
-    let [Some(first), Some(last)] = [samples.first(), samples.last()] else { return Vec::new() };
-    let span_s = ((last.at_s - first.at_s) / MOST_SPANS).max(SPAN_S);
-    let number = |sample: &&Sample| ((sample.at_s - first.at_s) / span_s) as usize;
-    let mut spans = Vec::new();
-    for (_, samples) in &samples.iter().chunk_by(number) {
-        let samples = samples.collect_vec();
-        let by_cell = samples.iter().map(|sample| (sample.cell, sample.log)).into_group_map();
-        let cells = by_cell.into_iter().map(|(cell, logs)| (cell, statistics::median(&logs)));
-        let at_s = statistics::median(&samples.iter().map(|sample| sample.at_s).collect_vec());
-        spans.push(Span { at_s, cells: cells.collect() });
-    }
-    spans
-}
-
-/// Between all pairs of spans with a cell in common, per minute; `first` is the number of the first span.
-fn slopes(spans: &[Span], first: usize) -> Vec<PairSlope> {
-    let pairs = spans.iter().zip(first..).array_combinations();
-    let slopes = pairs.filter_map(|[(a, earlier), (b, later)]| {
-        let common = a.cells.iter().filter_map(|(cell, log)| Some(b.cells.get(cell)? - log));
-        let changes = common.collect_vec();
-        let minutes = (b.at_s - a.at_s) / 60.0;
-        (!changes.is_empty()).then(|| PairSlope {
-            earlier,
-            later,
-            slope: statistics::median(&changes) / minutes,
-        })
-    });
-    slopes.collect()
-}
-
-#[cfg(test)]
-mod tests;

@@ -6,7 +6,7 @@ use itertools::Itertools;
 
 use super::document::{self, Line, Part, Span};
 use super::page::{self, Page, PageRun, overview};
-use super::{CELLS_CSV, Exporter, OfRun, ReportView, RunExporter, Section, Written};
+use super::{CELLS_CSV, Exporter, OfRun, ReportView, RunExporter, Section, Written, facts};
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "markdown",
@@ -95,9 +95,7 @@ fn notes(view: &ReportView<'_>) -> IndexSet<String> {
             "These records hold cells of several adapters; cells.csv names the adapter of each.";
         all.insert(words.to_owned());
     }
-    if view.standing.is_none() && view.ends.last().is_none_or(|end| end.interrupted) {
-        all.insert("The run ended early. What was measured until then is shown.".to_owned());
-    }
+    all.extend(facts::ended_early(view));
     all
 }
 
@@ -131,23 +129,6 @@ mod tests {
     fn the_same_records_give_the_same_bytes() {
         let records = fixtures::run();
         assert_eq!(artifacts(&records, None), artifacts(&records, None));
-    }
-
-    #[test]
-    fn the_summary_tells_device_verdicts_and_figures() {
-        let text = written(&fixtures::run());
-        for expected in [
-            "# fathom on llvmpipe",
-            "software driver",
-            "Absolute times",
-            "(uw-photons.svg)",
-            "(index.html)",
-            "(cells.csv)",
-            "| contradicted",
-            "caustics/splat",
-        ] {
-            assert!(text.contains(expected), "{expected}");
-        }
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! How far a run can be trusted: what its clocks are worth, what timing costs, how frame times moved while it ran. Functions of a
-//! view. The verdict on the whole run is in `noise`.
+//! view. The words for the verdict on the whole run are in `noise`.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,41 +9,11 @@ use super::facts::share;
 use super::{ReportView, Section};
 use fathom_base::statistics;
 use fathom_experiments::{CHANCE, Verdict, least_samples};
+use fathom_judge::clocks::{ClockTrust, clocks};
 use fathom_record::{
     Cell, Clock, Conditions, Estimate, FrameRecord, Interval, PassKind, Run, SetUp, Throttling,
     machine,
 };
-
-/// What a kind of pass was timed by, and what the audit said of that clock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum ClockTrust {
-    /// It agrees with the host clock wherever it was audited.
-    Sound,
-    /// The host clock around fenced submissions, which others are audited against.
-    Host,
-    /// The records hold no audit of it.
-    NotAudited,
-    /// The audit found it unusable, and it was used all the same.
-    Unsound,
-}
-
-/// Of each kind of pass, the clock and what it is worth.
-pub fn clocks(run: &Run) -> impl Iterator<Item = (PassKind, Clock, ClockTrust)> {
-    let kinds = run.clocks.iter().filter(|(kind, _)| **kind != PassKind::Host);
-    kinds.map(|(kind, clock)| (*kind, *clock, trust(run, *kind, *clock)))
-}
-
-fn trust(run: &Run, kind: PassKind, clock: Clock) -> ClockTrust {
-    if matches!(clock, Clock::FencedHost | Clock::Host) {
-        return ClockTrust::Host;
-    }
-    let rows = || run.audit.iter().filter(|row| row.pass == kind && row.clock == clock);
-    match rows().next() {
-        None => ClockTrust::NotAudited,
-        Some(_) if rows().all(|row| row.sound) => ClockTrust::Sound,
-        Some(_) => ClockTrust::Unsound,
-    }
-}
 
 /// Of several sittings the one with the clock that can be trusted least; the latest of equal ones.
 pub fn worst<'a>(view: &ReportView<'a>) -> Option<&'a Run> {
@@ -275,19 +245,5 @@ mod tests {
         assert!(samples.is_sorted_by(|a, b| a.at_s <= b.at_s) && samples[0].at_s == 0.0);
         let relative = samples.iter().map(|sample| sample.relative).collect_vec();
         assert!((statistics::median(&relative) - 1.0).abs() < 0.01);
-    }
-
-    #[test]
-    fn clocks_are_worth_what_the_audit_said() {
-        let mut run = fixtures::header(fathom_record::Profile::Quick);
-        let found = |run: &Run| clocks(run).map(|(_, _, trust)| trust).collect_vec();
-        assert_eq!(
-            found(&run),
-            [ClockTrust::Sound, ClockTrust::Host].into_iter().rev().collect_vec()
-        );
-        run.clocks.insert(PassKind::Compute, Clock::Timestamp);
-        assert_eq!(found(&run)[0], ClockTrust::Unsound);
-        run.audit.clear();
-        assert_eq!(found(&run), [ClockTrust::NotAudited; 2]);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 use std::cmp::Ordering;
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -17,8 +17,11 @@ use super::document::Span;
 use fathom_base::folder::Folder;
 use fathom_base::private;
 use fathom_experiments as experiments;
+use fathom_experiments::schema::Claim;
 use fathom_experiments::{Experiment, Ruling, label_text};
-use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Profile, Record, Run, Standing};
+use fathom_judge::claims::{self, Entry};
+use fathom_judge::run::RunVerdict;
+use fathom_record::{Cell, Clock, Damaged, End, Measured, Picture, Record, Run, Standing};
 
 #[derive(Default)]
 pub struct ReportView<'a> {
@@ -33,6 +36,8 @@ pub struct ReportView<'a> {
     pub standing: Option<Standing>,
     /// What of the input it does not hold.
     pub left_out: Vec<LeftOut>,
+    /// How noisy the run was; none where no cell was timed.
+    pub verdict: Option<RunVerdict>,
 }
 
 /// Something of the input that a report does not show.
@@ -59,13 +64,6 @@ pub fn shown_file(path: &Path) -> String {
     let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     folder.map_or(file.clone(), |folder| format!("{}/{file}", private::path(folder)))
-}
-
-/// A cell and the run that it belongs to.
-#[derive(Clone, Copy)]
-pub struct Entry<'a> {
-    pub cell: &'a Cell,
-    pub run: Option<&'a Run>,
 }
 
 /// An experiment and its cells in the order of its plan; of a cell that was measured again, the latest.
@@ -120,6 +118,8 @@ impl<'a> ReportView<'a> {
         let stages = stages.filter(|stage| stage.clock != Clock::Host);
         view.colors = Rc::new(StageColors::new(stages.map(|stage| stage.stage.as_str())));
         let run = view.run();
+        let frames = view.timed().map(|(_, measured)| &measured.frame).collect_vec();
+        view.verdict = run.and_then(|run| RunVerdict::of(run, &frames));
         for section in &mut view.sections {
             (section.run, section.colors) = (run, Rc::clone(&view.colors));
             section.finish(folder);
@@ -222,40 +222,19 @@ impl<'a> Section<'a> {
 
     /// Some of its cells were measured on a software driver.
     pub fn software(&self) -> bool {
-        self.entries.iter().any(|entry| entry.run.is_none_or(|run| run.adapter.software))
+        claims::is_software(&self.entries)
     }
 
     pub fn rulings(&self) -> &[Ruling] {
-        self.rulings.get_or_init(|| match &self.experiment {
-            Some(experiment) => {
-                let mut rulings = experiment.rulings(&self.cells(), self.software());
-                let is_quick = self.run.is_some_and(|run| run.profile == Profile::Quick);
-                rulings.iter_mut().for_each(|ruling| ruling.is_quick = is_quick);
-                self.rule_out_several_machines(experiment, &mut rulings);
-                rulings
-            }
-            None => Vec::new(),
+        self.rulings.get_or_init(|| {
+            let experiment = self.experiment.as_ref();
+            experiment.map_or_else(Vec::new, |of| claims::rulings(of, &self.entries, self.run))
         })
     }
 
-    /// No verdict rests on two machines: a run may go on elsewhere.
-    fn rule_out_several_machines(&self, experiment: &Experiment, rulings: &mut [Ruling]) {
-        let host = |entry: &Entry<'a>| entry.run?.conditions.host.as_deref();
-        if self.entries.iter().filter_map(host).all_equal() {
-            return;
-        }
-        let cells = self.cells();
-        for (claim, ruling) in experiment.claim.iter().zip(rulings) {
-            let concerned: HashSet<*const Cell> =
-                experiments::concerned(claim, &cells).into_iter().map(std::ptr::from_ref).collect();
-            let entries = self.entries.iter();
-            let of_claim = entries.filter(|e| concerned.contains(&std::ptr::from_ref(e.cell)));
-            let hosts: BTreeSet<&str> = of_claim.filter_map(host).collect();
-            if hosts.len() > 1 {
-                let reason = format!("its cells were measured on {}", hosts.iter().join(" and "));
-                *ruling = Ruling::not_run(claim, reason);
-            }
-        }
+    /// Its claims with their rulings.
+    pub fn claims(&self) -> impl Iterator<Item = (&Claim, &Ruling)> {
+        self.experiment.iter().flat_map(|experiment| &experiment.claim).zip(self.rulings())
     }
 
     pub(super) fn figure(&self) -> &Figure {

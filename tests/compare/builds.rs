@@ -8,11 +8,11 @@ use std::process::{Child, Command, Output, Stdio};
 
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
-use fathom::record::comparison::{Gate, Pair, Side};
+use fathom::record::comparison::Gate;
 use fathom::record::{Measured, Record};
 
 use super::common::{Ends, Place, Told, holds, names, reference_of, write_records};
-use super::script::{Script, hello, refusal, sample};
+use super::script::{Script, hello, refusal};
 
 pub const CELLS: &str = r#"
 id = "toy"
@@ -142,7 +142,7 @@ fn bases_that_cannot_be_asked_are_told_apart() {
     }
 }
 
-/// A gate is skipped, and cells are new. What else a side may lack or fail at is tested in `fathom_compare::survey`.
+/// A gate is skipped, and cells are new. What else a side may lack or fail at, and what that costs, is tested in `fathom_compare::{survey, rounds}`.
 #[test]
 fn what_the_base_does_not_know_is_told() {
     let absent = refusal("unknown pipeline", true);
@@ -153,37 +153,6 @@ fn what_the_base_does_not_know_is_told() {
     let verdicts = ["one a", "one b", "two a", "two b"].map(|cell| verdict(&stored, cell));
     use CellVerdict::{New, Same};
     assert_eq!(verdicts, [Same, Same, New, New]);
-}
-
-/// It loses one configuration, or the stage `b` of both, which is asked for last. What else is measured stands. `hostile_workers` has
-/// more ways to fail.
-#[test]
-fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
-    let (two, b) = ("\"id\":\"two\"", "\"stage\":\"b\"");
-    for (pattern, badly, reason) in [
-        (two, "kill -SEGV $$", "it ended with signal: 11"),
-        (b, "echo 'it hurts' >&2; exit 3", "head worker: it ended with exit status: 3: it hurts"),
-        // No stage takes 570 years.
-        (b, &sample("1.8e19"), "1.8e19 ns, in a request that took"),
-    ] {
-        let head = Script { instead: &[(pattern, badly)], ..Script::default() };
-        let (told, stored) = Builds::new(&Script::default(), &head).compare(2);
-        let lost = if pattern == two { ["two a", "two b"] } else { ["one b", "two b"] };
-        for fault in &stored.faults {
-            let cell = fault.cell.as_ref().map(|cell| cell.as_str());
-            assert!(cell.is_none_or(|cell| lost.contains(&cell)), "{badly}: {fault:?}");
-            assert!(fault.side == Some(Side::Head) && fault.reason.contains(reason), "{fault:?}");
-        }
-        for cell in ["one a", "one b", "two a", "two b"] {
-            let failed = if lost.contains(&cell) { CellVerdict::Failed } else { CellVerdict::Same };
-            assert_eq!(verdict(&stored, cell), failed, "{badly}: {cell}: {told}");
-        }
-        assert_eq!(stored.launches.len(), 10, "ten launches count in the end");
-        let of_lost = |pair: &&Pair| lost.contains(&pair.cell.as_str());
-        assert_eq!(stored.pairs.iter().find(of_lost), None, "{badly}");
-        assert_eq!(stored.pairs.len(), 10 * 2 * 3, "two cells and the control");
-        holds(&told, &[reason]);
-    }
 }
 
 /// A head waits before its greeting when it was started so often. It is started twice before the launches, and once in each.
@@ -302,19 +271,6 @@ fn sides_on_different_adapters_are_told_only_where_they_were_given_different_thi
     let builds = Builds::new(&Script::default(), &Script { hello, ..Script::default() });
     let reason = "the sides run on different adapters: the base on toy";
     builds.command("").ends(2).error(reason);
-}
-
-#[test]
-fn environments_that_cannot_be_had_are_refused_before_anything_is_measured() {
-    let place = Place::new();
-    for (options, reason) in [
-        ("--base-env A", "give NAME=VALUE"),
-        ("--head-env LP_NUM_THREADS=2", "LP_NUM_THREADS is fathom's own"),
-        ("", "nothing to compare with"),
-    ] {
-        place.fathom(format!("compare --cells compose --out out {options}")).refused(reason);
-        assert!(!place.path("out").exists(), "{options}");
-    }
 }
 
 #[test]

@@ -10,7 +10,7 @@ use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
 use fathom::compare::rounds::{self, Before};
 use fathom::compare::store::StoredComparison;
 use fathom::compare::time;
-use fathom::gates::schedule::Schedule;
+use fathom::judge::schedule::Schedule;
 use fathom::record::Record;
 use fathom::record::comparison::{CellId, CellSubject, Compared, GateSettings};
 use serde_json::{Map, json};
@@ -58,23 +58,23 @@ fn sample(config: &str, stage: &str, frames: u32) -> WorkerRequest {
 #[test]
 fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, Waiting::PLAINLY).unwrap();
-    let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 2, 4);
+    let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 1, 4);
     let mut lines = vec![Compared::Header(Box::default())];
     lines.extend(measure(&mut bench, &schedule));
     let measured = StoredComparison::from_records(lines.into_iter().map(Record::from)).unwrap();
     let StoredComparison { pairs, faults, launches, .. } = measured;
     assert_eq!(faults, []);
-    assert_eq!(launches.len(), 2);
-    assert_eq!(pairs.len(), 2 * 4 * 3, "two launches, four rounds, two cells and the control");
+    assert_eq!(launches.len(), 1);
+    assert_eq!(pairs.len(), 4 * 3, "four rounds, two cells and the control");
     assert!(pairs.iter().all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0));
-    assert_eq!(pairs.iter().filter(|pair| pair.control).count(), 8);
+    assert_eq!(pairs.iter().filter(|pair| pair.control).count(), 4);
     if cfg!(target_os = "linux") && bench.sides[0].adapter.software {
         assert!(launches.iter().all(|launch| launch.core.is_some()));
     }
     let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
     assert_eq!(judged.cells.len(), 2);
     assert!(
-        judged.cells.iter().all(|cell| cell.launches.len() == 2 && cell.change.median.is_finite())
+        judged.cells.iter().all(|cell| cell.launches.len() == 1 && cell.change.median.is_finite())
     );
     assert!(judged.controls.len() == 1);
 }

@@ -23,11 +23,8 @@ const CASES: [(&str, &str, &str); 13] = [
     ("exact", "bytes negative words", "garbage"),
     ("checks", "rubbish overflow", "garbage"),
     ("clock", "other null", "garbage"),
-    (
-        "sample",
-        "rubbish bytes endless deep other overflow negative zero great small words null many none-of-it",
-        "garbage",
-    ),
+    // Times that cannot be are tested in `compare::launch`, damaged replies in `tests/readers`.
+    ("sample", "rubbish endless negative many none-of-it", "garbage"),
     ("sample", "refused fatal", "red"),
     ("sample", "unsupported", "it does not know"),
     ("sample", "killed", "it ended with signal: 9"),
@@ -49,7 +46,7 @@ fn compare(step: &str, way: &str, seed: u64) -> (Place, Told, i32) {
         format!("exec python3 -S -E '{script}' '{}' {step} {way} 1 {seed}", log.display())
     });
     let mut compare = place.fathom(
-        "compare --gates exact,time --launches 2 --pairs 2 --seed 1 --cells-file cells.toml --out out",
+        "compare --gates exact,time --launches 1 --pairs 1 --seed 1 --cells-file cells.toml --out out",
     );
     compare.args(["--base-cmd", &base, "--head-cmd", &head]);
     let mut limited = by_shell(&format!("ulimit -v {MEMORY}; exec \"$0\" \"$@\""), &compare);
@@ -64,7 +61,8 @@ fn compare(step: &str, way: &str, seed: u64) -> (Place, Told, i32) {
     let numbers = place.read("log.processes");
     let is_left = |number: &str| Path::new("/proc").join(number).exists();
     assert!(!numbers.lines().any(is_left), "{step} {way} {seed}");
-    if place.path("out").exists() {
+    // What is stored is read again by the other test.
+    if way == "garbled" && place.path("out").exists() {
         let again = place.fathom("compare --replay out").ends(status);
         assert_eq!(again.out, told.out, "{step} {way} {seed}");
     }
@@ -98,7 +96,7 @@ fn whatever_a_worker_does_is_told_in_a_line_and_costs_nothing_else() {
 #[test]
 fn garbled_replies_and_immense_names_do_no_harm() {
     let steps = ["hello", "prepare", "exact", "checks", "clock", "sample"];
-    let seeds = std::env::var("FATHOM_FUZZ_CASES").map_or(12, |text| text.parse().unwrap());
+    let seeds = std::env::var("FATHOM_FUZZ_CASES").map_or(6, |text| text.parse().unwrap());
     (0..seeds).into_par_iter().for_each(|seed| {
         let step = steps[seed as usize % steps.len()];
         compare(step, "garbled", seed);

@@ -1,32 +1,21 @@
 //! Programs that are not fathom as workers: `examples/own_worker`.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
-use super::common::{Ends, Place, Told, holds};
+use super::common::{Ends, Place, holds};
 
 fn example() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/own_worker")
 }
 
-/// A comparison of the example with itself, by the work that it counts.
-fn compared(place: &Place, head: &str) -> Command {
-    let worker = format!("python3 '{}'", example().join("worker.py").display());
-    let mut command = place.fathom("compare --launches 10 --pairs 2 --out out --cells-file");
-    command.arg(example().join("cells.toml"));
-    command.args(["--base-cmd", &format!("{worker} --counted")]);
-    command.args(["--head-cmd", &format!("{worker} {head}")]);
-    command
-}
-
 #[test]
 fn a_program_of_another_language_is_compared_by_its_times_alone() {
     let place = Place::new();
-    let Told { out, .. } = compared(&place, "--counted").ends(0);
-    holds(&out, &["no regression", "2 same", "knows no such gate"]);
-    let place = Place::new();
-    let Told { out, .. } = compared(&place, "--counted --turns 1.05").ends(1);
-    holds(&out, &["regression", "2 slower", "+5.0 %"]);
+    let worker = format!("python3 '{}' --counted", example().join("worker.py").display());
+    let mut compare = place.fathom("compare --launches 10 --pairs 2 --out out --cells-file");
+    compare.arg(example().join("cells.toml")).args(["--base-cmd", &worker]);
+    compare.args(["--head-cmd", &format!("{worker} --turns 1.05")]);
+    holds(&compare.ends(1).out, &["regression", "2 slower", "+5.0 %", "knows no such gate"]);
 }
 
 /// A worker of another language that has one exact figure has no errors, counters, checks or instructions.

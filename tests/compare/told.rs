@@ -7,7 +7,7 @@ use std::path::Path;
 
 use fathom::compare::store::StoredComparison;
 use fathom::exporters;
-use fathom::gates::verdict::Verdicts;
+use fathom::judge::verdict::Verdicts;
 use fathom::record::comparison::{Compared, Gate, PairStates, Side, SideEnvironment, Skip};
 use fathom::record::{MachineState, Record, ThrottleReason};
 
@@ -333,7 +333,9 @@ fn damaged_and_foreign_files_are_named() {
 #[test]
 fn bad_input_is_one_clear_line_and_status_2() {
     for (options, reason) in [
+        ("", "nothing to compare with"),
         ("--base no-such-revision", "unknown revision `no-such-revision`"),
+        ("--head-env LP_NUM_THREADS=2", "LP_NUM_THREADS is fathom's own"),
         ("--base-bin no/such/program", "no/such/program"),
         ("--base-bin x --gates exakt", "gates are exact, instructions, time"),
         ("--base-bin x --threshold 2", "a share lies between 0 and 1"),
@@ -371,7 +373,7 @@ fn equal_builds_execute_equally_many_instructions() {
     assert!(!skipped, "`scripts/setup.sh` installs valgrind: {}", told.out);
     holds(&place.read("page.md"), &["no regression"]);
     let comparison = StoredComparison::read(&place.path("out")).unwrap();
-    let ratio = fathom::gates::counts::judge(&comparison)[&cell(name)].ratio;
+    let ratio = fathom::judge::counts::judge(&comparison)[&cell(name)].ratio;
     let threshold = comparison.header.settings.instruction_threshold;
     assert!((ratio - 1.0).abs() < threshold, "{ratio}");
     // What the stage leaves behind, triangles in a queue, must not make its next frame longer. What else the process does falls into
@@ -385,7 +387,7 @@ fn equal_builds_execute_equally_many_instructions() {
     assert_eq!(comparison.instructions.len(), 2);
 }
 
-/// Which adapters are of one device is tested in `gates::adapters`.
+/// Which adapters are of one device is tested in `judge::adapters`.
 #[test]
 fn times_of_two_versions_of_a_driver_are_judged_and_of_two_drivers_told() {
     let on = |driver: &str, driver_info: &str| {
@@ -436,7 +438,7 @@ fn what_a_side_alone_was_given_is_told_in_every_report() {
     }
 }
 
-/// The law itself is tested in `gates::time`.
+/// The law itself is tested in `judge::time`.
 #[test]
 fn a_slowdown_while_the_head_was_throttled_is_a_regression_that_says_so() {
     let held = |mut stored: Stored| {

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use fathom::exporters;
-use fathom::gates::changes::Changes;
-use fathom::gates::files::RunFile;
+use fathom::judge::files::RunFile;
 use fathom::record::{self, Record};
+use fathom::report::changes::Changes;
 use fathom::report::{OF_RUNS, Written};
 use rayon::prelude::*;
 use serde_json::{Map, Value};
@@ -74,7 +74,7 @@ fn words(base: &Path, folder: &Path) -> BTreeMap<String, usize> {
         (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read(&path).unwrap())
     }));
     let changes = [base, folder].map(|of| RunFile::read(&of.join("records.jsonl")).unwrap());
-    let changes = Changes::of_files([&changes[0], &changes[1]]).map(Changes::into_text);
+    let changes = Changes::of_files([&changes[0], &changes[1]], &[]).map(Changes::into_text);
     files.extend(changes.into_iter().map(|text| ("changes".to_owned(), text.into_bytes())));
     let count = |bytes: &[u8]| {
         let text = String::from_utf8_lossy(bytes).to_lowercase();

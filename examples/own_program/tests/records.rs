@@ -3,12 +3,13 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use fathom::gates::changes::Changes;
-use fathom::gates::files::RunFile;
-use fathom::gates::verdict::Status;
+use fathom::judge::files::RunFile;
+use fathom::judge::verdict::Status;
 use fathom::quiet::{self, Quiet};
+use fathom::record::comparison::Gate;
 use fathom::record::output::RECORDS;
 use fathom::record::{Cell, Clock, PassKind, Record, Run, read};
+use fathom::report::changes::Changes;
 
 const PASSES: [&str; 3] = ["ripple", "blur", "shade"];
 /// What the clock may take of a program.
@@ -99,7 +100,7 @@ fn reported(folder: &Path) {
 /// Two versions of the program compared, which are one here. What becomes of their times depends on the machine.
 fn compared(folder: &Path) {
     let file = RunFile::read(&folder.join(RECORDS)).expect("it was just written");
-    let changes = Changes::of_files([&file, &file]).expect("they compare");
+    let changes = Changes::of_files([&file, &file], &Gate::ALL).expect("they compare");
     assert_eq!(changes.status, Status::TimesNotJudged);
     let told = changes.into_text();
     assert!(told.contains("exact figures of 1 cell: same"), "{told}");

@@ -20,12 +20,14 @@ mod meter;
 mod probe;
 mod scope;
 mod stage;
+mod targets;
 pub(crate) mod timer;
 
 pub use host_clock::HostClock;
 pub use meter::CostMeter;
 pub(super) use probe::Probe;
-pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
+pub use scope::{HostTime, StageScope};
 pub(super) use scope::{Mode, Query, Recorder};
 pub use stage::{StageTime, TimedStage};
+pub use targets::{ColorTarget, DepthTarget, Targets};
 pub use timer::{Fault, FrameSample, FrameTimer, HostCost};

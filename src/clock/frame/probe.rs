@@ -1,7 +1,7 @@
 //! The smallest pass of each kind. The host time of a submission that holds nothing else is the cost of a submission.
 
 use super::host_clock::HostClock;
-use super::scope::{ColorTarget, Targets, open};
+use super::targets::{ColorTarget, Targets, open};
 use crate::audit::kernels::{GROUP_SIZE, compute_pipeline, module, target};
 use crate::{DeviceError, WatchedDevice};
 use fathom_record::PassKind;

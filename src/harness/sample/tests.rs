@@ -444,6 +444,8 @@ fn a_device_that_is_lost_within_a_visit_leaves_no_frame_without_its_other() {
             let rounds = mock.samples(cell).each(|pair| pair.round);
             assert!(rounds.windows(2).all(|pair| pair[0] < pair[1]), "{rounds:?}");
             assert!(mock.samples(cell).warm_up_frames >= 4, "warmed up on both devices");
+            let prepared = mock.calls.iter().filter(|call| **call == (Prepare, cell)).count();
+            assert_eq!(prepared, 2, "the device is opened once more");
         }
     }
 }
@@ -510,17 +512,6 @@ fn groups_fit_into_memory_and_are_released() {
     assert!(alive.is_empty());
     assert_eq!((groups, most), (vec![2, 2, 1], 2));
     assert_eq!(mock.results.len(), 5);
-}
-
-#[test]
-fn a_lost_device_is_opened_once_more_and_samples_survive() {
-    let loses = MockCell { loses_device_at: Some(7), ..STEADY };
-    let noisy = cell(|f, _| 1e7 * noise(f, 0.5));
-    let mock = Mock::of(vec![loses, noisy]).run(&SETTINGS);
-    assert_eq!(mock.reason(0), "device lost: gone");
-    let samples = mock.samples(1);
-    assert_eq!(mock.calls.iter().filter(|call| **call == (Prepare, 1)).count(), 2);
-    assert!(samples.warm_up_frames >= 4, "warmed up on both devices");
 }
 
 #[test]

@@ -106,7 +106,7 @@ impl Panel for BarChart {
             .disable_y_mesh()
             .y_labels(0)
             .x_label_formatter(&|at| self.scale.tick_label(*at))
-            .x_desc(format!("{}, {} scale", self.x_title, self.scale.kind.short()))
+            .x_desc(format!("{}, {} scale", self.x_title, self.scale.kind.name()))
             .draw()?;
         let plot = chart.plotting_area();
         let write = |line: &str, style: TextStyle<'_>, at: (f64, f64), shift: i32| {

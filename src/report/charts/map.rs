@@ -169,7 +169,7 @@ impl Panel for Map {
 
     fn draw(&self, area: &Area<'_>) -> Drawn {
         let line = format!(
-            "{}. Colours run from the smallest value (dark) to the largest (light), {}.",
+            "{}. Colours run from the smallest value (dark) to the largest (light), {} scale.",
             self.shows,
             self.scale.kind.name()
         );

@@ -1,11 +1,11 @@
 //! How near each stage comes to the adapter's measured limits.
 
 use itertools::Itertools;
-use maud::{Markup, html};
 
-use super::parts::{numbers, table, words};
-use super::{Fold, Page, PageRun, PageSection};
-use crate::ceilings::{Bound, bounds};
+use super::{Fold, Page, PageSection};
+use crate::ReportView;
+use crate::ceilings::{Bound, are_measured, bounds};
+use crate::document::{self, ColumnKind, Line, Part, Span, Table};
 use crate::format::{percent, si, three};
 use fathom_record::Interval;
 use fathom_record::ceilings::{Basis, Ceiling};
@@ -15,63 +15,55 @@ pub const SECTION: PageSection = PageSection {
     title: "How near to the limits",
     question: "Which stages come near to the adapter's limits?",
     fold: Fold::Folded,
-    write,
+    write: |page| document::of(parts(page)),
 };
 
-/// Without measured limits the page has no such section.
-pub fn are_measured(run: &PageRun<'_>) -> bool {
-    run.view.runs.iter().any(|run| !run.ceilings.is_empty())
-}
-
-fn write(page: &Page<'_>) -> Option<Markup> {
-    let runs: Vec<&PageRun<'_>> = page.runs.iter().filter(|run| are_measured(run)).collect();
-    if runs.is_empty() {
-        return None;
+/// None where no limits were measured.
+fn parts(page: &Page<'_>) -> Vec<Part> {
+    let mut parts = Vec::new();
+    for run in page.runs.iter().filter(|run| are_measured(run.view)) {
+        if parts.is_empty() {
+            parts.push(Part::paragraph(
+                "Each stage's best share of the hardware limit. A stage at 100 % can only become faster by doing less work. A small \
+                 share means that something else limits the stage, such as arithmetic, latency or work that it does not declare.",
+            ));
+        }
+        parts.extend(page.heading(run));
+        parts.extend(shares(run.view));
+        parts.push(Part::Fold("The limits".into(), vec![Part::Table(limits(run.view))]));
     }
-    Some(html! {
-        p.lead {
-            "Each stage's best share of the hardware limit. A stage at 100 % can only become faster by doing less work. A small "
-            "share means that something else limits the stage, such as arithmetic, latency or work that it does not declare."
-        }
-        @for run in runs {
-            @if page.is_overlay() { h3 { (run.label) } }
-            (shares(run))
-            details { summary { "The limits" } (limits(run)) }
-        }
-    })
+    parts
 }
 
-fn shares(run: &PageRun<'_>) -> Markup {
-    let bounds = bounds(run.view);
+fn shares(view: &ReportView<'_>) -> Vec<Part> {
+    let bounds = bounds(view);
     let nearest = || bounds.iter().unique_by(|bound| bound.stage.stage.as_str());
-    let timed = run.view.timed().flat_map(|(_, measured)| &measured.stages);
+    let timed = view.timed().flat_map(|(_, measured)| &measured.stages);
     let names = timed.map(|stage| stage.stage.as_str()).sorted_unstable().dedup();
     let unknown =
         names.filter(|name| !nearest().any(|bound| bound.stage.stage == *name)).join(", ");
-    let heads = html! {
-        (words(&["Stage"])) (numbers(&["Share of its limit", "(interval)"])) (words(&["Limit", "Work in a frame", "Cell"]))
-    };
-    let rows = html! { @for bound in nearest() { (row(bound)) } };
-    html! {
-        (table("Shares of limits", "", &heads, &rows))
-        @if !unknown.is_empty() {
-            p { "Unknown, because no limit bounds what they declare or the clock does not resolve them: " (unknown) "." }
-        }
-    }
+    let columns = ["Stage", "Share of its limit", "(interval)", "Limit", "Work in a frame", "Cell"];
+    let table = Table::new("Shares of limits", columns)
+        .with(ColumnKind::Numbers, &columns[1..3])
+        .with_rows(nearest().map(row));
+    let unknown = (!unknown.is_empty()).then(|| {
+        Part::paragraph(format!(
+            "Unknown, because no limit bounds what they declare or the clock does not resolve them: {unknown}."
+        ))
+    });
+    std::iter::once(Part::Table(table)).chain(unknown).collect()
 }
 
-fn row(Bound { cell, stage, share }: &Bound<'_>) -> Markup {
+fn row(Bound { cell, stage, share }: &Bound<'_>) -> [Line; 6] {
     let basis = if share.basis == Basis::Counted { "counted" } else { "declared" };
-    html! {
-        tr {
-            th scope="row" { (stage.stage) }
-            td.number { b { (percent(share.share)) } }
-            td.number { (ends(share.interval, |share| three(100.0 * share))) }
-            td { (share.limit.name()) }
-            td { (si(share.amount as f64)) " " (share.work.name()) ", " (basis) }
-            td { (cell.experiment) ": " (cell.cell) }
-        }
-    }
+    [
+        stage.stage.as_str().into(),
+        Span::Bold(percent(share.share)).into(),
+        ends(share.interval, |share| three(100.0 * share)).into(),
+        share.limit.name().into(),
+        format!("{} {}, {basis}", si(share.amount as f64), share.work.name()).into(),
+        format!("{}: {}", cell.experiment, cell.cell).into(),
+    ]
 }
 
 fn ends(interval: Option<Interval>, text: impl Fn(f64) -> String) -> String {
@@ -79,44 +71,46 @@ fn ends(interval: Option<Interval>, text: impl Fn(f64) -> String) -> String {
     interval.map(of).unwrap_or_default()
 }
 
-fn limits(run: &PageRun<'_>) -> Markup {
-    // Those of the latest sitting.
-    let measured = run.view.runs.iter().rev().find(|run| !run.ceilings.is_empty());
-    let ceilings: &[Ceiling] = measured.map_or(&[], |run| &run.ceilings);
-    let heads = html! { (words(&["Limit"])) (numbers(&["Rate", "(interval)", "n", "2 N / N"])) };
-    let rows = html! {
-        @for ceiling @ Ceiling { limit, rate, doubling } in ceilings {
-            tr {
-                th scope="row" { (limit.name()) }
-                td.number { (si(rate.median)) " " (limit.unit()) }
-                td.number { (ends(rate.interval, si)) }
-                td.number { (rate.n) }
-                td.number { (three(*doubling)) @if !ceiling.is_sound() { " unusable" } }
-            }
-        }
+/// Those of the latest sitting that measured some.
+fn limits(view: &ReportView<'_>) -> Table {
+    let measured = view.runs.iter().rev().find(|run| !run.ceilings.is_empty());
+    let columns = ["Limit", "Rate", "(interval)", "n", "2 N / N"];
+    let row = |ceiling: &Ceiling| {
+        let Ceiling { limit, rate, doubling } = ceiling;
+        [
+            limit.name().to_owned(),
+            format!("{} {}", si(rate.median), limit.unit()),
+            ends(rate.interval, si),
+            rate.n.to_string(),
+            format!("{}{}", three(*doubling), if ceiling.is_sound() { "" } else { " unusable" }),
+        ]
     };
-    table("Limits", "", &heads, &rows)
+    Table::new("Limits", columns)
+        .with(ColumnKind::Numbers, &columns[1..])
+        .with_rows(measured.iter().flat_map(|run| &run.ceilings).map(row))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ReportView;
     use crate::ceilings::tests::run as limited;
     use crate::testing::written;
     use fathom_experiments::fixtures;
 
     #[test]
     fn each_stage_stands_once_with_its_largest_share_and_those_without_one_are_named() {
-        assert_eq!(written(write, &fixtures::run()), "");
+        assert_eq!(written(SECTION.write, &fixtures::run()), "");
         let records = limited();
-        let text = written(write, &records);
+        let text = written(SECTION.write, &records);
         let view = ReportView::new(&records, None);
         let bounds = bounds(&view);
         assert!(bounds.len() > 100 && bounds.is_sorted_by(|a, b| a.share.share >= b.share.share));
         let nearest = bounds[0];
-        assert_eq!(text.matches(&format!("{}</th>", nearest.stage.stage)).count(), 1);
-        assert!(text.contains(&format!("<b>{}</b>", percent(nearest.share.share))), "{text}");
+        assert_eq!(text.matches(&format!("<td>{}</td>", nearest.stage.stage)).count(), 1);
+        assert!(
+            text.contains(&format!("<strong>{}</strong>", percent(nearest.share.share))),
+            "{text}"
+        );
         assert!(text.contains("does not resolve them: caustics/trace, "), "{text}");
     }
 }

@@ -3,7 +3,7 @@
 use indexmap::IndexMap;
 use maud::{Markup, html};
 
-use super::parts::{Tone, numbers, table, words};
+use super::parts::Tone;
 use super::{Fold, Page, PageSection};
 use crate::Section;
 use crate::charts::strip;
@@ -116,8 +116,7 @@ fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
     let mut rows = IndexMap::<(&str, &str), Row<'_>>::new();
     for (place, run) in page.runs.iter().enumerate() {
         for section in &run.view.sections {
-            let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
-            for (claim, ruling) in claims.zip(section.rulings()) {
+            for (claim, ruling) in section.claims() {
                 let row = rows.entry((section.id, &claim.id)).or_insert_with(|| Row {
                     section,
                     claim,
@@ -142,7 +141,7 @@ fn fields(page: &Page<'_>, row: &Row<'_>) -> Vec<[Line; 6]> {
             told = told.and(Span::Faint(format!(" {}", page.runs[*place].label)));
         }
         let why = html! {
-            details { summary { "why" } p { (ruling.reason) } (comparisons(ruling)) (grounds(claim, ruling)) }
+            details { summary { "why" } p { (ruling.reason) } @if let Some(all) = comparisons(ruling) { (all) } (grounds(claim, ruling)) }
         };
         let [measured, drawn, asked] = match ruling.deciding.first() {
             Some(figure) => {
@@ -181,15 +180,18 @@ fn grounds(claim: &Claim, ruling: &Ruling) -> Markup {
 }
 
 /// Every comparison of a claim that has several.
-fn comparisons(ruling: &Ruling) -> Markup {
-    let all = ruling.deciding.iter().chain(&ruling.others);
-    let heads = html! { (words(&["Verdict", "Comparison"])) (numbers(&["Measured (interval for the claim)", "Band"])) };
-    let rows = html! {
-        @for figure in all.clone() {
-            tr { td.(Tone::of(figure.verdict).class()) { (figure.verdict) } td { (figure.name) } td.number { (figure.text()) } td.number { (figure.asked()) } }
-        }
+fn comparisons(ruling: &Ruling) -> Option<Markup> {
+    let all = || ruling.deciding.iter().chain(&ruling.others);
+    let columns = ["Verdict", "Comparison", "Measured (interval for the claim)", "Band"];
+    let row = |figure: &RuledFigure| -> [Line; 4] {
+        let verdict = Span::Chip(Tone::of(figure.verdict), figure.verdict.to_string());
+        [verdict.into(), figure.name.as_str().into(), figure.text().into(), figure.asked().into()]
     };
-    html! { @if all.count() > 1 { (table("Comparisons", "", &heads, &rows)) } }
+    let table = || {
+        let table = Table::new("Comparisons", columns).with(ColumnKind::Numbers, &columns[2..]);
+        document::html(&[Part::Table(table.with_rows(all().map(row)))])
+    };
+    (all().count() > 1).then(table)
 }
 
 /// A verdict, told by a word, a mark and a colour.
@@ -237,7 +239,7 @@ mod tests {
         let mixed = rulings.filter(|ruling| !ruling.others.is_empty()).collect::<Vec<_>>();
         assert!(!mixed.is_empty());
         for ruling in mixed {
-            let html = comparisons(ruling).into_string();
+            let html = comparisons(ruling).unwrap().into_string();
             let rows = ruling.deciding.len() + ruling.others.len();
             assert_eq!(html.matches("<tr>").count(), rows + 1, "{html}");
             assert!(ruling.deciding.iter().all(|figure| figure.verdict == ruling.verdict));

@@ -37,7 +37,7 @@ fn parts(page: &Page<'_>) -> Vec<Part> {
                  a driver may compile a part of their code in the first frame, which is not in these figures.",
             ));
         }
-        parts.extend(page.is_overlay().then(|| Part::Heading(run.label.as_str().into())));
+        parts.extend(page.heading(run));
         parts.push(Part::Table(frames(&costs)));
         parts.extend(costs.iter().map(|(cell, host)| stages(cell, host)));
     }

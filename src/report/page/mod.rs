@@ -214,6 +214,11 @@ impl<'a> Page<'a> {
         label.into_iter().chain(fields)
     }
 
+    /// Above the part of a run, where there are several.
+    fn heading(&self, run: &PageRun<'_>) -> Option<Part> {
+        self.is_overlay().then(|| Part::Heading(run.label.as_str().into()))
+    }
+
     /// The head of the column that names the run, where there are several.
     fn run_head(&self) -> Markup {
         html! { @if self.is_overlay() { (parts::words(&["Run"])) } }

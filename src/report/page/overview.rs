@@ -5,15 +5,15 @@ use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::{Fold, Page, PageRun, PageSection};
-use crate::ceilings::bounds;
+use crate::ceilings::{are_measured, bounds};
 use crate::document::{self, Line, Part, Span, Table};
 use crate::facts::{self, SlowStage};
 use crate::format::{NS_PER_MS, percent, three};
-use crate::noise::RunVerdict;
+use crate::noise;
 use crate::page::Tone;
 use crate::{ReportView, Section, trust};
 use fathom_experiments::{Ruling, Whose};
-use fathom_record::{OVER_BUDGET, Outcome, Run};
+use fathom_record::{OVER_BUDGET, OutcomeCounts, Run};
 
 pub const SECTION: PageSection = PageSection {
     id: "overview",
@@ -81,7 +81,6 @@ pub struct Card {
 
 pub fn cards(view: &ReportView<'_>) -> [Card; 5] {
     let card = |section, question, parts| Card { section, question, parts };
-    let are_limits_measured = view.runs.iter().any(|run| !run.ceilings.is_empty());
     [
         card("trust", "Can it be trusted?", how_far(view)),
         card("claims", "Which claims hold?", verdicts(view)),
@@ -92,7 +91,7 @@ pub fn cards(view: &ReportView<'_>) -> [Card; 5] {
         ),
         card("scaling", "How does it scale?", growth(view)),
         card(
-            if are_limits_measured { "ceilings" } else { "trust" },
+            if are_measured(view) { "ceilings" } else { "trust" },
             "How near to the limits?",
             limits(view),
         ),
@@ -105,7 +104,7 @@ pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
     let slowest = slowest(view).join("; ");
     let slowest =
         (!slowest.is_empty()).then(|| format!("slowest stage of each pipeline: {slowest}"));
-    let of_run = RunVerdict::of(view).map_or_else(Vec::new, |verdict| verdict.lines());
+    let of_run = view.verdict.as_ref().map_or_else(Vec::new, noise::lines);
     of_run.into_iter().chain(claims).chain(slowest).collect()
 }
 
@@ -118,9 +117,9 @@ fn list(above: &str, none: &str, lines: Vec<String>) -> Vec<Part> {
 
 /// Whether the machine was quiet enough, by what that is judged, and what to do; then the clocks.
 fn how_far(view: &ReportView<'_>) -> Vec<Part> {
-    let verdict = RunVerdict::of(view);
-    let tone = verdict.as_ref().map_or(Tone::Neutral, RunVerdict::tone);
-    let lines = verdict.iter().flat_map(RunVerdict::lines).enumerate().map(|(index, line)| {
+    let verdict = view.verdict.as_ref();
+    let tone = verdict.map_or(Tone::Neutral, noise::tone);
+    let lines = verdict.into_iter().flat_map(noise::lines).enumerate().map(|(index, line)| {
         if index == 0 { Span::Chip(tone, line).into() } else { Line::from(line) }
     });
     let clocks = trust::worst(view).map(|run| trust::verdict(run).into());
@@ -202,13 +201,8 @@ pub fn identity(view: &ReportView<'_>) -> Option<Table> {
 }
 
 fn outcomes(view: &ReportView<'_>) -> String {
-    let of = |wanted: fn(&Outcome) -> bool| {
-        view.entries().filter(|entry| wanted(&entry.cell.outcome)).count()
-    };
-    let measured = of(|outcome| matches!(outcome, Outcome::Measured(_)));
-    let skipped = of(|outcome| matches!(outcome, Outcome::Skipped { .. }));
-    let failed = of(|outcome| matches!(outcome, Outcome::Failed { .. }));
-    let over_budget = of(|outcome| matches!(outcome, Outcome::OverBudget));
+    let OutcomeCounts { measured, skipped, failed, over_budget } =
+        OutcomeCounts::of(view.entries().map(|entry| entry.cell));
     format!("{measured} measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}")
 }
 

@@ -6,8 +6,9 @@ use crate::axis::{Scale, ScaleKind};
 use crate::charts::points::{Point, PointChart, Series};
 use crate::charts::style::{self, Marker};
 use crate::document::{self, ColumnKind, Line, Part, Span, Table};
+use crate::facts;
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
-use crate::noise::RunVerdict;
+use crate::noise;
 use crate::trust::{self, TimedSample};
 use fathom_base::statistics;
 use fathom_record::{AuditRow, Clock, Estimate, Interval, PassKind, Rejection, Run};
@@ -30,7 +31,7 @@ fn parts(page: &Page<'_>) -> Vec<Part> {
     for on_page in &page.runs {
         let view = on_page.view;
         let Some(run) = trust::worst(view) else { continue };
-        parts.extend(page.is_overlay().then(|| Part::Heading(on_page.label.as_str().into())));
+        parts.extend(page.heading(on_page));
         let verdict = Line::from(Span::Bold(trust::verdict(run)));
         parts.push(Part::Paragraph(verdict.and(format!(" Clock: {}.", trust::conditions(run)))));
         if view.runs.len() > 1 {
@@ -46,7 +47,7 @@ fn parts(page: &Page<'_>) -> Vec<Part> {
             parts.extend([Part::paragraph(about), Part::Table(audit(run))]);
         }
         parts.extend(over_time(&trust::samples_by_time(view)));
-        parts.push(Part::list(facts(view, run)));
+        parts.push(Part::list(details(view, run)));
     }
     parts
 }
@@ -153,21 +154,20 @@ fn point(samples: &[&TimedSample]) -> Point {
     }
 }
 
-fn facts(view: &ReportView<'_>, run: &Run) -> Vec<String> {
+fn details(view: &ReportView<'_>, run: &Run) -> Vec<String> {
     let costs = run.submit_cost_ns.iter();
     let costs = costs.map(|(kind, ns)| submission(*kind, *ns)).join(", ");
-    let drift = RunVerdict::of(view).and_then(|verdict| verdict.drift).map(|drift| {
+    let drift = view.verdict.as_ref().and_then(|verdict| verdict.drift).map(|drift| {
         format!(
             "Drift of frame times: {}, n = {} spans of time. Median slope over all pairs of spans (Sen 1968) of the median change of the \
              cells that both have; spans of 10 s or more are taken for independent.",
-            drift.words(),
+            noise::drift(&drift),
             drift.per_minute.n
         )
     });
     let peak = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max();
-    let is_cut = view.ends.last().is_none_or(|end| end.interrupted);
-    let facts = trust::facts(view);
-    let mut all = facts.map(|(about, words)| format!("{about}: {words}.")).collect_vec();
+    let mut all =
+        trust::facts(view).map(|(about, words)| format!("{about}: {words}.")).collect_vec();
     let others = [
         view.timed().next().map(|_| accounting(view)),
         drift,
@@ -176,7 +176,7 @@ fn facts(view: &ReportView<'_>, run: &Run) -> Vec<String> {
             .then(|| format!("Cost of a submission as the audit measured it: {costs}.")),
         set_up(view),
         peak.map(|bytes| format!("Peak memory of the process: {}.", mebibytes(bytes))),
-        is_cut.then(|| "The run ended early. What was measured until then is shown.".to_owned()),
+        facts::ended_early(view),
     ];
     all.extend(others.into_iter().flatten());
     all.extend(run.notes.iter().map(|note| format!("Note: {}.", note.text)));
@@ -234,22 +234,7 @@ mod tests {
     use super::*;
     use crate::testing::written;
     use fathom_experiments::fixtures;
-    use fathom_record::{Cell, FaultKind, Profile, RejectedFrames};
-
-    #[test]
-    fn the_first_sentence_says_whether_the_clocks_can_be_trusted() {
-        let mut run = fixtures::header(Profile::Quick);
-        assert!(
-            trust::verdict(&run)
-                .starts_with("The clocks can be trusted: passes of the kind compute")
-        );
-        run.clocks.insert(PassKind::Compute, Clock::Timestamp);
-        assert!(trust::verdict(&run).starts_with("The clock of compute passes cannot be trusted"));
-        run.audit.clear();
-        assert!(
-            trust::verdict(&run).contains("compute and render passes can be trusted is not known")
-        );
-    }
+    use fathom_record::{Cell, FaultKind, RejectedFrames};
 
     #[test]
     fn the_section_holds_audit_charts_and_facts() {

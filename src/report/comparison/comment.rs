@@ -4,9 +4,9 @@
 use itertools::Itertools;
 
 use super::{document, rows};
+use crate::document::{Line, Part, Span, markdown};
 use crate::noise;
-use crate::verdict::{CellVerdict, JudgedCell, Verdicts};
-use fathom_report::document::{Line, Part, Span, markdown};
+use fathom_judge::verdict::{CellVerdict, JudgedCell, Verdicts};
 
 /// Cells and faults that are listed; the rest is counted.
 const MOST_ITEMS: usize = 5;
@@ -14,7 +14,8 @@ const MOST_ITEMS: usize = 5;
 const MOST_CHARACTERS: usize = 160;
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {
-    let noise = noise::told(verdicts).map(|noise| short(&noise) + ". ").unwrap_or_default();
+    let noise =
+        noise::of_comparison(verdicts).map(|noise| short(&noise) + ". ").unwrap_or_default();
     let items = items(verdicts);
     let more = items.len().saturating_sub(MOST_ITEMS);
     let more = (more > 0).then(|| format!("and {more} more").into());

@@ -4,9 +4,9 @@
 use itertools::Itertools;
 
 use super::rows;
-use crate::exact::{DifferenceScope, FigureKind};
-use crate::verdict::{CellVerdict, GateState, JudgedCell, Verdicts};
 use fathom_base::text;
+use fathom_judge::exact::{DifferenceScope, FigureKind};
+use fathom_judge::verdict::{CellVerdict, GateState, JudgedCell, Verdicts};
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 pub fn export(verdicts: &Verdicts<'_>) -> String {

@@ -3,10 +3,10 @@
 
 use serde::Serialize;
 
-use crate::verdict::{JudgedCell, Verdicts};
+use crate::format::NS_PER_MS;
 use fathom_base::text;
+use fathom_judge::verdict::{JudgedCell, Verdicts};
 use fathom_record::Interval;
-use fathom_report::format::NS_PER_MS;
 
 /// A value under a name. The smaller, the better.
 #[derive(Serialize)]

@@ -1,36 +1,31 @@
 //! What changed from one run to another: what `fathom report A B`, the page of two runs, and `fathom compare` of two files of
-//! records tell. Exact figures are those of the exact gate; the module `times` has the rule for times.
-
-mod cells;
-mod claims;
-mod times;
+//! records tell. Exact figures are those of the exact gate; `fathom_judge::changes` has the rules for times.
 
 use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
 use itertools::{Itertools, chain};
 
-use crate::adapters::AdapterRelation;
-use crate::exact::{Difference, DifferenceScope, FigureKind};
-use crate::files::{RunFile, SameCells};
-use crate::tables::rows;
-use crate::verdict::{Status, Verdicts};
-pub use cells::redefinition;
-use cells::{Cells, Told};
-use claims::ClaimChange;
-use fathom_record::comparison::{CellId, Side};
+use crate::comparison::rows;
+use crate::document::{self, Part, Span, Table};
+use crate::format::{NS_PER_MS, interval, percent, three};
+use crate::page::Tone;
+use crate::{ReportView, facts, noise, run_conditions, shown_file};
+use fathom_experiments::Ruling;
+use fathom_experiments::schema::Claim;
+use fathom_judge::adapters::AdapterRelation;
+use fathom_judge::changes::cells::{Cells, MOST_NAMED, Told};
+use fathom_judge::changes::claims::{self, ClaimChange};
+use fathom_judge::changes::times::{Common, StageChange, TimeChange, Times};
+use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
+use fathom_judge::files::{RunFile, SameCells};
+use fathom_judge::run::Noise;
+use fathom_judge::verdict::{Status, Verdicts};
+use fathom_record::comparison::{CellId, Gate, Side};
 use fathom_record::{Adapter, Cell, Run};
-use fathom_report::document::{self, Part, Span, Table};
-use fathom_report::format::{NS_PER_MS, interval, percent, three};
-use fathom_report::noise::{Noise, RunVerdict};
-use fathom_report::page::Tone;
-use fathom_report::{ReportView, facts, run_conditions, shown_file};
-use times::{Common, StageChange, TimeChange, Times};
 
 /// Rows of a block; the rest is counted.
 const MOST_ROWS: usize = 8;
-/// Names that stand in one row.
-const MOST_NAMED: usize = 3;
 
 /// What there is to say, the most important first.
 pub struct Changes {
@@ -62,14 +57,14 @@ fn block<const N: usize>(
 }
 
 impl Changes {
-    /// From the files alone.
-    pub fn of_files([base, head]: [&RunFile; 2]) -> anyhow::Result<Self> {
-        let SameCells { comparison, untimed } = SameCells::of([base, head])?;
+    /// From the files alone, by these gates.
+    pub fn of_files([base, head]: [&RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
+        let SameCells { comparison, untimed } = SameCells::of([base, head], gates)?;
         let verdicts = &Verdicts::of(&comparison);
         let views = [base, head].map(|file| ReportView::new(&file.reading.records, None));
         let views = [&views[0], &views[1]];
         let paths = [&base.path, &head.path].map(PathBuf::as_path);
-        let cells = Cells::of(views);
+        let cells = Cells::of(views.map(cells));
         let times = Times::of(if untimed.is_some() { &[] } else { &cells.both });
         let not_judged = match untimed {
             None => format!(
@@ -108,6 +103,10 @@ impl Changes {
     pub fn into_text(self) -> String {
         document::terminal(&self.into_parts())
     }
+}
+
+fn cells<'a>(view: &ReportView<'a>) -> Vec<&'a Cell> {
+    view.entries().map(|entry| entry.cell).collect()
 }
 
 /// `1 cell`, `3 cells`.
@@ -175,8 +174,8 @@ fn doubts([base, head]: [&ReportView<'_>; 2]) -> Vec<String> {
         }
     }
     for (view, side) in [base, head].into_iter().zip(Side::BOTH) {
-        let verdict = RunVerdict::of(view).filter(|verdict| verdict.noise != Noise::Quiet);
-        doubts.extend(verdict.map(|verdict| format!("{side}: {}", verdict.headline())));
+        let verdict = view.verdict.as_ref().filter(|verdict| verdict.noise != Noise::Quiet);
+        doubts.extend(verdict.map(|verdict| format!("{side}: {}", noise::headline(verdict))));
     }
     doubts
 }
@@ -184,7 +183,7 @@ fn doubts([base, head]: [&ReportView<'_>; 2]) -> Vec<String> {
 /// `noisy: base noisy, head quiet; stages scatter by 4.1 % between the runs; a change of one below 22 % cannot be told from that`
 fn noise_words(views: [&ReportView<'_>; 2], times: &Times<'_>) -> Option<String> {
     let scatter = times.scatter?;
-    let verdicts = views.map(|view| RunVerdict::of(view).map(|verdict| verdict.noise));
+    let verdicts = views.map(|view| view.verdict.as_ref().map(|verdict| verdict.noise));
     let [Some(base), Some(head)] = verdicts else { return None };
     let worst = base.max(head);
     let [between, visible] = [scatter.between, scatter.visible].map(percent);
@@ -193,8 +192,14 @@ fn noise_words(views: [&ReportView<'_>; 2], times: &Times<'_>) -> Option<String>
     ))
 }
 
+fn rulings<'a>(view: &'a ReportView<'a>) -> impl Iterator<Item = (&'a str, &'a Claim, &'a Ruling)> {
+    view.sections
+        .iter()
+        .flat_map(|section| section.claims().map(|(claim, ruling)| (section.id, claim, ruling)))
+}
+
 fn claims_block(views: [&ReportView<'_>; 2]) -> Vec<Part> {
-    let (count, changed) = claims::changed(views);
+    let (count, changed) = claims::changed(views.map(rulings));
     let row = |claim: &ClaimChange<'_>| {
         let [from, to] = [claim.rulings[0].verdict.to_string(), claim.rulings[1].marked()];
         let text = claim.rulings[1].text.clone();

@@ -347,6 +347,7 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
+    use crate::rank::normal;
 
     /// Launches of the ends, and of a revision each time it is chosen.
     const ENDS: usize = 20;
@@ -427,12 +428,6 @@ mod tests {
             }
             search
         }
-    }
-
-    /// Box and Muller.
-    fn normal(random: &mut Pcg64) -> f64 {
-        let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
-        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
     }
 
     /// How searches of many histories ended: shares of all, and means.

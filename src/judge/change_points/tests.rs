@@ -6,14 +6,10 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::*;
+use crate::rank::normal;
 
 fn points(values: &[f64]) -> Vec<usize> {
     change_points(values, &mut Scores::default()).iter().map(|point| point.at).collect()
-}
-
-/// The sum of twelve uniform numbers, as good as normal.
-fn normal(random: &mut Pcg64) -> f64 {
-    (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
 fn noise(random: &mut Pcg64, n: usize) -> Vec<f64> {

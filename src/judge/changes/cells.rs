@@ -6,7 +6,9 @@ use itertools::Itertools;
 
 use fathom_experiments::{flatten, label_text};
 use fathom_record::{Cell, OVER_BUDGET, Outcome};
-use fathom_report::{Entry, ReportView};
+
+/// Names that stand in one row.
+pub const MOST_NAMED: usize = 3;
 
 /// A cell, and what there is to say of it.
 pub type Told<'a> = (&'a Cell, String);
@@ -27,19 +29,18 @@ pub struct Cells<'a> {
 }
 
 impl<'a> Cells<'a> {
-    pub fn of([base, head]: [&ReportView<'a>; 2]) -> Self {
-        let name = |entry: &Entry<'a>| (entry.cell.experiment.as_str(), entry.cell.cell.as_str());
-        let mut before: BTreeMap<_, &Cell> =
-            base.entries().map(|entry| (name(entry), entry.cell)).collect();
+    pub fn of([base, head]: [Vec<&'a Cell>; 2]) -> Self {
+        let name = |cell: &&'a Cell| (cell.experiment.as_str(), cell.cell.as_str());
+        let mut before: BTreeMap<_, &Cell> = base.iter().map(|cell| (name(cell), *cell)).collect();
         let mut cells = Self::default();
-        for entry in head.entries() {
-            match before.remove(&name(entry)) {
-                Some(earlier) => cells.add([earlier, entry.cell]),
-                None => cells.new.push((entry.cell, String::new())),
+        for cell in head {
+            match before.remove(&name(&cell)) {
+                Some(earlier) => cells.add([earlier, cell]),
+                None => cells.new.push((cell, String::new())),
             }
         }
-        let left = base.entries().filter(|entry| before.contains_key(&name(entry)));
-        cells.missing = left.map(|entry| (entry.cell, String::new())).collect();
+        let left = base.into_iter().filter(|cell| before.contains_key(&name(cell)));
+        cells.missing = left.map(|cell| (cell, String::new())).collect();
         cells
     }
 
@@ -73,7 +74,7 @@ pub fn redefinition(base: &Cell, head: &Cell) -> String {
     });
     let differing = before.keys().chain(after.keys()).unique();
     let differing = differing.filter(|name| before.get(*name) != after.get(*name));
-    let differing = differing.take(super::MOST_NAMED);
+    let differing = differing.take(MOST_NAMED);
     let value = |of: &BTreeMap<String, String>, name| of.get(name).map_or("none", |v| v).to_owned();
     differing
         .map(|name| format!("{name} {} → {}", value(&before, name), value(&after, name)))

@@ -16,7 +16,7 @@
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 use statrs::function::factorial::ln_binomial;
 
-use super::scores::{Ranked, Scores};
+use crate::scores::{Ranked, Scores};
 
 /// Chance that a stable series has a change point. By calculation an upper bound; `docs/history.md` has what was measured.
 pub const LEVEL: f64 = 0.1;

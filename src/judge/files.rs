@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use itertools::Itertools;
 
 use crate::adapters::AdapterRelation;
-use crate::changes::redefinition;
+use crate::changes::cells::redefinition;
 use crate::store::StoredComparison;
 use fathom_base::private;
 use fathom_record as record;
@@ -49,7 +49,8 @@ pub struct SameCells {
 }
 
 impl SameCells {
-    pub fn of([base, head]: [&RunFile; 2]) -> anyhow::Result<Self> {
+    /// By these gates: where times are asked for, they are said not to be judged.
+    pub fn of([base, head]: [&RunFile; 2], gates: &[Gate]) -> anyhow::Result<Self> {
         let [base, head] = [sorted(base)?, sorted(head)?];
         let untimed = timed(base.run, head.run).err();
         let mut contents = Contents { same_driver: untimed.is_none(), ..Contents::default() };
@@ -67,7 +68,8 @@ impl SameCells {
         (header.adapter, header.settings.gates) = (head.run.adapter.clone(), vec![Gate::Exact]);
         header.notes = [base.notes, head.notes].concat();
         let reason = untimed.as_deref().unwrap_or("two runs share no pairs").to_owned();
-        header.skipped.push(Skip { gate: Gate::Time, reason });
+        let skip = Skip { gate: Gate::Time, reason };
+        header.skipped.extend(gates.contains(&skip.gate).then_some(skip));
         comparison.end = Some(ComparisonEnd { wall_s: 0.0, interrupted: false });
         Ok(Self { comparison, untimed })
     }

@@ -1,6 +1,6 @@
 //! By how much two sides of a change differ.
 
-use super::changes::LEAST_SIDE;
+use super::change_points::LEAST_SIDE;
 use fathom_base::statistics::{Estimate, Interval, Z_95, median};
 
 /// The shift from the first side to the second with its 95 % interval: the median of all differences (Hodges and Lehmann) and the
@@ -20,6 +20,11 @@ pub fn shift(before: &[f64], after: &[f64]) -> Estimate {
         high: differences[differences.len() - below as usize],
     });
     Estimate { median: median(&differences), interval, n }
+}
+
+/// It is told from no shift.
+pub fn excludes_none(interval: Interval) -> bool {
+    interval.low > 0.0 || interval.high < 0.0
 }
 
 #[cfg(test)]

@@ -4,15 +4,21 @@
 //! samples is that they are independent and scatter evenly to both sides of their centre.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use fathom_base::statistics::{Estimate, Interval, median};
 
-/// Probability of each rank sum 0 … n(n + 1)/2 of `n` samples that scatter evenly about 0.
-pub fn rank_sums(n: usize) -> Vec<f64> {
+/// Probability of each rank sum 0 … n(n + 1)/2 of `n` samples that scatter evenly about 0. Computed once for each `n`.
+pub fn rank_sums(n: usize) -> Arc<Vec<f64>> {
+    static KNOWN: Mutex<BTreeMap<usize, Arc<Vec<f64>>>> = Mutex::new(BTreeMap::new());
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    known.entry(n).or_insert_with(|| Arc::new(convolved(n))).clone()
+}
+
+fn convolved(n: usize) -> Vec<f64> {
     let mut probability = vec![1.0];
     for rank in 1..=n {
         // Each rank is in the sum or not, with even odds.
@@ -96,17 +102,17 @@ pub fn holm(probabilities: &[f64]) -> Vec<f64> {
     adjusted
 }
 
-/// Probabilities adjusted for their number, in the order given: of what is at most `alpha`, a share of at most `alpha` is expected to
+/// Probabilities adjusted for so many tests, in the order given: of what is at most `alpha`, a share of at most `alpha` is expected to
 /// be false. Benjamini & Hochberg, *J. R. Statist. Soc. B* 57 (1995); it holds too where the tests go together (Benjamini &
 /// Yekutieli, *Ann. Statist.* 29 (2001)).
-pub fn benjamini_hochberg(probabilities: &[f64]) -> Vec<f64> {
+pub fn benjamini_hochberg(probabilities: &[f64], tests: usize) -> Vec<f64> {
     let mut order: Vec<usize> = (0..probabilities.len()).collect();
     order.sort_by(|a, b| probabilities[*b].total_cmp(&probabilities[*a]));
     let mut adjusted = vec![1.0; probabilities.len()];
     let mut least = 1.0_f64;
     for (done, index) in order.iter().enumerate() {
         let rank = (probabilities.len() - done) as f64;
-        least = least.min(probabilities[*index] * probabilities.len() as f64 / rank);
+        least = least.min(probabilities[*index] * tests as f64 / rank);
         adjusted[*index] = least;
     }
     adjusted
@@ -145,7 +151,7 @@ fn simulated(n: usize, level: f64) -> Option<f64> {
 }
 
 /// A standard normal number. Box & Muller, *Ann. Math. Statist.* 29 (1958).
-pub(super) fn normal(random: &mut Pcg64) -> f64 {
+pub(crate) fn normal(random: &mut Pcg64) -> f64 {
     let radius = (-2.0 * (1.0 - random.random::<f64>()).ln()).sqrt();
     radius * (std::f64::consts::TAU * random.random::<f64>()).cos()
 }

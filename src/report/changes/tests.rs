@@ -19,7 +19,7 @@ fn file(name: &str, records: Vec<Record>) -> RunFile {
 }
 
 fn changes(base: Vec<Record>, head: Vec<Record>) -> Changes {
-    Changes::of_files([&file("base", base), &file("head", head)]).unwrap()
+    Changes::of_files([&file("base", base), &file("head", head)], &Gate::ALL).unwrap()
 }
 
 /// A number about 0 with a standard deviation of [`BETWEEN`], that of this name always the same.
@@ -104,12 +104,12 @@ fn noise_comes_first_and_a_change_that_it_says_can_be_seen_is_listed() {
             file("base", fixtures::run()),
             file("head", again(|stage| if stage == "caustics/trace" { share } else { 1.0 })),
         ];
-        let changes = Changes::of_files([&base, &head]).unwrap();
+        let changes = Changes::of_files([&base, &head], &Gate::ALL).unwrap();
         let noise = changes.noise.clone();
         let first = changes.into_text().lines().next().unwrap().to_owned();
         assert_eq!(Some(&first), noise.as_ref());
         let views = [&base, &head].map(|file| ReportView::new(&file.reading.records, None));
-        let times = Times::of(&Cells::of([&views[0], &views[1]]).both);
+        let times = Times::of(&Cells::of([&views[0], &views[1]].map(cells)).both);
         let is_listed = times.changed.iter().any(|change| change.name == "caustics/trace");
         (times.scatter.unwrap(), is_listed, first)
     };

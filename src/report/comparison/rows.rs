@@ -5,15 +5,15 @@ use std::collections::BTreeSet;
 use indexmap::IndexMap;
 use itertools::Itertools;
 
-use crate::adapters::AdapterRelation;
-use crate::counts::{Change, Counted};
-use crate::exact::{Difference, DifferenceScope, FigureKind};
-use crate::store::StoredComparison;
-use crate::time::{self, CellTime, ThrottledLaunches, TimeVerdict};
-use crate::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
+use crate::format::{NS_PER_MS, mebibytes, si, three};
+use fathom_judge::adapters::AdapterRelation;
+use fathom_judge::counts::{Change, Counted};
+use fathom_judge::exact::{Difference, DifferenceScope, FigureKind};
+use fathom_judge::store::StoredComparison;
+use fathom_judge::time::{self, CellTime, ThrottledLaunches, TimeVerdict};
+use fathom_judge::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
 use fathom_record::comparison::{ComparedBuild, Fault, Gate, Side, SideEnvironment};
 use fathom_record::{Adapter, Interval, machine};
-use fathom_report::format::{NS_PER_MS, mebibytes, si, three};
 
 /// Columns of a table of cells.
 pub const HEADER: [&str; 7] =

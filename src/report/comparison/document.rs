@@ -3,12 +3,12 @@
 use itertools::{Itertools, chain};
 
 use super::rows;
+use crate::charts::strip;
+use crate::document::{self, ColumnKind, Field, Line, Part, Span, Table};
 use crate::noise;
-use crate::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
+use crate::page::{ComparisonOnPage, Page, Tone};
+use fathom_judge::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
 use fathom_record::Interval;
-use fathom_report::charts::strip;
-use fathom_report::document::{self, ColumnKind, Field, Line, Part, Span, Table};
-use fathom_report::page::{ComparisonOnPage, Page, Tone};
 
 /// Changes are shown up to this share, or to the largest of the comparison.
 const LEAST_SHOWN: f64 = 0.1;
@@ -25,7 +25,7 @@ struct Parts {
 impl Parts {
     fn of(verdicts: &Verdicts<'_>) -> Parts {
         let [sides, adapter] = rows::sides(verdicts);
-        let noise = noise::told(verdicts).map(Part::paragraph);
+        let noise = noise::of_comparison(verdicts).map(Part::paragraph);
         let tone = match verdicts.status {
             Status::NoRegression => Tone::Good,
             Status::Regression => Tone::Bad,

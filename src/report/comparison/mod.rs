@@ -8,8 +8,8 @@ pub(crate) mod rows;
 
 pub use document::{markdown, on_page};
 
-use super::verdict::Verdicts;
-use fathom_report::{Exporter, Written, page as html};
+use crate::{Exporter, Written, page as html};
+use fathom_judge::verdict::Verdicts;
 
 /// A format of verdicts: it makes the text of its file.
 pub type ComparisonExporter = Exporter<fn(&Verdicts<'_>) -> String>;

@@ -50,7 +50,7 @@ fn compared(base: &[Record], head: &[Record]) -> anyhow::Result<StoredComparison
     };
     let [base, head] = [("base", base), ("head", head)]
         .map(|(name, records)| RunFile::read(&write(name, records)).unwrap());
-    Ok(SameCells::of([&base, &head])?.comparison)
+    Ok(SameCells::of([&base, &head], &Gate::ALL)?.comparison)
 }
 
 #[test]

@@ -118,7 +118,8 @@ fn judge(units: &[Unit]) -> Vec<bool> {
         _ => 1.0,
     };
     let probabilities = units.iter().map(probability).collect_vec();
-    benjamini_hochberg(&probabilities).into_iter().map(|adjusted| adjusted <= ALPHA).collect()
+    let adjusted = benjamini_hochberg(&probabilities, probabilities.len());
+    adjusted.into_iter().map(|adjusted| adjusted <= ALPHA).collect()
 }
 
 /// What all stages have in common.

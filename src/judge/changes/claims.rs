@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 
 use fathom_experiments::{RuledFigure, Ruling, Verdict, schema::Claim};
-use fathom_report::ReportView;
 
 /// A claim with the verdicts of base and head.
 pub struct ClaimChange<'a> {
@@ -45,11 +44,13 @@ impl ClaimChange<'_> {
 }
 
 /// Claims that both runs have, and those of them whose verdicts differ, the gravest first.
-pub fn changed<'a>([base, head]: [&'a ReportView<'a>; 2]) -> (usize, Vec<ClaimChange<'a>>) {
-    let before: BTreeMap<_, (&Claim, &Ruling)> = rulings(base)
+pub fn changed<'a>(
+    [base, head]: [impl Iterator<Item = (&'a str, &'a Claim, &'a Ruling)>; 2],
+) -> (usize, Vec<ClaimChange<'a>>) {
+    let before: BTreeMap<_, (&Claim, &Ruling)> = base
         .map(|(experiment, claim, ruling)| ((experiment, &claim.id), (claim, ruling)))
         .collect();
-    let both = rulings(head).filter_map(|(experiment, claim, ruling)| {
+    let both = head.filter_map(|(experiment, claim, ruling)| {
         let (earlier, earlier_ruling) = before.get(&(experiment, &claim.id))?;
         let rulings = [*earlier_ruling, ruling];
         Some(ClaimChange { experiment, rulings, redefined: *earlier != claim })
@@ -58,11 +59,4 @@ pub fn changed<'a>([base, head]: [&'a ReportView<'a>; 2]) -> (usize, Vec<ClaimCh
     let count = both.len();
     let changed = both.into_iter().filter(|claim| !claim.verdicts().iter().all_equal());
     (count, changed.sorted_by_key(ClaimChange::rank).collect())
-}
-
-fn rulings<'a>(view: &'a ReportView<'a>) -> impl Iterator<Item = (&'a str, &'a Claim, &'a Ruling)> {
-    view.sections.iter().flat_map(|section| {
-        let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
-        claims.zip(section.rulings()).map(|(claim, ruling)| (section.id, claim, ruling))
-    })
 }

@@ -1,0 +1,268 @@
+//! The verdict on a run itself: whether the machine was quiet enough for the times that it gave. A function of records.
+
+use std::collections::BTreeMap;
+
+use itertools::Itertools;
+
+use crate::shift::excludes_none;
+use fathom_base::statistics::{self, PairSlope};
+use fathom_record::{Estimate, FrameRecord, Run};
+
+/// Scatter of one frame's time beyond which a run is noisy. On llvmpipe it is 2.5 % in the median cell of `reports/llvmpipe`, and
+/// 12 % on a machine that shares its host. At 5 % a cell needs 38 samples for ±2 %, three times what a short run takes of it.
+const SCATTER: f64 = 0.05;
+/// Share of the machine's cores that others keep busy, beyond which a run is noisy: on two cores a process that works a fifth of
+/// the time. Of a machine at rest its services take 1 to 3 %.
+const OTHERS: f64 = 0.1;
+/// Stolen time beyond which a run is noisy, in cores. If all of it is taken from the core that measures, times are longer by half
+/// of the ±2 % that are asked.
+const STEAL: f64 = 0.01;
+/// Frame times of one machine correlate over less than 2 s, so medians of such spans of time are nearly independent.
+const SPAN_S: f64 = 10.0;
+/// Spans at most, as pairs grow with the square of them.
+const MOST_SPANS: f64 = 120.0;
+/// Without a sample for so long the run was taken up again: what changed meanwhile is no drift.
+const PAUSE_S: f64 = 300.0;
+
+/// The noisiest last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, strum::Display)]
+#[strum(serialize_all = "lowercase")]
+pub enum Noise {
+    Quiet,
+    /// Frame times became longer or shorter while the run went on.
+    Drifting,
+    /// Samples of a cell scatter, or others used the machine.
+    Noisy,
+}
+
+/// What would make the next run better.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Advice {
+    CloseOthers,
+    UnsharedHost,
+    QuieterMachine,
+    /// By this share over the run.
+    Drifted(f64),
+    MoreSamples,
+}
+
+/// What a run's records say of the machine while it measured.
+#[derive(Clone, Debug)]
+pub struct RunVerdict {
+    pub noise: Noise,
+    /// The half width that was asked of each cell's frame time, over its median.
+    pub asked: f64,
+    /// Timed cells.
+    pub cells: usize,
+    /// Those of them that reached what was asked.
+    pub precise: usize,
+    /// Of the median cell; infinite where it has too few samples for an interval.
+    pub half_width: f64,
+    /// Standard deviation of the logarithm of one frame's time without the drift, by its quartiles, in the median cell.
+    pub scatter: f64,
+    pub load: Option<MeanLoad>,
+    pub drift: Option<Drift>,
+}
+
+/// Mean over the samples, in cores.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeanLoad {
+    pub others: f64,
+    pub steal: f64,
+    /// That the machine has.
+    pub cores: usize,
+}
+
+impl MeanLoad {
+    fn is_busy(&self) -> bool {
+        self.others > OTHERS * self.cores as f64
+    }
+
+    fn is_stolen_from(&self) -> bool {
+        self.steal > STEAL
+    }
+}
+
+/// How frame times changed while the run measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Drift {
+    /// Change of a frame's time in a minute, as a share of it; its `n` counts spans of time.
+    pub per_minute: Estimate,
+    /// The longest time without a pause.
+    pub minutes: f64,
+}
+
+impl Drift {
+    /// Its interval excludes none, and over the run it is more than this share.
+    fn exceeds(&self, share: f64) -> bool {
+        self.per_minute.interval.is_some_and(excludes_none) && self.change().abs() > share
+    }
+
+    /// Over the whole run.
+    fn change(&self) -> f64 {
+        (self.per_minute.median * self.minutes).exp_m1()
+    }
+}
+
+impl RunVerdict {
+    /// Of the frames of all timed cells; none where there are none.
+    pub fn of(run: &Run, frames: &[&FrameRecord]) -> Option<Self> {
+        let asked = run.asked_precision();
+        let widths = frames.iter().map(|frame| frame.untimed.relative_half_width()).collect_vec();
+        let precise = widths.iter().filter(|width| **width <= asked).count();
+        let drift = drift(frames);
+        let per_minute = drift.map_or(0.0, |drift| drift.per_minute.median);
+        let scatters = frames.iter().filter_map(|frame| scatter(frame, per_minute));
+        let scatter = statistics::median(&scatters.collect_vec());
+        let machine = run.conditions.machine.as_ref();
+        let cores = machine.and_then(|machine| machine.cores).unwrap_or(run.adapter.host_threads);
+        let load = load(frames, cores);
+        let is_noisy =
+            scatter > SCATTER || load.is_some_and(|load| load.is_busy() || load.is_stolen_from());
+        let noise = match drift {
+            _ if is_noisy => Noise::Noisy,
+            Some(drift) if drift.exceeds(asked) => Noise::Drifting,
+            _ => Noise::Quiet,
+        };
+        let (cells, half_width) = (frames.len(), statistics::median(&widths));
+        (cells > 0).then_some(Self {
+            noise,
+            asked,
+            cells,
+            precise,
+            half_width,
+            scatter,
+            load,
+            drift,
+        })
+    }
+
+    /// Half of the cells or more have the precision that was asked.
+    pub fn is_precise(&self) -> bool {
+        2 * self.precise >= self.cells
+    }
+
+    /// What would make the next run better; empty where nothing is to be done.
+    pub fn advice(&self) -> Vec<Advice> {
+        let is_busy = self.load.is_some_and(|load| load.is_busy());
+        let is_stolen_from = self.load.is_some_and(|load| load.is_stolen_from());
+        let scatters_alone = self.noise == Noise::Noisy && !is_busy && !is_stolen_from;
+        let drift = self.drift.filter(|drift| drift.exceeds(self.asked));
+        let advice = [
+            is_busy.then_some(Advice::CloseOthers),
+            is_stolen_from.then_some(Advice::UnsharedHost),
+            scatters_alone.then_some(Advice::QuieterMachine),
+            drift.map(|drift| Advice::Drifted(drift.change())),
+            (!self.is_precise()).then_some(Advice::MoreSamples),
+        ];
+        advice.into_iter().flatten().collect()
+    }
+}
+
+/// By the quartiles, which half of all samples have to leave before it misses them. None below four samples.
+fn scatter(frame: &FrameRecord, drift_per_minute: f64) -> Option<f64> {
+    /// Between the quartiles of a normal distribution, in standard deviations.
+    const QUARTILES: f64 = 1.349;
+    let start_s = frame.sampled_at_s.first()?;
+    let samples = frame.untimed_samples_ns.iter().zip(&frame.sampled_at_s);
+    let log = |(ns, at_s): (&f64, &f64)| ns.ln() - drift_per_minute * (at_s - start_s) / 60.0;
+    let logs = samples.map(log).collect_vec();
+    let quartile = |share| statistics::quantile(&logs, share);
+    (logs.len() >= 4).then(|| (quartile(0.75) - quartile(0.25)) / QUARTILES)
+}
+
+fn load(frames: &[&FrameRecord], cores: usize) -> Option<MeanLoad> {
+    let states = frames.iter().flat_map(|frame| &frame.machine);
+    let loads = states.filter_map(|state| Some((state.others_load?, state.steal?))).collect_vec();
+    let mean = |of: fn(&(f32, f32)) -> f32| statistics::mean(loads.iter().map(of).map(f64::from));
+    (!loads.is_empty()).then(|| MeanLoad {
+        others: mean(|load| load.0),
+        steal: mean(|load| load.1),
+        cores: cores.max(1),
+    })
+}
+
+/// An untimed frame.
+struct Sample {
+    at_s: f64,
+    /// Number of its cell.
+    cell: usize,
+    /// Logarithm of its time.
+    log: f64,
+}
+
+/// A span of time, with the median of each cell's log times in it by the number of the cell.
+struct Span {
+    at_s: f64,
+    cells: BTreeMap<usize, f64>,
+}
+
+/// The median slope between spans of time; none where they are too few for its interval. Between two spans it is that of the median of the cells that both have: only samples of
+/// one cell are compared, so cells need not be measured at the same time.
+fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
+    let sittings = sittings(frames);
+    let lasts_s = |samples: &Vec<Sample>| Some(samples.last()?.at_s - samples.first()?.at_s);
+    let longest_s = sittings.iter().filter_map(lasts_s).fold(0.0, f64::max);
+    let (mut pairs, mut first) = (Vec::new(), 0);
+    for spans in sittings.iter().map(|samples| spans(samples)) {
+        pairs.extend(slopes(&spans, first));
+        first += spans.len();
+    }
+    let per_minute = statistics::slope_of_pairs(&pairs)?;
+    per_minute.interval?;
+    Some(Drift { per_minute, minutes: longest_s / 60.0 })
+}
+
+/// All samples in the order of time, divided at pauses.
+fn sittings(frames: &[&FrameRecord]) -> Vec<Vec<Sample>> {
+    let of_cell = |(cell, frame): (usize, &&FrameRecord)| {
+        let samples = frame.sampled_at_s.iter().zip(&frame.untimed_samples_ns);
+        samples.map(|(at_s, ns)| Sample { at_s: *at_s, cell, log: ns.ln() }).collect_vec()
+    };
+    let samples = frames.iter().enumerate().flat_map(of_cell);
+    let samples = samples.filter(|sample| sample.log.is_finite());
+    let mut sittings = Vec::<Vec<Sample>>::new();
+    for sample in samples.sorted_by(|a, b| a.at_s.total_cmp(&b.at_s)) {
+        let before = sittings.last_mut();
+        let goes_on = |before: &Vec<Sample>| sample.at_s - before[before.len() - 1].at_s < PAUSE_S;
+        match before.filter(|before| goes_on(before)) {
+            Some(before) => before.push(sample),
+            None => sittings.push(vec![sample]),
+        }
+    }
+    sittings
+}
+
+fn spans(samples: &[Sample]) -> Vec<Span> {
+    let [Some(first), Some(last)] = [samples.first(), samples.last()] else { return Vec::new() };
+    let span_s = ((last.at_s - first.at_s) / MOST_SPANS).max(SPAN_S);
+    let number = |sample: &&Sample| ((sample.at_s - first.at_s) / span_s) as usize;
+    let mut spans = Vec::new();
+    for (_, samples) in &samples.iter().chunk_by(number) {
+        let samples = samples.collect_vec();
+        let by_cell = samples.iter().map(|sample| (sample.cell, sample.log)).into_group_map();
+        let cells = by_cell.into_iter().map(|(cell, logs)| (cell, statistics::median(&logs)));
+        let at_s = statistics::median(&samples.iter().map(|sample| sample.at_s).collect_vec());
+        spans.push(Span { at_s, cells: cells.collect() });
+    }
+    spans
+}
+
+/// Between all pairs of spans with a cell in common, per minute; `first` is the number of the first span.
+fn slopes(spans: &[Span], first: usize) -> Vec<PairSlope> {
+    let pairs = spans.iter().zip(first..).array_combinations();
+    let slopes = pairs.filter_map(|[(a, earlier), (b, later)]| {
+        let common = a.cells.iter().filter_map(|(cell, log)| Some(b.cells.get(cell)? - log));
+        let changes = common.collect_vec();
+        let minutes = (b.at_s - a.at_s) / 60.0;
+        (!changes.is_empty()).then(|| PairSlope {
+            earlier,
+            later,
+            slope: statistics::median(&changes) / minutes,
+        })
+    });
+    slopes.collect()
+}
+
+#[cfg(test)]
+mod tests;
