@@ -306,8 +306,8 @@ impl Shot {
 mod tests {
     use super::*;
     use fathom_pipelines::occlusion::fixtures::{camera, corner, gbuffer};
-    use fathom_reference::filter::{pcg, unit};
     use fathom_reference::image::pixels;
+    use fathom_reference::random::{pcg, unit};
     use fathom_reference::rays::Tracer;
 
     /// A view of a corner whose occlusion is a function of the place and of the view.

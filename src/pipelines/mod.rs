@@ -37,6 +37,7 @@ use fathom_reference::kept::KeptAnswers;
 use fathom_scene::{Camera, Light, Object, Scene, SceneFile, VolumeFile, Water, assets};
 use fathom_stages::geometry::Part;
 use fathom_stages::kit::{Parts, Resources};
+use fathom_stages::uniforms::View;
 use image::RgbImage;
 use occlusion::OcclusionBuffers;
 use settings::Cells;
@@ -189,6 +190,14 @@ impl Judge<'_> {
     pub fn asks_for(&self, error: &str) -> bool {
         self.asked.iter().any(|asked| asked == error)
     }
+}
+
+/// What a frame is seen from, as the reference takes it: with the scene's camera, light and water. They are those of the frame but in
+/// controls of `fathom verify`, which judge a frame by another scene.
+fn judged_view(drawn: &View, scene: &Scene) -> View {
+    let Scene { camera, light, water, bounds, .. } = scene;
+    let (camera, light, water) = (camera.clone(), light.clone(), water.clone());
+    View { camera, light, water, bounds: *bounds, ..drawn.clone() }
 }
 
 /// What judging a frame found.

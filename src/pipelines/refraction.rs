@@ -305,7 +305,7 @@ impl ScreenRefraction {
         let surfaces =
             Surfaces { tracer: &tracer, objects: &objects, outside: 1.0, top_m: f64::INFINITY };
         let [width, height] = self.view.size_px.to_array();
-        let rays = PixelRays::new(&self.view.camera, width, height);
+        let rays = PixelRays::new(&scene.camera, width, height);
         let count = self.params.refraction.count;
         let shown = found.iter().flatten().count();
         let step = even_step(shown, MOST_PIXELS);

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
 use super::settings::{self, VIEWPORT};
 use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
-use super::{exact_of, named, objects_of, share};
+use super::{exact_of, judged_view, named, objects_of, share};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
 use fathom_gpu::{Gpu, GpuError, read_buffer};
@@ -155,7 +155,7 @@ impl ShadowRays {
     /// An even selection of pixels against ray casting.
     fn compared(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Shadows, JudgeError> {
         let tracer = Tracer::new(&objects_of(scene, Part::Opaque));
-        let view = &self.view;
+        let view = &judged_view(&self.view, scene);
         let [width, height] = view.size_px.to_array();
         let rays = PixelRays::new(&view.camera, width, height);
         let off_m = OFF_M * scene.solid_bounds().times_tank();

@@ -115,31 +115,3 @@ pub fn behind(texel: [f64; 2], own: [u32; 2], size: [u32; 2]) -> [i64; 2] {
 pub fn pixels([width, height]: [u32; 2]) -> impl Iterator<Item = (u32, u32)> + Clone {
     iproduct!(0..height, 0..width).map(|(y, x)| (x, y))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn borders_clamp_and_additions_outside_are_ignored() {
-        let mut image = Image::from_data([2, 1], vec![1.0, 2.0]);
-        assert_eq!(image.clamped(-5, 3), 1.0);
-        assert_eq!(image.nearest(1.0, 0.5), 2.0);
-        image.add(2, 0, 10.0);
-        image.add(1, 0, 0.5);
-        assert_eq!(image.sum(), 3.5);
-    }
-
-    #[test]
-    fn blocks_hold_means_also_at_the_border() {
-        let image = Image::of([3, 2], |x, y| f64::from(x + 3 * y));
-        assert_eq!(image.in_blocks(2), Image::from_data([2, 1], vec![2.0, 3.5]));
-        assert_eq!(image.in_blocks(1), image);
-    }
-
-    #[test]
-    #[should_panic(expected = "left: 3")]
-    fn wrong_sizes_are_refused() {
-        Image::from_data([2, 2], vec![0.0; 3]);
-    }
-}

@@ -159,7 +159,7 @@ pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
 }
 
 /// Trilinear between the centres of cells, at a place in cells from the corner; up to half a cell inside the border the border's.
-pub(super) fn trilinear(cells: [u32; 3], place: DVec3, value: impl Fn([u32; 3]) -> f64) -> f64 {
+fn trilinear(cells: [u32; 3], place: DVec3, value: impl Fn([u32; 3]) -> f64) -> f64 {
     let last = (UVec3::from(cells) - 1).as_dvec3();
     let base = (place - 0.5).floor();
     let part = place - 0.5 - base;

@@ -4,24 +4,19 @@
 //! refracts exactly and casts rays; where the GPU approximates, this module has the closed form. It
 //! imports nothing of the rest of the crate but [`scene`](fathom_scene).
 
-pub mod bilateral;
 pub mod deform;
-pub mod estimator;
-pub mod filter;
 pub mod godray;
 pub mod image;
 pub mod isosurface;
 pub mod kept;
-pub mod march;
 pub mod media;
 pub mod occlusion;
-pub mod openness;
 pub mod optics;
 pub mod photon_map;
 pub mod photons;
-pub mod plane;
 pub mod pool;
 pub mod quantities;
+pub mod random;
 pub mod rays;
 pub mod specular;
 pub mod splat;

@@ -99,13 +99,6 @@ pub fn cosine_direction([u, v]: [f64; 2]) -> DVec3 {
     DVec3::new(u.sqrt() * cos, u.sqrt() * sin, (1.0 - u).sqrt())
 }
 
-/// Direction in the hemisphere around +z with density 1 / 2π, from a point of [0, 1)².
-pub fn uniform_direction([u, v]: [f64; 2]) -> DVec3 {
-    let (sin, cos) = (TAU * v).sin_cos();
-    let radius = (u * (2.0 - u)).sqrt();
-    DVec3::new(radius * cos, radius * sin, 1.0 - u)
-}
-
 /// Rotation that brings +z to a unit normal (Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017).
 pub fn tangent_frame(n: DVec3) -> DMat3 {
     let sign = if n.z >= 0.0 { 1.0 } else { -1.0 };
@@ -137,20 +130,13 @@ pub fn beside_wall(share: f64, attenuation: Attenuation) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fathom_scene::{Mesh, Object, generators};
-    use glam::DMat4;
+    use fathom_scene::{Mesh, Object};
 
     const RAYS: u32 = 4096;
 
-    /// A parallelogram around `center`, with half its sides.
-    fn quad(center: [f64; 3], a: [f64; 3], b: [f64; 3]) -> Object {
-        let [center, a, b] = [center, a, b].map(DVec3::from);
-        Object::new("quad", Mesh::parallelogram(center, a, b))
-    }
-
     /// A floor at a height, far wider than any r_max here.
     fn floor(y: f64) -> Object {
-        quad([0.0, y, 0.0], [100.0, 0.0, 0.0], [0.0, 0.0, 100.0])
+        Object::new("floor", Mesh::parallelogram(DVec3::Y * y, 100.0 * DVec3::X, 100.0 * DVec3::Z))
     }
 
     #[test]
@@ -169,83 +155,5 @@ mod tests {
         let opaque = at(&[1.0, 1.0, 1.0], 1.5);
         let hard = occlusion(&tracer, DVec3::ZERO, DVec3::Y, 1.5, Attenuation::Hard, RAYS);
         assert_eq!(opaque, hard);
-    }
-
-    /// A sphere of latitudes and longitudes; 64 and 128 of them are within 0.1 % of its silhouette.
-    fn sphere(center: DVec3, radius: f64) -> Object {
-        let params = [("radius_m", radius), ("rows", 64.0)].map(|(name, v)| (name.to_owned(), v));
-        let mesh = generators::find("sphere").unwrap().mesh(&params.into(), 0.0).unwrap();
-        let foot = center - DVec3::Y * radius;
-        Object::new("sphere", mesh.transformed(&DMat4::from_translation(foot)))
-    }
-
-    fn at(objects: &[Object], position: DVec3, r_max_m: f64, attenuation: Attenuation) -> f64 {
-        let tracer = Tracer::new(objects);
-        occlusion(&tracer, position, DVec3::Y, r_max_m, attenuation, RAYS)
-    }
-
-    /// The same at the origin, with rays that begin there, as closed forms have them.
-    fn from_origin(object: Object, r_max_m: f64, attenuation: Attenuation) -> f64 {
-        at(&[object], DVec3::NEG_Y * (ORIGIN_OFFSET * r_max_m), r_max_m, attenuation)
-    }
-
-    #[test]
-    fn a_plane_does_not_occlude_itself() {
-        for attenuation in [Attenuation::Linear, Attenuation::Hard] {
-            let a = at(&[floor(0.0)], DVec3::new(0.3, 0.0, 0.7), 1.0, attenuation);
-            assert_eq!(a, 0.0);
-        }
-    }
-
-    #[test]
-    fn a_wall_at_the_foot_closes_half_the_hemisphere() {
-        let wall = quad([0.0; 3], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]);
-        let foot = DVec3::new(1e-3, 0.0, 0.0);
-        let a = at(&[floor(0.0), wall], foot, 50.0, Attenuation::Hard);
-        assert!((a - 0.5).abs() < 2e-3, "{a}");
-    }
-
-    #[test]
-    fn a_sphere_overhead_closes_the_sine_squared_of_its_angle() {
-        for (direction, cos) in [(DVec3::Y, 1.0), (DVec3::new(0.6, 0.8, 0.0), 0.8)] {
-            let ball = sphere(direction * 2.0, 1.0);
-            let a = from_origin(ball, 10.0, Attenuation::Hard);
-            let expected = cos * 0.25;
-            assert!((a - expected).abs() < 2e-3, "{a} for {expected}");
-        }
-    }
-
-    #[test]
-    fn a_ceiling_has_its_closed_forms() {
-        // With c = h / r_max: 1 − c² for hard attenuation, (1 − c)² for linear.
-        for c in [0.2, 0.5, 0.8f64] {
-            let closed = |attenuation| from_origin(floor(c), 1.0, attenuation);
-            assert!((closed(Attenuation::Hard) - (1.0 - c * c)).abs() < 1e-3);
-            assert!((closed(Attenuation::Linear) - (1.0 - c).powi(2)).abs() < 1e-3);
-            assert_eq!(at(&[floor(1.01)], DVec3::ZERO, 1.0, Attenuation::Hard), 0.0);
-        }
-    }
-
-    #[test]
-    fn directions_have_their_densities() {
-        let count = 10_000;
-        let points = || (0..count).map(|i| hammersley(i, count));
-        let mean = |values: Vec<f64>| values.iter().sum::<f64>() / f64::from(count);
-        let cosines = points().map(|p| cosine_direction(p).z).collect();
-        assert!((mean(cosines) - 2.0 / 3.0).abs() < 1e-3);
-        let cosines = points().map(|p| uniform_direction(p).z).collect();
-        assert!((mean(cosines) - 0.5).abs() < 1e-3);
-        let unit = |d: DVec3| (d.length() - 1.0).abs() < 1e-12;
-        assert!(points().all(|p| unit(cosine_direction(p)) && unit(uniform_direction(p))));
-    }
-
-    #[test]
-    fn frames_are_rotations() {
-        for n in [DVec3::Z, -DVec3::Z, DVec3::new(0.48, -0.6, -0.64)] {
-            let frame = tangent_frame(n);
-            assert!((frame.determinant() - 1.0).abs() < 1e-12);
-            assert!((frame * DVec3::Z - n).length() < 1e-12);
-            assert!((frame.transpose() * frame).abs_diff_eq(DMat3::IDENTITY, 1e-12));
-        }
     }
 }

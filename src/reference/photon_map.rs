@@ -12,10 +12,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::filter::pcg;
 use super::image::Image;
 use super::optics::transmittance;
 use super::photons::{Landed, entering, land};
+use super::random::pcg;
 use super::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Water};
 
@@ -174,7 +174,7 @@ mod tests {
     use super::*;
     use fathom_scene::{Bounds, Light, Mesh, Object};
 
-    const SIZE: [u32; 2] = [24, 18];
+    const SIZE: [u32; 2] = [12, 9];
     /// Pixels are not square.
     const ASPECT: f64 = 1.0;
     const DEPTH_M: f64 = 3.0;
@@ -238,7 +238,7 @@ mod tests {
         for fresnel in [false, true] {
             let mut stand = stand();
             stand.water.fresnel = fresnel;
-            let map = stand.map(SIZE, 700);
+            let map = stand.map(SIZE, 350);
             let off = furthest(&map, stand.closed_form());
             assert!(off < 0.05, "{off}");
             assert!(furthest(&map, 0.92 * stand.closed_form()) > 0.05);
@@ -252,7 +252,7 @@ mod tests {
         stand.light.position_m = [1.0, 5.0, -0.5];
         (stand.water.refractive_index, stand.water.attenuation_per_m) = (1.0, 0.0);
         stand.light.half_extent_m = 9.0;
-        let irradiance = stand.map(SIZE, 600).irradiance();
+        let irradiance = stand.map(SIZE, 300).irradiance();
         let matrix = stand.camera.view_projection(ASPECT);
         let rays = PixelRays::of_matrix(matrix, SIZE[0], SIZE[1]);
         let light = DVec3::from(stand.light.position_m);
@@ -276,9 +276,10 @@ mod tests {
     fn halves_tell_the_noise_and_it_falls_with_photons() {
         let mut stand = stand();
         stand.water = Water { half_size_m: [40.0; 2], ..Water::default() };
-        let dense = stand.map(SIZE, 600).irradiance();
+        let size = SIZE.map(|side| 2 * side);
+        let dense = stand.map(size, 500).irradiance();
         let [few, more] = [40, 160].map(|columns| {
-            let map = stand.map(SIZE, columns);
+            let map = stand.map(size, columns);
             let pairs = map
                 .irradiance()
                 .data()
@@ -297,7 +298,7 @@ mod tests {
     #[test]
     fn the_flux_in_view_is_irradiance_times_area() {
         let stand = stand();
-        let map = stand.map(SIZE, 400);
+        let map = stand.map(SIZE, 200);
         let matrix = stand.camera.view_projection(ASPECT);
         let rays = PixelRays::of_matrix(matrix, SIZE[0], SIZE[1]);
         let on_floor = |x_px: u32, y_px: u32| {
@@ -324,10 +325,10 @@ mod tests {
         let mut stand = stand();
         // Seen from below: the floor's lit side is turned away.
         stand.camera = Camera::new([0.5, -6.0, 1.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 14.0]);
-        assert_eq!(stand.map(SIZE, 200).irradiance().sum(), 0.0);
+        assert_eq!(stand.map(SIZE, 100).irradiance().sum(), 0.0);
         let mut hidden = self::stand();
         let eye = hidden.camera.position() + hidden.camera.direction();
         hidden.objects.push(Object::new("lid", Mesh::parallelogram(eye, DVec3::Z, DVec3::X)));
-        assert_eq!(hidden.map(SIZE, 200).irradiance().sum(), 0.0);
+        assert_eq!(hidden.map(SIZE, 100).irradiance().sum(), 0.0);
     }
 }

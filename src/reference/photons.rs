@@ -3,8 +3,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::filter::pcg;
 use super::optics::{fresnel_transmittance, refract};
+use super::random::pcg;
 use super::rays::{Hit, Tracer};
 use super::surface::{Entry, enter};
 use fathom_scene::{LightFrame, Water};

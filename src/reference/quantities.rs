@@ -119,61 +119,7 @@ pub fn quantile(values: &mut [f64], share: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::photons::Landed;
-    use super::super::rays::Hit;
-    use super::super::surface::Entry;
     use super::*;
-
-    fn landed(at: DVec3) -> Landing {
-        Landing::Landed(Landed {
-            entry: Entry { position: DVec3::ZERO, normal: DVec3::Y, distance_m: 1.0 },
-            direction: DVec3::NEG_Y,
-            hit: Hit {
-                position: at,
-                normal: DVec3::Y,
-                shading_normal: DVec3::Y,
-                distance_m: at.length(),
-                object: 0,
-                triangle: 0,
-            },
-        })
-    }
-
-    fn stored(hit: DVec3, residual_m: f64) -> StoredPhoton {
-        StoredPhoton { entry: DVec3::ZERO, residual_m, hit, distance_m: hit.length() }
-    }
-
-    #[test]
-    fn errors_and_rates_are_counted() {
-        let at = DVec3::new(0.0, -3.0, 0.0);
-        let exact = [landed(at), landed(at), landed(at), landed(at), Landing::Blocked];
-        let gpu = [
-            stored(at, 0.0),
-            stored(at + DVec3::X * 0.5, 0.2),
-            stored(at + DVec3::X * 0.1, 0.001),
-            stored(at, -1.0),
-            stored(at, 0.0),
-        ];
-        let errors = photon_errors(&gpu, &exact);
-        assert_eq!((errors.exact_landed, errors.compared), (4, 3));
-        assert!((errors.median_m - 0.1).abs() < 1e-12);
-        assert!((errors.max_m - 0.5).abs() < 1e-12);
-        assert!((errors.converged_p99_m - 0.1).abs() < 1e-12);
-        assert_eq!(errors.miss_rate, 0.25);
-        assert_eq!(errors.unconverged_rate, 0.25);
-        assert_eq!(errors.false_hit_rate, 0.2);
-    }
-
-    #[test]
-    fn bytes_become_photons() {
-        let values = [1.0f32, 2.0, 3.0, 0.5, 4.0, 5.0, 6.0, 7.0];
-        let mut bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-        bytes.extend([0; 7]);
-        let photons = stored_photons(&bytes);
-        assert_eq!(photons.len(), 1);
-        assert_eq!(photons[0].hit, DVec3::new(4.0, 5.0, 6.0));
-        assert_eq!((photons[0].residual_m, photons[0].distance_m), (0.5, 7.0));
-    }
 
     #[test]
     fn quantiles_are_nearest_rank() {

@@ -339,7 +339,7 @@ mod tests {
     use itertools::iproduct;
     use proptest::prelude::*;
 
-    use super::super::filter::pcg;
+    use super::super::random::pcg;
     use super::*;
     use fathom_scene::Mesh;
 

@@ -4,7 +4,6 @@ use itertools::iproduct;
 
 use super::image::Image;
 use super::optics::transmittance;
-use super::plane::CameraDepth;
 
 /// Point size in pixels as a function of the distance from the viewer, `s = a + b / d` (UW §3.3):
 /// `s_max` at the near plane and `s_min` at the far plane.
@@ -68,53 +67,14 @@ pub struct Splat {
 pub fn rasterize(target: &mut Image, splats: &[Splat], depth: &Image, bias: f64) {
     let size = target.size();
     for splat in splats {
-        splat.draw(target, |at| {
-            let [u, v] = [0, 1].map(|k| (at[k] as f64 + 0.5) / f64::from(size[k]));
-            splat.depth <= depth.nearest(u, v) + bias
-        });
-    }
-}
-
-impl Splat {
-    /// Adds its value to the covered pixels where it is seen.
-    fn draw(&self, target: &mut Image, is_seen: impl Fn([i64; 2]) -> bool) {
-        let [columns, rows] =
-            [0, 1].map(|k| covered(self.center_px[k], self.size_px, target.size()[k]));
-        for (y, x) in iproduct!(rows, columns).filter(|(y, x)| is_seen([*x, *y])) {
-            target.add(x, y, self.value);
+        let [columns, rows] = [0, 1].map(|k| covered(splat.center_px[k], splat.size_px, size[k]));
+        for (y, x) in iproduct!(rows, columns) {
+            let [u, v] =
+                [(x, size[0]), (y, size[1])].map(|(k, of)| (k as f64 + 0.5) / f64::from(of));
+            if splat.depth <= depth.nearest(u, v) + bias {
+                target.add(x, y, splat.value);
+            }
         }
-    }
-}
-
-/// A splat in the plane of its photon's surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfaceSplat {
-    /// Its depth is nearer than the photon's by the bias.
-    pub splat: Splat,
-    /// Device depth of the photon.
-    pub photon_depth: f64,
-    /// Change of device depth of its surface per pixel of the image, to the right and downwards.
-    pub slope: [f64; 2],
-}
-
-/// Adds splats to an image where their own surface is seen: a pixel is drawn if the biased splat is not behind it, and if it is
-/// no more than `reach_m` behind the splat's plane along the view.
-pub fn rasterize_within_surfaces(
-    target: &mut Image,
-    splats: &[SurfaceSplat],
-    seen: &CameraDepth<'_>,
-    reach_m: f64,
-) {
-    let size = target.size();
-    for SurfaceSplat { splat, photon_depth, slope } in splats {
-        splat.draw(target, |at| {
-            let rise = [0, 1].map(|k| slope[k] * (at[k] as f64 + 0.5 - splat.center_px[k]));
-            let rise = rise[0] + rise[1];
-            let [column, row] = seen.texel(at, size);
-            let z = seen.depth.clamped(column, row);
-            let behind_m = seen.view_m(z) - seen.view_m(photon_depth + rise);
-            splat.depth + rise <= z && behind_m <= reach_m
-        });
     }
 }
 

@@ -4,34 +4,34 @@
 //! compares what comes out. Beside each comparison runs a control: the same comparison with one value
 //! perturbed, which must exceed the tolerance. A check whose control passes says nothing.
 //!
-//! One file per family of stages; adding a case adds a function there and a line in its `cases`.
+//! Traced effects are rows of `effects.toml`, which the pipelines' own `judge` decides. Closed forms and laws have a file per family of
+//! stages; adding a case adds a function there and a line in its `cases`.
 
 mod ao_compose;
 mod bilateral;
 mod camera;
 mod compose;
 mod deform;
+mod effects;
 mod filters;
 mod fresnel;
-mod given_water;
 mod glass;
 mod hsao;
+mod ldi;
 mod light;
 mod lines;
 mod occlusion;
-mod photon_tracing;
-pub mod photons;
 mod planar;
 mod prelude;
-pub mod refraction;
+mod refraction;
 pub mod rig;
 mod scalar;
 mod shadow_rays;
 mod shafts;
-pub mod slanted;
 mod splats;
 mod sprites;
 pub mod statistics;
+mod transfer;
 mod voxel;
 
 use std::fmt;
@@ -196,16 +196,15 @@ pub fn cases() -> Vec<Case> {
         bilateral::cases(),
         ao_compose::cases(),
         hsao::cases(),
-        photons::cases(),
-        slanted::cases(),
-        given_water::cases(),
+        effects::cases(),
         glass::cases(),
         splats::cases(),
         lines::cases(),
         fresnel::cases(),
         filters::cases(),
         compose::cases(),
-        photon_tracing::cases(),
+        ldi::cases(),
+        transfer::cases(),
         sprites::cases(),
         shafts::cases(),
         shadow_rays::cases(),

@@ -2,64 +2,30 @@
 //! and the picture against a bilinear look-up in f64.
 
 use crate::prelude::*;
-use fathom_reference::pool::{Basin, Counted, Face, face_by_face, middle_photon_w, share_left};
+use fathom_reference::pool::{Basin, Face, face_by_face};
 use fathom_stages::planar::compose::{self, Shown};
 use fathom_stages::planar::points;
 use fathom_stages::pool::Pool;
 
 const SIZE: [u32; 2] = [160, 120];
-/// No multiples of a workgroup or of each other.
-const GRID: [u32; 2] = [211, 187];
 /// So fine that little depends on the photons at the border of the water, of which whole rows lie inside or outside.
-const FINE_GRID: [u32; 2] = [1009, 887];
+const FINE_GRID: [u32; 2] = [503, 443];
 /// The same where texels are 16-bit sums: they lose more with every photon, and some ten of a texel are enough.
-const SHORT_GRID: [u32; 2] = [53, 47];
 const SHORT_FINE_GRID: [u32; 2] = [251, 223];
 const TEXELS: u32 = 37;
 const FLOOR_DEPTH_M: f64 = 2.0;
-/// Rounding of a photon's place on a face in 32-bit floats: some ten times the step of numbers near 10 m.
-const ROUNDING_M: f64 = 1e-5;
 /// Waves are steep, so that many photons meet walls.
 const AMPLITUDE_M: f64 = 0.12;
 const GAMMA_PER_M: f64 = 0.13;
 
 pub fn cases() -> Vec<Case> {
-    let mut cases = Vec::new();
-    for setting in SETTINGS {
-        let case = |what| format!("{}: {what}", setting.0);
-        let stage = points::INFO.name;
-        cases.push(Case::new(stage, case("texel by texel"), move |rig| counted(rig, setting)));
-        cases.push(Case::new(stage, case("exact photons"), move |rig| exact(rig, setting)));
-    }
     let kinds = [LightKind::Directional, LightKind::Point];
     let what = |kind| format!("flux of a light, {kind:?}");
-    cases.extend(Case::each(points::INFO.name, kinds, what, flux));
+    let mut cases: Vec<Case> = Case::each(points::INFO.name, kinds, what, flux).collect();
     cases.push(Case::new(compose::INFO.name, "look-up in the map", looked_up));
     cases.push(Case::new(compose::INFO.name, "map of the floor", shown_map));
     cases
 }
-
-type Make = fn() -> Result<Scene>;
-
-/// What a pool is lit by, and where it is.
-const SETTINGS: [(&str, Make); 4] = [
-    ("sun", sunny),
-    // From the other side, through a surface that reflects.
-    ("low sun, Fresnel", || {
-        let mut scene = sunny()?;
-        scene.light.direction = [-0.9, -1.0, 0.7];
-        scene.water.fresnel = true;
-        Ok(scene)
-    }),
-    // And no square.
-    ("pool off the centre", || pool([3.7, -5.3], [2.5, 4.0], AMPLITUDE_M)),
-    ("lamp", || {
-        let mut scene = sunny()?;
-        scene.light.kind = LightKind::Point;
-        scene.light.position_m = [1.5, 3.0, -1.0];
-        Ok(scene)
-    }),
-];
 
 fn sunny() -> Result<Scene> {
     pool([0.0; 2], [4.0; 2], AMPLITUDE_M)
@@ -99,160 +65,8 @@ fn wall(basin: &Basin, face: Face) -> Object {
     Object::new("face", Mesh::parallelogram(rectangle.at([0.5; 2]), a, b))
 }
 
-/// An illumination map, and the photons that it was drawn from.
-struct Drawn {
-    view: View,
-    basin: Basin,
-    frame: LightFrame,
-    photon_w: f64,
-    /// With the numbers of those that are alive.
-    stored: Vec<(u32, Transfer)>,
-    /// Face by face, W/m².
-    map: Vec<f64>,
-}
-
-impl Drawn {
-    fn new(rig: &Rig<'_>, scene: Scene, grid: [u32; 2]) -> Result<Drawn> {
-        let stand = rig.stand(scene, SIZE)?;
-        let Stand { shared, geometry, view, scene, .. } = &stand;
-        let depth = shadow::depth::new(rig, shared, geometry, 512)?;
-        let mask = shadow::mask::new(rig, shared, depth.texture(), 64)?;
-        let settings = rig::light_grid(grid);
-        let transfers = map::new(rig, shared, mask.texture(), &settings)?;
-        let count = transfers.transfers.count;
-        let basin = Basin::of(&scene.water, scene.floor_depth_m);
-        let photon_w = view.weighted_flux_w() / f64::from(count);
-        let points = points::new(rig, shared, &transfers.transfers, &of_basin(&basin), photon_w)?;
-        rig.run(&[&depth, &mask, &transfers, &points])?;
-        // Twice, as the second frame finds what the first has left.
-        let atlas = rig.drawn(&[&points], points.texture(), 0)?;
-        let frame = view.light_frame();
-        let stored: Vec<Transfer> = rig.read(&transfers.transfers.buffer)?;
-        Ok(Drawn {
-            basin,
-            photon_w: middle_photon_w(&view.light, &frame, count),
-            frame,
-            stored: (0..).zip(stored).filter(|(_, photon)| photon.state != NEVER).collect(),
-            map: face_by_face(atlas.data(), TEXELS),
-            view: view.clone(),
-        })
-    }
-
-    /// What photons bring to a pool through this water: each by its ray under water, known to so many metres.
-    fn count(
-        &self,
-        (basin, rounding_m): (&Basin, f64),
-        water: &Water,
-        ray: impl Fn(u32, &Transfer) -> Option<(DVec3, DVec3)>,
-    ) -> Counted {
-        let mut counted = Counted::new(TEXELS);
-        for (number, photon) in &self.stored {
-            let Some(ray) = ray(*number, photon) else { continue };
-            let flux_w = |way_m| self.photon_w * share_left(&self.frame, water, ray.0, way_m);
-            counted.add((basin, TEXELS), ray, rounding_m, flux_w);
-        }
-        counted
-    }
-
-    /// What the photons of the transfer map bring to a pool, their attenuation so many times.
-    fn counted(&self, basin: &Basin, attenuation: f64) -> Counted {
-        let mut water = self.view.water.clone();
-        water.attenuation_per_m *= attenuation;
-        self.count((basin, ROUNDING_M), &water, |_, photon| {
-            Some((photon.position_m.as_dvec3(), photon.direction.as_dvec3().normalize()))
-        })
-    }
-
-    /// What exact photons of those that are alive bring.
-    fn exact(&self, index: f64, grid: [u32; 2]) -> Counted {
-        let water = &self.view.water;
-        self.count((&self.basin, 0.0), water, |number, _| {
-            let (origin, incident) = rig::grid_ray(&self.frame, number, grid);
-            let entry = enter(water, origin, incident, f64::MAX)?;
-            Some((entry.position, refract(incident, entry.normal, 1.0, index)?))
-        })
-    }
-
-    /// Flux by which each texel differs from a count.
-    fn off_w(&self, counted: &Counted) -> impl Iterator<Item = (Face, f64)> {
-        let texels = self.map.iter().enumerate();
-        texels.map(|(texel, irradiance)| {
-            (face_of(texel), counted.off(texel, *irradiance) * self.area_m2(texel))
-        })
-    }
-
-    /// Flux on the whole map.
-    fn flux_w(&self) -> f64 {
-        let texels = self.map.iter().enumerate();
-        texels.map(|(texel, irradiance)| irradiance * self.area_m2(texel)).sum()
-    }
-
-    fn area_m2(&self, texel: usize) -> f64 {
-        self.basin.texel_area_m2(face_of(texel), TEXELS)
-    }
-}
-
-fn face_of(texel: usize) -> Face {
-    Face::ALL[texel / (TEXELS * TEXELS) as usize]
-}
-
-fn grid(rig: &Rig<'_>) -> [u32; 2] {
-    if rig.sums_are_short() { SHORT_GRID } else { GRID }
-}
-
 fn of_basin(basin: &Basin) -> Pool {
     Pool { floor_depth_m: basin.floor_depth_m, top_m: basin.top_m, texels: TEXELS }
-}
-
-/// Each texel against the photons that lie in it by an f64 count of the same transfers, and the sum of all.
-fn counted(rig: &Rig<'_>, (name, scene): (&str, Make)) -> Checks {
-    let drawn = Drawn::new(rig, scene()?, grid(rig))?;
-    let counted = drawn.counted(&drawn.basin, 1.0);
-    // In photons of mean flux.
-    let photon_w = counted.flux_w / drawn.stored.len() as f64;
-    let off = |counted: &Counted, of: fn(Face) -> bool| {
-        let texels = drawn.off_w(counted).filter(|(face, _)| of(*face));
-        largest(texels.map(|(_, off_w)| off_w / photon_w))
-    };
-    let is_floor = |face: Face| face == Face::Floor;
-    let is_wall = |face: Face| face != Face::Floor;
-    let deeper = Basin { floor_depth_m: drawn.basin.floor_depth_m + 0.01, ..drawn.basin };
-    let wider =
-        Basin { half_size_m: drawn.basin.half_size_m.map(|half| half + 0.01), ..drawn.basin };
-    let on_walls = counted.sure[(TEXELS * TEXELS) as usize..].iter().filter(|e| **e > 0.0).count();
-    let energy = |counted: &Counted| relative_error(drawn.flux_w(), counted.flux_w);
-    let murkier = drawn.counted(&drawn.basin, 1.05);
-    let check = |what: &str| Check::of(rig, format!("{name}: {what}"));
-    // Sums of some hundred 32-bit floats, or of some ten 16-bit ones.
-    let (photons, share) = if rig.sums_are_short() { (0.2, 2e-3) } else { (0.01, 1e-4) };
-    Ok(vec![
-        check("largest difference of a texel of the floor from its f64 count")
-            .within((photons, "ph"), off(&counted, is_floor))
-            .control("a floor 1 cm deeper", off(&drawn.counted(&deeper, 1.0), is_floor))
-            .with("unsure_share", counted.unsure_w / counted.flux_w),
-        check("largest difference of a texel of the walls from its f64 count")
-            .within((photons, "ph"), off(&counted, is_wall))
-            .control("walls 1 cm further", off(&drawn.counted(&wider, 1.0), is_wall))
-            .with("lit_wall_texels", on_walls as f64),
-        check("sum of irradiance × area over the photons' flux: relative error")
-            .within((share, "1"), energy(&counted))
-            .control("attenuation 5 % higher", energy(&murkier)),
-    ])
-}
-
-/// The map against exact entries, exact refraction and exact planes: the share of the flux in other texels.
-fn exact(rig: &Rig<'_>, (name, scene): (&str, Make)) -> Result<Check> {
-    let grid = grid(rig);
-    let drawn = Drawn::new(rig, scene()?, grid)?;
-    let misplaced = |index: f64| {
-        let counted = drawn.exact(index, grid);
-        0.5 * drawn.off_w(&counted).map(|(_, off_w)| off_w).sum::<f64>() / counted.flux_w
-    };
-    let index = drawn.view.water.refractive_index;
-    // The noise texture is interpolated between texels: photons move by a millimetre, and a texel has 6 cm and more.
-    Ok(Check::of(rig, format!("{name}: share of the flux in other texels than exact photons"))
-        .within((0.03, "1"), misplaced(index))
-        .control("refractive index 3 % higher", misplaced(1.03 * index)))
 }
 
 /// All that the light sends through flat water arrives, where nothing is lost on the way: irradiance × area across the rays, or intensity ×
@@ -268,19 +82,34 @@ fn flux(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     // Rows of photons at the border of the water, of some five hundred, or of a fourth of that, and 16-bit sums of some forty.
     let (grid, tolerance) =
         if rig.sums_are_short() { (SHORT_FINE_GRID, 0.04) } else { (FINE_GRID, 5e-3) };
-    let drawn = Drawn::new(rig, scene, grid)?;
-    let light = &drawn.view.light;
+    let stand = rig.stand(scene, SIZE)?;
+    let Stand { shared, geometry, view, scene, .. } = &stand;
+    let depth = shadow::depth::new(rig, shared, geometry, 512)?;
+    let mask = shadow::mask::new(rig, shared, depth.texture(), 64)?;
+    let transfers = map::new(rig, shared, mask.texture(), &rig::light_grid(grid))?;
+    let basin = Basin::of(&scene.water, scene.floor_depth_m);
+    let photon_w = view.weighted_flux_w() / f64::from(transfers.transfers.count);
+    let points = points::new(rig, shared, &transfers.transfers, &of_basin(&basin), photon_w)?;
+    rig.run(&[&depth, &mask, &transfers, &points])?;
+    // Twice, as the second frame finds what the first has left.
+    let atlas = rig.drawn(&[&points], points.texture(), 0)?;
+    let map = face_by_face(atlas.data(), TEXELS);
+    let face = |texel: usize| Face::ALL[texel / (TEXELS * TEXELS) as usize];
+    let texel_w =
+        |(texel, irradiance): (usize, &f64)| irradiance * basin.texel_area_m2(face(texel), TEXELS);
+    let flux_w: f64 = map.iter().enumerate().map(texel_w).sum();
+    let light = &view.light;
     let exact_w = |height_m: f64| match kind {
         LightKind::Directional => {
-            let area_m2 = drawn.basin.rectangle(Face::Floor).area_m2();
-            light.intensity_w_sr * area_m2 * -drawn.frame.forward.y * height_m
+            let area_m2 = basin.rectangle(Face::Floor).area_m2();
+            light.intensity_w_sr * area_m2 * -view.light_frame().forward.y * height_m
         }
         LightKind::Point => {
             let lamp = DVec3::from(light.position_m) * DVec3::new(1.0, height_m, 1.0);
-            light.intensity_w_sr * solid_angle(&drawn.basin, lamp)
+            light.intensity_w_sr * solid_angle(&basin, lamp)
         }
     };
-    let off = |height_m: f64| relative_error(drawn.flux_w(), exact_w(height_m));
+    let off = |height_m: f64| relative_error(flux_w, exact_w(height_m));
     let what = "sum over the map against the flux through the water: relative error";
     Ok(Check::of(rig, format!("{kind:?} light: {what}"))
         .within((tolerance, "1"), off(1.0))

@@ -10,22 +10,19 @@ pub use fathom_pipelines::Built;
 pub use fathom_reference::image::{Image, pixels};
 pub use fathom_reference::optics::*;
 pub use fathom_reference::photons::{Landed, Landing, PhotonGrid, land_all};
-pub use fathom_reference::plane::CameraDepth;
-pub use fathom_reference::quantities::{CONVERGED_M, PhotonErrors, StoredPhoton, photon_errors};
 pub use fathom_reference::rays::{Hit, PixelRays, Projected, Tracer};
 pub use fathom_reference::surface::enter;
 pub use fathom_scene::{
-    Bounds, Camera, Grid, LightFrame, LightKind, Mesh, Object, Optics, Scene, SceneFile, Volume,
-    Water, WaterModel,
+    Bounds, Camera, Grid, LightKind, Mesh, Object, Optics, Scene, SceneFile, Volume, Water,
 };
 pub use fathom_stages::gbuffer::GbufferTextures;
 pub use fathom_stages::geometry::{Geometry, Part};
 pub use fathom_stages::ldi::peel;
-pub use fathom_stages::photon::{MISSED, Photon, PhotonEstimator, Photons, TraceUniforms};
+pub use fathom_stages::photon::{Photon, Photons};
 pub use fathom_stages::screen_ray::*;
 pub use fathom_stages::shadow;
 pub use fathom_stages::splatting::PHOTONS_PER_INSTANCE;
 pub use fathom_stages::transfer::map;
 pub use fathom_stages::uniforms::{Shared, View};
 pub use fathom_stages::voxels::Voxels;
-pub use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec2, Vec3};
+pub use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec2, Vec3};

@@ -9,13 +9,13 @@ use fathom_gpu::{
     ColorTarget, DepthTarget, Gpu, GpuError, StageScope, Targets, TimedStage, read_buffer,
     read_texture,
 };
-use fathom_pipelines::caustics_image;
+use fathom_pipelines::{Built, Drawing, caustics_image};
 use fathom_reference::image::Image;
 use fathom_reference::optics::transmittance;
 use fathom_reference::photons::place_in_grid;
 use fathom_reference::quantities::{StoredPhoton, stored_photons};
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
-use fathom_scene::{Camera, LightFrame, LightKind, Scene};
+use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene};
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
@@ -76,15 +76,30 @@ impl<'g> Rig<'g> {
         kit::sums_are_short(self.gpu)
     }
 
+    /// Why a case cannot be carried out.
+    pub fn invalid(&self, what: &dyn ToString) -> VerifyError {
+        VerifyError::Invalid { stage: self.stage, what: what.to_string() }
+    }
+
     /// Why a case cannot be carried out: this is missing.
     pub fn empty(&self, what: &str) -> VerifyError {
-        let what = format!("nothing to compare in check `{what}`");
-        VerifyError::Invalid { stage: self.stage, what }
+        self.invalid(&format!("nothing to compare in check `{what}`"))
     }
 
     /// Runs stages as one frame and waits for it.
     pub fn run(&self, stages: &[&dyn TimedStage]) -> Result<(), GpuError> {
         self.gpu.run(stages)
+    }
+
+    /// Runs a pipeline's stages up to and including one.
+    pub fn run_until<P: Drawing + ?Sized>(
+        &self,
+        pipeline: &Built<P>,
+        last: &str,
+    ) -> Result<(), GpuError> {
+        let stages = pipeline.stages();
+        let end = stages.iter().position(|stage| stage.name() == last);
+        self.gpu.run(&stages[..end.map_or(stages.len(), |i| i + 1)])
     }
 
     pub fn stand(&self, scene: Scene, size_px: [u32; 2]) -> Result<Stand> {
@@ -97,6 +112,27 @@ impl<'g> Rig<'g> {
             view,
             scene,
         })
+    }
+
+    /// Two walls beside each other that face the camera, at these distances and with these normals; and a depth between theirs.
+    pub fn two_walls(
+        &self,
+        size_px: [u32; 2],
+        walls_m: [f64; 2],
+        normals: [DVec3; 2],
+    ) -> Result<(Stand, f64)> {
+        let mut scene = flat_plane(LightKind::Directional)?;
+        scene.camera = Camera::new([0.0; 3], [0.0, 0.0, -1.0], 40.0, [0.1, 20.0]);
+        let wall = |wall: usize| {
+            let middle = DVec3::new([-10.02, 0.0][wall], 0.0, -walls_m[wall]);
+            let mut mesh = Mesh::parallelogram(middle, DVec3::X * 10.0, DVec3::Y * 10.0);
+            mesh.normals.fill(normals[wall].as_vec3().to_array());
+            Object::new("wall", mesh)
+        };
+        scene.objects = [0, 1].map(wall).into();
+        let stand = self.stand(scene, size_px)?;
+        let depth = depth_ahead(&stand.view, 0.5 * (walls_m[0] + walls_m[1]));
+        Ok((stand, depth))
     }
 
     /// The scene's G-buffer, drawn.
@@ -317,6 +353,12 @@ pub fn noise(size: [u32; 2], seed: u32) -> Image {
     Image::of(size, |_, _| f64::from(random.number() as f32))
 }
 
+/// The mean of an image whose pixels count by repeatable weights: it shows what a mean would not, light that is elsewhere.
+pub fn weighted_mean(image: &Image) -> f64 {
+    let weights = noise(image.size(), 71);
+    mean(image.data().iter().zip(weights.data()).map(|(value, weight)| 2.0 * value * weight))
+}
+
 /// Repeatable numbers in 0…1.
 pub struct Random(u32);
 
@@ -327,7 +369,7 @@ impl Random {
 
     pub fn number(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(1);
-        f64::from(fathom_reference::filter::pcg(self.0)) / 4_294_967_296.0
+        f64::from(fathom_reference::random::pcg(self.0)) / 4_294_967_296.0
     }
 
     pub fn within(&mut self, low: f64, high: f64) -> f64 {

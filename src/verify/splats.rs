@@ -1,11 +1,8 @@
 //! `caustics/splat`: size, intensity, depth test and energy of splats against the f64 twin, by compute and by the rasterizer.
 
-use super::photons::run_until;
 use crate::prelude::*;
 use fathom_pipelines::underwater::{Intensity as Rule, Params, Splatting, Underwater};
-use fathom_reference::splat::{
-    Intensity, PointSize, Splat, SurfaceSplat, rasterize, rasterize_within_surfaces, splat_value,
-};
+use fathom_reference::splat::{Intensity, PointSize, Splat, rasterize, splat_value};
 use fathom_stages::caustics::splat::{self, SplatCoverage, SplatUniforms};
 
 const STAGE: &str = "caustics/splat";
@@ -139,31 +136,6 @@ impl Rules {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
         rasterize(&mut twin, &self.splats(camera, photons)?, depth, 0.0);
         Ok(twin)
-    }
-
-    /// The splats of these photons in the planes of what a camera sees at their places.
-    fn on_surfaces(
-        &self,
-        seen: &CameraDepth<'_>,
-        photons: &[Twin],
-        splats: &[Splat],
-    ) -> Vec<SurfaceSplat> {
-        let size = SIZE.map(f64::from);
-        let rays = PixelRays::new(seen.camera, SIZE[0], SIZE[1]);
-        let projected = photons.iter().filter_map(|(hit, _)| rays.project(*hit));
-        let placed = projected.zip(splats).map(|(photon, splat)| {
-            let texels = seen.depth.size();
-            let texel = [0, 1].map(|k| {
-                let at = splat.center_px[k] * f64::from(texels[k]) / size[k] + 1e-3;
-                (at as i64).clamp(0, i64::from(texels[k]) - 1)
-            });
-            let plane = seen.plane(texel);
-            let own = (seen.view_m(plane.z) - photon.w).abs() <= self.bias_m;
-            let per_pixel = |k: usize| plane.slope[k] * f64::from(texels[k]) / size[k];
-            let slope = if own { [per_pixel(0), per_pixel(1)] } else { [0.0; 2] };
-            SurfaceSplat { splat: *splat, photon_depth: photon.depth, slope }
-        });
-        placed.collect()
     }
 }
 
@@ -315,31 +287,66 @@ fn depth_test(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
         .control("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?))
 }
 
-/// Exact photons of a scene with many edges, drawn where their own surface is seen: against the twin, pixel by pixel.
-fn within_surface(rig: &Rig<'_>, rules: Rules) -> Result<Check> {
-    const VIEW: [u32; 2] = [400, 400];
-    const GRID: u32 = 48;
-    const BIAS_M: f64 = 0.3;
-    let stand = rig.stand(Scene::load("tank")?, VIEW)?;
-    let drawn = rig.gbuffer(&stand)?.depth;
-    let depth = rig.channel(&drawn, 0)?;
-    let grid = PhotonGrid { jitter: 1.0, ..PhotonGrid::new(GRID, 2) };
-    let frame = stand.view.light_frame();
-    let (photons, twins) = stored(&land_all(&frame, &stand.scene.water, &stand.tracer, grid, 1));
-    let rules = Rules { coverage: SplatCoverage::Surface, bias_m: BIAS_M, ..rules };
-    let image = draw(rig, &stand.view, &photons, &drawn, &rules)?;
-
-    let seen = CameraDepth { depth: &depth, camera: &stand.scene.camera };
-    let placed = rules.on_surfaces(&seen, &twins, &rules.splats(seen.camera, &twins)?);
-    let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
-    rasterize_within_surfaces(&mut twin, &placed, &seen, BIAS_M);
-    let squares = rules.twin(seen.camera, &twins, &depth)?;
-    let what = format!("splats within one surface, {}", name(rules.splatting));
-    // A plane's depth at a pixel is a difference of depths in f32: at 10 m it decides about pixels to within a millimetre.
-    Ok(Check::of(rig, format!("{what}: sum of |difference from the twin|, of the sum"))
-        .within((rules.coverage(rig), "1"), difference(&image, &twin))
-        .control("squares over silhouettes", difference(&image, &squares))
-        .with("sum_over_that_of_squares", twin.sum() / squares.sum()))
+/// Splats at the edge of a wall leave one behind it dark, and those on a slanted wall are not hidden by it.
+fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
+    let mut random = Random::new(17);
+    let mut photons = |place: &dyn Fn(f64, f64) -> DVec3| -> Vec<Photon> {
+        let mut photon = || {
+            let hit = place(random.number(), random.within(-0.8, 0.8));
+            rig::photon(hit + DVec3::Y, hit, 1.0)
+        };
+        (0..200).map(|_| photon()).collect()
+    };
+    let drawn = |stand: &Stand, photons: &[Photon], coverage: SplatCoverage, bias_m: f64| {
+        let depth = rig.gbuffer(stand)?.depth;
+        let image = draw(rig, &stand.view, photons, &depth, &Rules { coverage, bias_m, ..rules })?;
+        Ok::<_, VerifyError>((image, rig.channel(&depth, 0)?))
+    };
+    let (walls, between) = rig.two_walls(SIZE, [3.0, 4.0], [DVec3::Z; 2])?;
+    let at_edge = photons(&|share, y| DVec3::new(-0.02 - 0.01 * share, y, -3.0));
+    let leak = |coverage: SplatCoverage| -> Result<f64> {
+        let (image, depth) = drawn(&walls, &at_edge, coverage, 0.3)?;
+        let behind = pixels(SIZE).filter(|at| depth.at(*at) > between);
+        Ok(behind.map(|at| image.at(at)).sum::<f64>() / image.sum())
+    };
+    let slope = DVec3::new(0.0, 0.5, -3f64.sqrt() / 2.0);
+    let mut scene = walls.scene.clone();
+    let wall = Mesh::parallelogram(DVec3::NEG_Z * 3.0, 9.0 * DVec3::X, 9.0 * slope);
+    scene.objects = vec![Object::new("wall", wall)];
+    let slanted = rig.stand(scene, SIZE)?;
+    let on_slope =
+        photons(&|share, y| DVec3::NEG_Z * 3.0 + (2.0 * share - 1.0) * DVec3::X + y * slope);
+    let whole = draw_free(rig, &slanted.view, &on_slope, &rules)?;
+    let hidden = |coverage: SplatCoverage| -> Result<f64> {
+        Ok(difference(&drawn(&slanted, &on_slope, coverage, 0.01)?.0, &whole))
+    };
+    // In the pixels that the edge crosses the wall behind is seen, whose slope is none of theirs.
+    let mut scene = walls.scene.clone();
+    let behind = DVec3::new(0.5, 0.0, 3f64.sqrt() / 2.0);
+    scene.objects[1].mesh = Mesh::parallelogram(DVec3::NEG_Z * 4.0, 9.0 * behind, 9.0 * DVec3::Y);
+    let turned = rig.stand(scene, SIZE)?;
+    let across = |far_m: f64| -> Vec<Photon> {
+        let hit = |i: i32| DVec3::new(-0.0202 - far_m, 0.004 * f64::from(i), -3.0);
+        (-200..200).map(|i| rig::photon(hit(i) + DVec3::Y, hit(i), 1.0)).collect()
+    };
+    let (level, depth) = drawn(&walls, &across(0.0), SplatCoverage::Surface, 0.01)?;
+    let unlike = |far_m: f64| -> Result<f64> {
+        let (image, _) = drawn(&turned, &across(far_m), SplatCoverage::Surface, 0.01)?;
+        let near = pixels(SIZE).filter(|at| depth.at(*at) < between);
+        Ok(near.map(|at| (image.at(at) - level.at(at)).abs()).sum::<f64>() / level.sum())
+    };
+    let what = |of: &str| format!("splats within one surface, {}: {of}", name(rules.splatting));
+    Ok(vec![
+        Check::of(rig, what("share of the light that is on a wall behind"))
+            .within((0.0, "1"), leak(SplatCoverage::Surface)?)
+            .control("squares over silhouettes", leak(SplatCoverage::Square)?),
+        Check::of(rig, what("share of the light that a slanted wall hides"))
+            .within((rules.coverage(rig), "1"), hidden(SplatCoverage::Surface)?)
+            .control("squares", hidden(SplatCoverage::Square)?),
+        Check::of(rig, what("share of the light that a slanted wall behind changes"))
+            .within((rules.coverage(rig), "1"), unlike(0.0)?)
+            .control("photons a pixel from the edge", unlike(0.004)?),
+    ])
 }
 
 /// Contributions that a 16-bit float adds up to within a hundredth.
@@ -544,7 +551,7 @@ pub fn pipeline(
     params: &Params,
 ) -> Result<(Built<Underwater>, Image)> {
     let pipeline = Built::<Underwater>::new(rig.gpu, scene, params)?;
-    run_until(rig, &pipeline, STAGE)?;
+    rig.run_until(&pipeline, STAGE)?;
     let image = rig.channel(&pipeline.caustics.drawn.texture, 0)?;
     Ok((pipeline, image))
 }

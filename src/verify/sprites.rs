@@ -5,7 +5,7 @@ use fathom_stages::screen_picture::Shafts;
 use fathom_stages::sprites::compose::{self, Composed};
 use fathom_stages::sprites::draw::{self, Sprite};
 
-const SIZE: [u32; 2] = [320, 240];
+const SIZE: [u32; 2] = [160, 120];
 
 pub fn cases() -> Vec<Case> {
     vec![
@@ -20,7 +20,7 @@ pub fn cases() -> Vec<Case> {
 /// The photons' way is a metre.
 const GAMMA_PER_M: f64 = 0.13;
 const SPRITE: Sprite =
-    Sprite { radius_m: 0.4, visible_m: 0.05, facing: false, photon_w: 0.7, side_px: 40.0 };
+    Sprite { radius_m: 0.4, visible_m: 0.05, facing: false, photon_w: 0.7, side_px: 20.0 };
 
 /// A slanted view of scene `plane` with photons strewn in the middle of the view.
 struct Lit {

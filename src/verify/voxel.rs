@@ -5,7 +5,7 @@ mod cubes;
 mod packing;
 mod pyramid;
 mod raster;
-mod subjects;
+pub mod subjects;
 
 use super::Case;
 

@@ -86,7 +86,7 @@ fn checks_are_sound_with_the_default_limits() {
     let limits = Some(wgpu::Limits::defaults());
     let options = Options { limits, mask: Mask { without }, ..Options::default() };
     let gpu = Gpu::open(&options).unwrap();
-    let sums = ["sum of many", "transmission of lines", "pool off the centre: texel"];
+    let sums = ["sum of many", "transmission of lines", "pool off the centre"];
     let voxels = ["voxel/slicemap", "the slices' voxels", "voxel/alpha", "voxel/mips"];
     for part in [&sums[..], &voxels, &["hsao", "scene/deform"]].concat() {
         let cases = Catalog::builtin().cases();

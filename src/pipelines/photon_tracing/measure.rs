@@ -7,7 +7,8 @@ use glam::DVec3;
 use super::{PhotonTracing, under_water};
 use crate::caustics_image::{Compared, FoundCaustics, channel};
 use crate::off_frustum::Frustum;
-use crate::{Drawing, Judge, JudgeError, Judged, exact_of, named, objects_of, share};
+use crate::{Drawing, Judge, JudgeError, Judged};
+use crate::{exact_of, judged_view, named, objects_of, share};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
@@ -190,7 +191,8 @@ impl PhotonTracing {
     fn ends(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Ends, JudgeError> {
         let objects = objects_of(scene, Part::Solid);
         let tracer = &Tracer::new(&objects);
-        let (frame, water) = (self.view.light_frame(), &self.view.water);
+        let view = judged_view(&self.view, scene);
+        let (frame, water) = (view.light_frame(), &view.water);
         let bounces = self.params.ways() - 1;
         let times = scene.solid_bounds().times_tank();
         let surfaces = Surfaces {
@@ -199,7 +201,7 @@ impl PhotonTracing {
             outside: water.refractive_index,
             top_m: under_water(scene).max.y,
         };
-        let frustum = Frustum::new(tracer, &self.view, times);
+        let frustum = Frustum::new(tracer, &view, times);
         let transfer = &self.params.transfer;
         let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
             let place = place_in_grid(index as u32, transfer.grid, transfer.offset);

@@ -6,10 +6,10 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::Planar;
-use crate::{Drawing, Judge, JudgeError, Judged, exact_of, named, share};
+use crate::{Drawing, Judge, JudgeError, Judged, exact_of, judged_view, named, share};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_reference::photons::{land, place_in_grid};
-use fathom_reference::pool::{Counted, Face, face_by_face, middle_photon_w, share_left};
+use fathom_reference::pool::{Basin, Counted, Face, face_by_face, middle_photon_w, share_left};
 use fathom_reference::quantities::quantile;
 use fathom_reference::rays::Tracer;
 use fathom_scene::Scene;
@@ -67,7 +67,7 @@ impl Drawing for Planar {
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
-        judged.errors.extend(self.map_errors(judge.gpu)?.errors);
+        judged.errors.extend(self.map_errors(judge.gpu, judge.scene)?.errors);
         Ok(judged)
     }
 }
@@ -95,7 +95,7 @@ impl Planar {
     /// `photon_error_p99_m`, `photon_wrong_face_rate` of those that end by both, and `photon_miss_rate` of those that end exactly. Of
     /// large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
-        let ends = self.ends(&self.stored(gpu)?, &Tracer::new(&scene.objects));
+        let ends = self.ends(&self.stored(gpu)?, scene);
         let Ends { mut errors_m, wrong_face, lost } = ends;
         let errors = [
             ("photon_miss_rate", share(lost, lost + errors_m.len()), "1"),
@@ -106,13 +106,14 @@ impl Planar {
         Ok(Judged::of(transfer::map::INFO.name, errors, []))
     }
 
-    fn ends(&self, found: &[Transfer], tracer: &Tracer) -> Ends {
-        let (frame, water) = (self.view.light_frame(), &self.view.water);
+    fn ends(&self, found: &[Transfer], scene: &Scene) -> Ends {
+        let (tracer, view) = (Tracer::new(&scene.objects), judged_view(&self.view, scene));
+        let (frame, water) = (view.light_frame(), &view.water);
         let grid = self.params.transfer.grid;
         let offset = self.params.transfer.offset;
         let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
             let place = place_in_grid(index as u32, grid, offset);
-            let hit = land(&frame, water, tracer, place).landed()?.hit;
+            let hit = land(&frame, water, &tracer, place).landed()?.hit;
             Some((hit.position, hit.normal))
         });
         let mut ends = Ends::default();
@@ -124,9 +125,9 @@ impl Planar {
 
     /// Errors of the illumination map against the transfer map's photons counted in f64: `map_energy_error`, the difference of the flux over
     /// all texels, and `map_misplaced_rate`, flux that lies in other texels. Both are shares of the flux of all photons.
-    fn map_errors(&self, gpu: &Gpu) -> Result<Judged, GpuError> {
+    fn map_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, GpuError> {
         let texels = self.params.planar.texels;
-        let counted = self.counted(&self.stored(gpu)?);
+        let counted = self.counted(&self.stored(gpu)?, scene);
         let map = self.map(gpu)?;
         let (mut flux_w, mut misplaced_w) = (0.0, 0.0);
         for (texel, irradiance) in map.iter().enumerate() {
@@ -144,20 +145,22 @@ impl Planar {
         Ok(Judged::of(points::INFO.name, errors, []))
     }
 
-    fn counted(&self, photons: &[Transfer]) -> Counted {
-        let (frame, water) = (self.view.light_frame(), &self.view.water);
-        let photon_w = middle_photon_w(&self.view.light, &frame, self.params.transfer.photons());
+    fn counted(&self, photons: &[Transfer], scene: &Scene) -> Counted {
+        let view = judged_view(&self.view, scene);
+        let (frame, water, basin) =
+            (view.light_frame(), &view.water, Basin::of(&view.water, scene.floor_depth_m));
+        let photon_w = middle_photon_w(&view.light, &frame, self.params.transfer.photons());
         let texels = self.params.planar.texels;
         let mut counted = Counted::new(texels);
-        let [x, z] = self.basin.half_size_m;
-        let rounding_m = 2.0 * ROUNDING * x.hypot(z).hypot(0.5 * self.basin.floor_depth_m);
+        let [x, z] = basin.half_size_m;
+        let rounding_m = 2.0 * ROUNDING * x.hypot(z).hypot(0.5 * basin.floor_depth_m);
         for photon in photons.iter().filter(|photon| photon.state != NEVER) {
             let (origin, direction) = (photon.position_m.as_dvec3(), photon.direction.as_dvec3());
             let flux_w = |way_m: f64| {
                 photon_w * share_left(&frame, water, origin, f64::from(photon.path_m) + way_m)
             };
             let ray = (origin, direction.normalize());
-            counted.add((&self.basin, texels), ray, rounding_m, flux_w);
+            counted.add((&basin, texels), ray, rounding_m, flux_w);
         }
         counted
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::{PhotonGrid, Underwater};
 use crate::off_frustum::Frustum;
-use crate::{JudgeError, Judged, even_step, share};
+use crate::{JudgeError, Judged, even_step, judged_view, share};
 use fathom_gpu::{Gpu, read_buffer};
 use fathom_record::ErrorFigure;
 use fathom_reference::photons::{PhotonGrid as ExactGrid, land_all};
@@ -21,10 +21,11 @@ impl Underwater {
     /// `…_photon_miss_rate`, `…_photon_false_hit_rate` and `…_unconverged_rate`, `godrays_…` likewise; the quantity
     /// `…_photon_leak_rate` as pipeline `photon_tracing` has it. Of large grids an even selection is compared.
     pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
-        let frame = self.view.light_frame();
+        let view = judged_view(&self.view, scene);
+        let frame = view.light_frame();
         let tracer = Tracer::new(&scene.objects);
         let (mut errors, mut quantities) = (Vec::new(), BTreeMap::new());
-        let frustum = Frustum::new(&tracer, &self.view, scene.solid_bounds().times_tank());
+        let frustum = Frustum::new(&tracer, &view, scene.solid_bounds().times_tank());
         for (name, stage, settings, photons) in self.grids() {
             let PhotonGrid { grid: cells, offset, jitter, .. } = settings;
             let grid = ExactGrid { cells, side: settings.side(), offset, jitter };
@@ -34,7 +35,7 @@ impl Underwater {
             let unconverged = photons.iter().filter(|p| p.residual_m > tolerance_m);
             let unconverged_rate = unconverged.count() as f64 / photons.len() as f64;
             let judged: Vec<StoredPhoton> = photons.into_iter().step_by(step).collect();
-            let landings = land_all(&frame, &self.view.water, &tracer, grid, step);
+            let landings = land_all(&frame, &view.water, &tracer, grid, step);
             let found = photon_errors(&judged, &landings);
             let exact = landings.iter().map(|exact| exact.landed());
             let pairs = judged.iter().zip(exact).filter_map(|(p, exact)| Some((p, exact?)));

@@ -6,7 +6,6 @@ use fathom_stages::ao::query::INFO;
 
 /// Voxels a side: twice r_max and room around it.
 const SIDE: u32 = 96;
-const OPAQUE: u8 = 255;
 /// r_max of these cases in voxels.
 const R_MAX: f64 = 40.0;
 
@@ -47,7 +46,7 @@ fn found(
     points: &[(DVec3, DVec3)],
     settings: &Marching,
 ) -> Result<Vec<f64>> {
-    query(rig, &MarchedVolume::new(rig, SIDE, OPAQUE, inside)?.voxels, points, settings)
+    query(rig, &volume(rig, SIDE, 255, inside)?, points, settings)
 }
 
 /// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.

@@ -12,7 +12,7 @@ use fathom_stages::marching::{Guard, Hit};
 /// Points on each body.
 const POINTS: u32 = 48;
 /// Rays of the reference at each of them.
-const RAYS: u32 = 1024;
+const RAYS: u32 = 256;
 /// Nearest points to an edge where two surfaces meet, voxels of 128 a side: nearer, the first sample lies beyond both. VAO Fig. 10.
 const NEAREST: f64 = 2.2;
 /// Edge of the bodies, metres, and about that of a voxel.

@@ -2,18 +2,17 @@
 //! the light's depth, over random water, light, cameras and obstacles.
 
 use fathom::gpu::Gpu;
+use fathom::pipelines::Built;
+use fathom::pipelines::underwater::{Params, Underwater};
 use fathom::reference::optics::refract;
-use fathom::reference::photons::Landing;
+use fathom::reference::photons::{Landing, PhotonGrid, land_all};
+use fathom::reference::quantities::StoredPhoton;
 use fathom::reference::rays::Tracer;
-use fathom::scene::{
-    Bounds, Camera, LightFrame, LightKind, Mesh, Object, Scene, Water, WaterModel, Wave,
-};
-use fathom::stages::caustics;
-use fathom::stages::photon::{MISSED, TraceUniforms};
-use fathom::stages::uniforms::Shared;
-use fathom::verify::photons::{Traced, settings};
-use fathom::verify::rig::{Random, Rig, Stand};
-use fathom::verify::slanted::three_newton_steps;
+use fathom::scene::{Bounds, Camera, LightFrame, LightKind, Mesh, Object};
+use fathom::scene::{Scene, SceneFile, Water, WaterModel, Wave};
+use fathom::stages::caustics::trace::INFO;
+use fathom::stages::photon::MISSED;
+use fathom::verify::rig::{Random, Rig};
 use glam::DVec3;
 
 /// Half the width of the floor and of the water, metres.
@@ -182,18 +181,46 @@ fn fitted_starts_leave_out_no_light_that_lands_in_view() {
     assert!(all[0] > 1000.0 && still[1] > 1e-3 * still[0], "{all:?} {still:?}");
 }
 
-/// What `caustics/trace` finds, in steps of so many texels of the light's depth.
-fn traced(gpu: &Gpu, scene: &Scene, cells: u32, shadow_px: u32, step_px: f32) -> Traced {
-    let info = &caustics::trace::INFO;
-    let rig = Rig::new(gpu, info.name);
-    let mut stand = rig.stand(scene.clone(), [64, 64]).unwrap();
-    // A photon that passes closer behind an edge than this meets it: what the light sees counts as so thick.
-    stand.view.edge_m = 0.005;
-    stand.shared = Shared::new(&rig, &stand.view);
-    let bottom_m = -1.001 * scene.floor_depth_m as f32;
-    let settings =
-        TraceUniforms { iterations: 8, masked: 0, step_px, bottom_m, ..settings(cells, 2) };
-    Traced::over(&rig, (info, false), stand, shadow_px, settings).unwrap()
+/// Photons that `caustics/trace` finds, and where they land exactly.
+struct Traced {
+    frame: LightFrame,
+    grid: PhotonGrid,
+    tracer: Tracer,
+    photons: Vec<StoredPhoton>,
+    landings: Vec<Landing>,
+}
+
+impl Traced {
+    /// In steps of so many texels of the light's depth.
+    fn new(gpu: &Gpu, scene: &Scene, cells: u32, shadow_px: u32, step_px: f64) -> Self {
+        let mut params = Params::from(&SceneFile::load("plane").unwrap());
+        (params.view.width, params.view.height) = (64, 64);
+        (params.camera, params.light) = (scene.camera.clone(), scene.light.clone());
+        (params.water, params.floor_depth_m) = (scene.water.clone(), scene.floor_depth_m);
+        // A photon that passes closer behind an edge than this meets it: what the light sees counts as so thick.
+        (params.shadow.size, params.shadow.edge_m) = (shadow_px, 0.005);
+        (params.caustics.grid, params.caustics.mask, params.godrays.grid) = (cells, false, 1);
+        (params.caustics.jitter, params.caustics.step_px) = (0.0, step_px);
+        let (rig, grid) = (Rig::new(gpu, INFO.name), PhotonGrid::new(cells, 2));
+        let pipeline = Built::<Underwater>::new(gpu, scene, &params).unwrap();
+        rig.run_until(&pipeline, INFO.name).unwrap();
+        let (frame, tracer) = (pipeline.view.light_frame(), Tracer::new(&scene.objects));
+        let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
+        let photons = rig.read_photons(&pipeline.caustics.photons).unwrap();
+        Self { frame, grid, tracer, photons, landings }
+    }
+}
+
+/// Where three steps of Newton's method from the resting water take a ray.
+fn three_newton_steps(water: &Water, (origin, direction): (DVec3, DVec3)) -> DVec3 {
+    let from_rest = -origin.y / direction.y;
+    let t = (0..3).fold(from_rest, |t, _| {
+        let p = origin + t * direction;
+        let slope = water.gradient(p.x, p.z);
+        let across = slope.x * direction.x + slope.y * direction.z;
+        t + (water.height(p.x, p.z) - p.y) / (direction.y - across)
+    });
+    origin + t * direction
 }
 
 /// Of the amplitude: noise is interpolated between texels, and light that grazes the water magnifies that. Where a ray touches a crest it
@@ -208,9 +235,8 @@ fn photons_enter_the_water_where_their_rays_meet_it_first() {
         let (steepest, degrees) = (random.within(0.0, 0.9), random.within(0.0, 85.0));
         let mut scene = scene(&mut random, steepest, degrees, 3.0, Vec::new());
         scene.light.half_extent_m = 3.0;
-        let traced = traced(&gpu, &scene, 12, 64, 4.0);
-        let landings = traced.exact(&scene.water, &traced.stand.tracer);
-        for (i, (photon, exact)) in traced.photons.iter().zip(&landings).enumerate() {
+        let traced = Traced::new(&gpu, &scene, 12, 64, 4.0);
+        for (i, (photon, exact)) in traced.photons.iter().zip(&traced.landings).enumerate() {
             let exact = match exact {
                 Landing::Landed(landed) => landed.entry.position,
                 Landing::Leaves { entry, .. } => entry.position,
@@ -234,7 +260,7 @@ const OFF_M: f64 = 0.01;
 /// Texels of the light's depth, and half the width of what it shows.
 const SHADOW_PX: u32 = 2048;
 const SHOWN_M: f64 = 1.5;
-const STEP_PX: f32 = 4.0;
+const STEP_PX: f64 = 4.0;
 
 #[test]
 fn photons_land_where_the_light_sees_them_land_behind_any_number_of_obstacles() {
@@ -243,7 +269,7 @@ fn photons_land_where_the_light_sees_them_land_behind_any_number_of_obstacles() 
         let mut random = random(2000 + seed);
         let (degrees, depth_m) = (random.within(0.0, 80.0), random.within(1.0, 5.0));
         // At least two steps wide.
-        let least_m = 4.0 * f64::from(STEP_PX) * SHOWN_M / f64::from(SHADOW_PX);
+        let least_m = 4.0 * STEP_PX * SHOWN_M / f64::from(SHADOW_PX);
         let pitch_m = random.within(0.1, 0.3);
         let bars = (0..(random.number() * 40.0) as usize).map(|i| {
             let mut place = || random.within(-2.5, 2.5);
@@ -269,9 +295,9 @@ fn photons_land_where_the_light_sees_them_land_behind_any_number_of_obstacles() 
         scene.camera = Camera::new(eye, middle, 60.0, [0.1, 11.9]);
         scene.light.half_extent_m = SHOWN_M;
         for (sums, longer) in sums.iter_mut().zip([1.0, 16.0]) {
-            let traced = traced(&gpu, &scene, 32, SHADOW_PX, longer * STEP_PX);
-            let Traced { frame, photons, stand: Stand { tracer, .. }, .. } = &traced;
-            for (photon, exact) in photons.iter().zip(traced.exact(&scene.water, tracer)) {
+            let traced = Traced::new(&gpu, &scene, 32, SHADOW_PX, longer * STEP_PX);
+            let Traced { frame, photons, tracer, landings, .. } = &traced;
+            for (photon, exact) in photons.iter().zip(landings) {
                 let exact = match exact {
                     Landing::Landed(exact) => exact.hit.position,
                     Landing::Leaves { .. } => {

@@ -1,0 +1,144 @@
+//! Traced effects, by `effects.toml`: a small frame of a pipeline, judged as in a run, by the pipeline's own `judge`.
+
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::prelude::*;
+use fathom_pipelines::{AnyPipeline, Judge, KINDS, Known, PipelineKind};
+use fathom_stages::REGISTRY;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Effects {
+    /// What is set in all cases of a pipeline.
+    common: BTreeMap<String, String>,
+    /// The last stage of a frame that is run to check a stage; else it is the stage itself.
+    last: BTreeMap<String, String>,
+    /// Texts of scene files.
+    scene: BTreeMap<String, String>,
+    case: Vec<Effect>,
+}
+
+/// Settings are `path=value` and separated by spaces. A path leads into the scene file or else into the pipeline's parameters.
+#[derive(Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Effect {
+    /// Stage, pipeline and scene.
+    of: String,
+    what: String,
+    set: String,
+    /// Error or quantity of the frame, or its distance from a value as `name=value`; what it is at most; and what is set in the control: in the
+    /// reference's scene alone, or, where that has no such value, in the frame alone.
+    checks: Vec<(String, f64, String)>,
+}
+
+/// Settings with their values.
+type Settings = Vec<(String, Value)>;
+
+pub fn cases() -> Vec<Case> {
+    let effects: Effects = toml::from_str(include_str!("effects.toml")).expect("a table of cases");
+    let Effects { common, last, scene, case: all } = effects;
+    let case = |effect: Effect| {
+        let names: Vec<&str> = effect.of.split(' ').collect();
+        let stage = REGISTRY.iter().find(|info| info.name == names[0]).expect("a stage");
+        let kind = *KINDS.iter().find(|kind| kind.name == names[1]).expect("a pipeline");
+        let scene = scene.get(names[2]).cloned().unwrap_or(format!("base = \"{}\"", names[2]));
+        let common = common.get(names[1]).cloned().unwrap_or_default();
+        let last = last.get(names[0]).cloned().unwrap_or(names[0].to_owned());
+        let (what, judged) = (effect.what.clone(), Judged { kind, scene, common, last, effect });
+        Case::new(stage.name, what, move |rig| judged.checks(rig))
+    };
+    all.into_iter().map(case).collect()
+}
+
+struct Judged {
+    kind: PipelineKind,
+    scene: String,
+    common: String,
+    last: String,
+    effect: Effect,
+}
+
+impl Judged {
+    fn checks(&self, rig: &Rig<'_>) -> Checks {
+        let Effect { what, set, checks, .. } = &self.effect;
+        let (file, settings) = self.file(rig, set)?;
+        let scene = Rc::new(Scene::build(&file)?);
+        let frame = self.frame(rig, (&file, &scene), &settings)?;
+        let mut known = BTreeMap::from([("", figures(rig, &frame, &scene)?)]);
+        for (.., control) in checks {
+            let (other, with_control) = self.file(rig, &format!("{set} {control}"))?;
+            let figures = if known.contains_key(control.as_str()) {
+                continue;
+            } else if with_control.len() == settings.len() {
+                figures(rig, &frame, &Rc::new(Scene::build(&other)?))?
+            } else {
+                figures(rig, &self.frame(rig, (&file, &scene), &with_control)?, &scene)?
+            };
+            known.insert(control, figures);
+        }
+        let check = |(error, most, control): &(String, f64, String)| {
+            let (name, stored) = error.split_once('=').unwrap_or((error, ""));
+            let of = |set: &str| {
+                let found = known[set].get(name).copied().unwrap_or(f64::NAN);
+                stored.parse().map_or(found, |stored: f64| (found - stored).abs())
+            };
+            let unit = ["m", "deg"].into_iter().find(|unit| name.ends_with(&format!("_{unit}")));
+            Check::of(rig, format!("{what}: {error}"))
+                .within((*most, unit.unwrap_or("1")), of(""))
+                .control(control, of(control))
+        };
+        Ok(checks.iter().map(check).collect())
+    }
+
+    /// The scene's file with what is set in it, and what is set elsewhere.
+    fn file(&self, rig: &Rig<'_>, set: &str) -> Result<(SceneFile, Settings)> {
+        let base = SceneFile::parse("effects", &self.scene)?;
+        let mut tree = serde_json::to_value(&base).map_err(|error| rig.invalid(&error))?;
+        let words = self.common.split(' ').chain(set.split(' '));
+        let settings = words.filter_map(|setting| setting.split_once('=')).map(|(path, value)| {
+            (path.to_owned(), serde_json::from_str(value).unwrap_or_else(|_| value.into()))
+        });
+        let rest = settings.filter(|(path, value)| !put(&mut tree, path, value)).collect();
+        let file = SceneFile::deserialize(&tree).map_err(|error| rig.invalid(&error))?;
+        Ok((SceneFile { folder: base.folder, ..file }, rest))
+    }
+
+    /// A frame that has run.
+    fn frame(
+        &self,
+        rig: &Rig<'_>,
+        (file, scene): (&SceneFile, &Scene),
+        settings: &Settings,
+    ) -> Result<Box<AnyPipeline>> {
+        let mut tree = (self.kind.defaults)(file);
+        for (path, value) in settings {
+            if !put(&mut tree, path, value) {
+                let unknown = format!("neither scene nor pipeline has `{path}`");
+                return Err(rig.invalid(&unknown));
+            }
+        }
+        let tree = (self.kind.checked)(&tree).map_err(|error| rig.invalid(&error))?;
+        let frame = (self.kind.build)(&tree, rig.gpu, scene)?;
+        rig.run_until(&frame, &self.last)?;
+        Ok(frame)
+    }
+}
+
+/// Sets a value of a tree; false where it has none at this path.
+fn put(tree: &mut Value, path: &str, value: &Value) -> bool {
+    let there = tree.pointer_mut(&format!("/{}", path.replace('.', "/")));
+    there.map(|there| *there = value.clone()).is_some()
+}
+
+/// Errors and quantities of a frame, judged by a scene.
+fn figures(rig: &Rig<'_>, frame: &AnyPipeline, scene: &Rc<Scene>) -> Result<BTreeMap<String, f64>> {
+    let mut known = Known::default();
+    let mut judge = Judge { gpu: rig.gpu, scene, known: &mut known, asked: &[] };
+    let judged = frame.judge(&mut judge).map_err(|error| rig.invalid(&error))?;
+    let errors = judged.errors.into_iter().map(|error| (error.name, error.value));
+    Ok(errors.chain(judged.quantities).chain(frame.quantities(rig.gpu)?).collect())
+}

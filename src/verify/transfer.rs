@@ -1,0 +1,41 @@
+//! `transfer/map`: weights of photons against the solid angle of their share of the light's screen and Fresnel's transmittance.
+
+use crate::prelude::*;
+
+const GRID: [u32; 2] = [48, 40];
+
+pub fn cases() -> Vec<Case> {
+    let kinds = [LightKind::Directional, LightKind::Point];
+    Case::each(map::INFO.name, kinds, |kind| format!("weights, {kind:?} light"), weights).collect()
+}
+
+fn weights(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
+    let mut scene = rig::flat_plane(kind)?;
+    (scene.water.amplitude_m, scene.water.fresnel) = (0.05, true);
+    let stand = rig.stand(scene, [64, 48])?;
+    let depth = shadow::depth::new(rig, &stand.shared, &stand.geometry, 512)?;
+    let mask = shadow::mask::new(rig, &stand.shared, depth.texture(), 64)?;
+    let map = map::new(rig, &stand.shared, mask.texture(), &rig::light_grid(GRID))?;
+    rig.run(&[&depth, &mask, &map])?;
+    let stored: Vec<Transfer> = rig.read(&map.transfers.buffer)?;
+    let weights: Vec<f32> = rig.read(&map.weights)?;
+    let (frame, water) = (stand.view.light_frame(), &stand.scene.water);
+    let alive = || (0..).zip(stored.iter().zip(&weights)).filter(|(_, (to, _))| to.state > NEVER);
+    let error = |fresnel: bool| {
+        percentile::<99>(alive().filter_map(|(number, (_, weight))| {
+            let (origin, incident) = rig::grid_ray(&frame, number, GRID);
+            let normal = enter(water, origin, incident, f64::MAX)?.normal;
+            let cosine = incident.dot(normal).abs();
+            let passes = fresnel_transmittance(cosine, 1.0, water.refractive_index);
+            let angular = match kind {
+                LightKind::Directional => 1.0,
+                LightKind::Point => incident.dot(frame.forward).powi(3),
+            };
+            let exact = angular * if fresnel { passes } else { 1.0 };
+            Some(relative_error(f64::from(*weight), exact))
+        }))
+    };
+    Ok(Check::of(rig, format!("{kind:?}: 99th percentile of the weight's relative error"))
+        .within((2e-3, "1"), error(true))
+        .control("without Fresnel's transmittance", error(false)))
+}
