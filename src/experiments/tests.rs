@@ -1,5 +1,5 @@
-use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::sync::Mutex;
 
 use serde_json::{Value, json};
 
@@ -93,11 +93,11 @@ fn published_figures_meet_cells_at_the_published_size() {
 
 /// All parameters of a cell. Most cells have the same scene.
 fn tree(cell: &CellPlan) -> Value {
-    thread_local!(static DEFAULTS: RefCell<BTreeMap<[String; 2], Value>> = RefCell::default());
+    static DEFAULTS: Mutex<BTreeMap<[String; 2], Value>> = Mutex::new(BTreeMap::new());
     let kind = pipelines::KINDS.iter().find(|kind| kind.name == cell.pipeline).unwrap();
     let defaults = || (kind.defaults)(&SceneFile::load(&cell.scene).unwrap());
     let key = [cell.pipeline.clone(), cell.scene.clone()];
-    let mut tree = DEFAULTS.with_borrow_mut(|all| all.entry(key).or_insert_with(defaults).clone());
+    let mut tree = DEFAULTS.lock().unwrap().entry(key).or_insert_with(defaults).clone();
     for (path, value) in &cell.overrides {
         parameter::set(&mut tree, path, value.clone()).unwrap();
     }

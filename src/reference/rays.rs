@@ -60,17 +60,14 @@ impl Tracer {
         let corners = triangles.iter().flat_map(|t| t.corners);
         let size_m = corners.fold(0.0f64, |size, p| size.max(p.abs().max_element()));
         let padding = BOX_PADDING * size_m;
-        let boxes = triangles.iter().map(|&triangle| {
+        let boxes = triangles.iter().enumerate().map(|(number, triangle)| {
             let Bounds { min, max } = Bounds::around(triangle.corners);
-            (Bounds { min: min - padding, max: max + padding }, triangle)
+            (Bounds { min: min - padding, max: max + padding }, number)
         });
-        let mut boxes: Vec<(Bounds, Triangle)> = boxes.collect();
+        let mut boxes: Vec<(Bounds, usize)> = boxes.collect();
         let nodes = build_hierarchy(&mut boxes);
-        Tracer {
-            triangles: boxes.into_iter().map(|(_, triangle)| triangle).collect(),
-            nodes,
-            size_m,
-        }
+        let triangles = boxes.iter().map(|(_, number)| triangles[*number]).collect();
+        Tracer { triangles, nodes, size_m }
     }
 
     /// Nearest hit at a distance in (`min_m`, `max_m`) from the origin. `direction` has unit length.
@@ -127,7 +124,7 @@ impl Tracer {
 
 /// Sorts the boxes so that each node's stand together, and cuts each node where the surface area heuristic is least along the axis
 /// that its boxes' centres spread over most (MacDonald and Booth, The Visual Computer 6, 1990).
-fn build_hierarchy(boxes: &mut [(Bounds, Triangle)]) -> Vec<Node> {
+fn build_hierarchy(boxes: &mut [(Bounds, usize)]) -> Vec<Node> {
     if boxes.is_empty() {
         return Vec::new();
     }
@@ -139,9 +136,10 @@ fn build_hierarchy(boxes: &mut [(Bounds, Triangle)]) -> Vec<Node> {
             continue;
         }
         let part = &mut boxes[first..first + count];
-        let centres = Bounds::around(part.iter().map(|(bounds, _)| bounds.center()));
-        let axis = (centres.max - centres.min).max_position();
-        part.sort_by(|a, b| a.0.center()[axis].total_cmp(&b.0.center()[axis]));
+        let twice_centre = |bounds: &Bounds| bounds.min + bounds.max;
+        let axis = Bounds::around(part.iter().map(|(b, _)| twice_centre(b))).size().max_position();
+        let along = |(bounds, _): &(Bounds, usize)| bounds.min[axis] + bounds.max[axis];
+        part.sort_by(|a, b| along(a).total_cmp(&along(b)));
         let left = cheapest_cut(part);
         let (before, after) = part.split_at(left);
         let children = [(before, first), (after, first + left)];
@@ -157,7 +155,7 @@ fn build_hierarchy(boxes: &mut [(Bounds, Triangle)]) -> Vec<Node> {
 }
 
 /// How many of the boxes go to the left for the least sum of area times count on both sides.
-fn cheapest_cut(boxes: &[(Bounds, Triangle)]) -> usize {
+fn cheapest_cut(boxes: &[(Bounds, usize)]) -> usize {
     let from_left = costs(boxes.iter());
     let from_right = costs(boxes.iter().rev());
     let cost = |left: &usize| from_left[left - 1] + from_right[boxes.len() - left - 1];
@@ -165,7 +163,7 @@ fn cheapest_cut(boxes: &[(Bounds, Triangle)]) -> usize {
 }
 
 /// Half the area of the box around the first box, the first two, and so on, times how many they are.
-fn costs<'a>(boxes: impl Iterator<Item = &'a (Bounds, Triangle)>) -> Vec<f64> {
+fn costs<'a>(boxes: impl Iterator<Item = &'a (Bounds, usize)>) -> Vec<f64> {
     let grown = boxes.scan(Bounds::EMPTY, |all, (bounds, _)| {
         *all = all.union(*bounds);
         let DVec3 { x, y, z } = all.size();
@@ -174,7 +172,7 @@ fn costs<'a>(boxes: impl Iterator<Item = &'a (Bounds, Triangle)>) -> Vec<f64> {
     grown.zip(1..).map(|(area, count)| area * f64::from(count)).collect()
 }
 
-fn around(boxes: &[(Bounds, Triangle)]) -> Bounds {
+fn around(boxes: &[(Bounds, usize)]) -> Bounds {
     boxes.iter().fold(Bounds::EMPTY, |all, (bounds, _)| all.union(*bounds))
 }
 

@@ -79,3 +79,11 @@ pub fn mebibytes(bytes: u64) -> String {
 pub fn percent(share: f64) -> String {
     format!("{} %", three(share * 100.0))
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn shares_are_told_in_percent() {
+        assert_eq!([0.125, 1.0, 0.0].map(super::percent), ["12.5 %", "100 %", "0 %"]);
+    }
+}

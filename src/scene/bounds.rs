@@ -22,12 +22,14 @@ impl Bounds {
     }
 
     /// Grown to hold `other`.
+    #[inline]
     #[must_use]
     pub fn union(self, other: Bounds) -> Bounds {
         Bounds { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
     /// Extent along each axis, metres.
+    #[inline]
     pub fn size(&self) -> DVec3 {
         self.max - self.min
     }

@@ -24,7 +24,7 @@ pub fn tile_noise(u: f64, v: f64, seed: u32) -> (f64, DVec2) {
 /// One octave with `cells` × `cells` lattice cells per unit tile.
 fn octave(u: f64, v: f64, cells: u32, seed: u32) -> (f64, DVec2) {
     let scale = f64::from(cells);
-    let (x, y) = (u.rem_euclid(1.0) * scale, v.rem_euclid(1.0) * scale);
+    let (x, y) = ((u - u.floor()) * scale, (v - v.floor()) * scale);
     let (ix, iy) = (x.floor(), y.floor());
     let (fx, fy) = (x - ix, y - iy);
     let corner = |dx: u32, dy: u32| {

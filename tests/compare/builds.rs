@@ -13,6 +13,7 @@ use fathom::record::{Measured, Record};
 
 use super::common::{Ends, Place, Told, holds, names, reference_of, write_records};
 use super::script::{Script, hello, refusal};
+use super::stored::cell;
 
 pub const CELLS: &str = r#"
 id = "toy"
@@ -106,6 +107,31 @@ fn verdict(stored: &StoredComparison, cell: &str) -> CellVerdict {
     let cells = Verdicts::of(stored).cells;
     let found = cells.iter().find(|found| found.cell.as_str() == cell);
     found.unwrap().verdict
+}
+
+/// A real gate on the default adapter over one cell.
+#[test]
+fn equal_builds_execute_equally_many_instructions() {
+    let (place, name) = (Place::new(), "alpha voxel/alpha");
+    let mut compare = place.fathom("compare --gates instructions --out out --cells");
+    compare.arg(name).args(["--base-bin", env!("CARGO_BIN_EXE_fathom")]);
+    let told = compare.env("GITHUB_STEP_SUMMARY", place.path("page.md")).ends(0);
+    let skipped = told.out.contains("instructions gate skipped");
+    assert!(!skipped, "`scripts/setup.sh` installs valgrind: {}", told.out);
+    holds(&place.read("page.md"), &["no regression"]);
+    let comparison = StoredComparison::read(&place.path("out")).unwrap();
+    let ratio = fathom::judge::counts::judge(&comparison)[&cell(name)].ratio;
+    let threshold = comparison.header.settings.instruction_threshold;
+    assert!((ratio - 1.0).abs() < threshold, "{ratio}");
+    // What the stage leaves behind, triangles in a queue, must not make its next frame longer. What else the process does falls into
+    // some frames, and not into each more than into the one before.
+    for line in &comparison.instructions {
+        let counts: Vec<f64> = line.counts.iter().map(|count| *count as f64).collect();
+        let grows = |counts: &[f64]| counts.windows(2).all(|pair| pair[1] > 1.01 * pair[0]);
+        assert!(counts.len() >= 3 && !grows(&counts), "{counts:?}");
+        assert!(grows(&[1.0, 1.02, 1.04]));
+    }
+    assert_eq!(comparison.instructions.len(), 2);
 }
 
 #[test]

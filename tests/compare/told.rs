@@ -362,31 +362,6 @@ fn cells_that_no_gate_measures_are_refused_before_anything_is_written() {
     assert!(out.contains("alpha voxel/alpha") && !out.contains("encode:"), "{out}");
 }
 
-/// A real gate on the default adapter over one cell.
-#[test]
-fn equal_builds_execute_equally_many_instructions() {
-    let (place, name) = (Place::new(), "alpha voxel/alpha");
-    let mut compare = place.fathom("compare --gates instructions --out out --cells");
-    compare.arg(name).args(["--base-bin", env!("CARGO_BIN_EXE_fathom")]);
-    let told = compare.env("GITHUB_STEP_SUMMARY", place.path("page.md")).ends(0);
-    let skipped = told.out.contains("instructions gate skipped");
-    assert!(!skipped, "`scripts/setup.sh` installs valgrind: {}", told.out);
-    holds(&place.read("page.md"), &["no regression"]);
-    let comparison = StoredComparison::read(&place.path("out")).unwrap();
-    let ratio = fathom::judge::counts::judge(&comparison)[&cell(name)].ratio;
-    let threshold = comparison.header.settings.instruction_threshold;
-    assert!((ratio - 1.0).abs() < threshold, "{ratio}");
-    // What the stage leaves behind, triangles in a queue, must not make its next frame longer. What else the process does falls into
-    // some frames, and not into each more than into the one before.
-    for line in &comparison.instructions {
-        let counts: Vec<f64> = line.counts.iter().map(|count| *count as f64).collect();
-        let grows = |counts: &[f64]| counts.windows(2).all(|pair| pair[1] > 1.01 * pair[0]);
-        assert!(counts.len() >= 3 && !grows(&counts), "{counts:?}");
-        assert!(grows(&[1.0, 1.02, 1.04]));
-    }
-    assert_eq!(comparison.instructions.len(), 2);
-}
-
 /// Which adapters are of one device is tested in `judge::adapters`.
 #[test]
 fn times_of_two_versions_of_a_driver_are_judged_and_of_two_drivers_told() {
