@@ -1,5 +1,5 @@
 #!/bin/sh
-# One run as a job array of Slurm: a task per shard, and a job that merges the shards when all tasks have ended.
+# One run as a job array of Slurm: a task per shard, and a job that reports the shards together when all tasks have ended.
 # usage: scripts/slurm.sh SHARDS FOLDER [options of `fathom run`]
 # FATHOM names the program (default: target/release/fathom); SBATCH_OPTIONS goes to both calls of sbatch.
 set -eu
@@ -20,4 +20,5 @@ export FATHOM SHARDS="$shards"
 # shellcheck disable=SC2086
 job=$(sbatch --parsable --requeue --array="1-$shards" ${SBATCH_OPTIONS:-} task.sh "$@")
 # shellcheck disable=SC2086,SC2016
-sbatch --dependency="afterany:${job%%;*}" ${SBATCH_OPTIONS:-} --wrap '"$FATHOM" merge shards/* --out merged'
+sbatch --dependency="afterany:${job%%;*}" ${SBATCH_OPTIONS:-} --wrap \
+    'mkdir -p whole/renders && cat shards/*/records.jsonl >whole/records.jsonl ; cp shards/*/renders/* whole/renders; "$FATHOM" report whole'

@@ -8,7 +8,6 @@ mod doctor;
 mod export;
 mod history;
 mod list;
-mod merge;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -70,7 +69,6 @@ fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
         Command::Dump(args) => commands::dump(catalog, args),
         Command::Query(args) => commands::query(catalog, args),
         Command::Report { folders, out } => commands::report(folders, out),
-        Command::Merge { folders, out } => merge::merge(&folders, &out),
         Command::Export(args) => export::export(args),
         Command::Schema { kind } => export::schema(kind),
         Command::Compare(args) => compare::compare(catalog, *args),
@@ -178,15 +176,6 @@ pub enum Command {
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
-    /// Join the shards of a run (`fathom run --shard I/N`), and write the reports of the whole
-    Merge {
-        /// Folders of the shards
-        #[arg(required = true, value_name = "DIR")]
-        folders: Vec<PathBuf>,
-        /// Folder to make
-        #[arg(long, value_name = "DIR")]
-        out: PathBuf,
-    },
     /// Write a folder's records in another format: CSV, JUnit, Bencher and others
     Export(ExportArgs),
     /// Print the JSON Schema (draft 2020-12) of the lines that fathom writes
@@ -264,7 +253,7 @@ pub struct RunArgs {
     /// Measure only the cell of this name, as records and reports write it; may be given several times
     #[arg(long, value_name = "NAME")]
     pub cell: Vec<String>,
-    /// Measure only part I of N of the cells; `fathom merge` joins the parts
+    /// Measure only part I of N of the cells; the records of all parts, in one file, are those of the run
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Part>,
     /// Time of the whole command, of a shard's for its own: `90s`, `5m`, `1h30m`, or a number of seconds. Cells that it leaves are

@@ -12,7 +12,6 @@ pub mod executor;
 pub mod figures;
 mod host;
 pub mod memory;
-pub mod merge;
 pub mod outcome;
 pub mod picture;
 pub mod plan;

@@ -1,14 +1,14 @@
 //! Ray casting in f64 over all triangles of a scene.
 
+use bvh::aabb::{Aabb, Bounded};
+use bvh::bounding_hierarchy::BHShape;
+use bvh::bvh::{Bvh, BvhNode, rayon_executor};
 use glam::{DMat4, DVec3, DVec4};
 
 use fathom_scene::{Bounds, Camera, Object};
 
 /// Boxes grow by this share of the scene's size, so that rounding in the slab test loses no flat triangle.
 const BOX_PADDING: f64 = 1e-9;
-
-/// Most triangles of a leaf.
-const LEAF_TRIANGLES: usize = 2;
 
 /// The nearest triangle along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,7 +25,6 @@ pub struct Hit {
     pub triangle: usize,
 }
 
-#[derive(Clone, Copy)]
 struct Triangle {
     corners: [DVec3; 3],
     normals: [DVec3; 3],
@@ -36,18 +35,10 @@ struct Triangle {
 /// Distance, index of the triangle and barycentric weights of a hit.
 type Found = (f64, usize, [f64; 3]);
 
-/// A box of the hierarchy with its `count` triangles from number `first`, or, where `count` is 0, with the nodes `first` and `first + 1`.
-#[derive(Clone, Copy)]
-struct Node {
-    bounds: Bounds,
-    first: usize,
-    count: usize,
-}
-
 /// All triangles of a scene in a bounding volume hierarchy.
 pub struct Tracer {
     triangles: Vec<Triangle>,
-    nodes: Vec<Node>,
+    hierarchy: Bvh<f64, 3>,
     /// Largest coordinate, metres: tolerances are shares of it.
     pub size_m: f64,
 }
@@ -60,14 +51,17 @@ impl Tracer {
         let corners = triangles.iter().flat_map(|t| t.corners);
         let size_m = corners.fold(0.0f64, |size, p| size.max(p.abs().max_element()));
         let padding = BOX_PADDING * size_m;
-        let boxes = triangles.iter().enumerate().map(|(number, triangle)| {
+        let boxes = triangles.iter().map(|triangle| {
             let Bounds { min, max } = Bounds::around(triangle.corners);
-            (Bounds { min: min - padding, max: max + padding }, number)
+            let [min, max] = [min - padding, max + padding].map(|p| p.to_array().into());
+            Leaf { bounds: Aabb::with_bounds(min, max), node: 0 }
         });
-        let mut boxes: Vec<(Bounds, usize)> = boxes.collect();
-        let nodes = build_hierarchy(&mut boxes);
-        let triangles = boxes.iter().map(|(_, number)| triangles[*number]).collect();
-        Tracer { triangles, nodes, size_m }
+        let mut boxes: Vec<Leaf> = boxes.collect();
+        Tracer {
+            triangles,
+            hierarchy: Bvh::build_with_executor(&mut boxes, rayon_executor),
+            size_m,
+        }
     }
 
     /// Nearest hit at a distance in (`min_m`, `max_m`) from the origin. `direction` has unit length.
@@ -76,7 +70,7 @@ impl Tracer {
         let axes = Axes::of(direction);
         let mut best: Option<Found> = None;
         let mut open = Vec::with_capacity(64);
-        if !self.nodes.is_empty() {
+        if !self.hierarchy.nodes.is_empty() {
             open.push((0.0, 0));
         }
         while let Some((entry, node)) = open.pop() {
@@ -84,22 +78,24 @@ impl Tracer {
             if entry > limit {
                 continue;
             }
-            let Node { first, count, .. } = self.nodes[node];
-            for number in first..first + count {
-                let limit = best.map_or(max_m, |(distance, ..)| distance);
-                if let Some((distance, weights)) =
-                    axes.intersect(origin, &self.triangles[number].corners)
-                    && distance > min_m
-                    && distance < limit
-                {
-                    best = Some((distance, number, weights));
+            match &self.hierarchy.nodes[node] {
+                BvhNode::Leaf { shape_index, .. } => {
+                    let corners = &self.triangles[*shape_index].corners;
+                    if let Some((distance, weights)) = axes.intersect(origin, corners)
+                        && distance > min_m
+                        && distance < limit
+                    {
+                        best = Some((distance, *shape_index, weights));
+                    }
                 }
-            }
-            if count == 0 {
-                let met = [first, first + 1].map(|child| {
-                    Some((entry_m(&self.nodes[child].bounds, origin, inverse)?, child))
-                });
-                push_nearest_last(met, &mut open);
+                BvhNode::Node {
+                    child_l_index, child_l_aabb, child_r_index, child_r_aabb, ..
+                } => {
+                    let met = [(child_l_aabb, child_l_index), (child_r_aabb, child_r_index)];
+                    let met = met
+                        .map(|(bounds, child)| Some((entry_m(bounds, origin, inverse)?, *child)));
+                    push_nearest_last(met, &mut open);
+                }
             }
         }
         best.map(|found| self.hit(origin, direction, found))
@@ -122,63 +118,32 @@ impl Tracer {
     }
 }
 
-/// Sorts the boxes so that each node's stand together, and cuts each node where the surface area heuristic is least along the axis
-/// that its boxes' centres spread over most (MacDonald and Booth, The Visual Computer 6, 1990).
-fn build_hierarchy(boxes: &mut [(Bounds, usize)]) -> Vec<Node> {
-    if boxes.is_empty() {
-        return Vec::new();
+/// A triangle's box, and the number of its node in the hierarchy.
+struct Leaf {
+    bounds: Aabb<f64, 3>,
+    node: usize,
+}
+
+impl Bounded<f64, 3> for Leaf {
+    fn aabb(&self) -> Aabb<f64, 3> {
+        self.bounds
     }
-    let mut nodes = vec![Node { bounds: around(boxes), first: 0, count: boxes.len() }];
-    let mut open = vec![0];
-    while let Some(node) = open.pop() {
-        let Node { first, count, .. } = nodes[node];
-        if count <= LEAF_TRIANGLES {
-            continue;
-        }
-        let part = &mut boxes[first..first + count];
-        let twice_centre = |bounds: &Bounds| bounds.min + bounds.max;
-        let axis = Bounds::around(part.iter().map(|(b, _)| twice_centre(b))).size().max_position();
-        let along = |(bounds, _): &(Bounds, usize)| bounds.min[axis] + bounds.max[axis];
-        part.sort_by(|a, b| along(a).total_cmp(&along(b)));
-        let left = cheapest_cut(part);
-        let (before, after) = part.split_at(left);
-        let children = [(before, first), (after, first + left)];
-        nodes[node] = Node { first: nodes.len(), count: 0, ..nodes[node] };
-        open.extend([nodes.len(), nodes.len() + 1]);
-        nodes.extend(children.map(|(part, first)| Node {
-            bounds: around(part),
-            first,
-            count: part.len(),
-        }));
+}
+
+impl BHShape<f64, 3> for Leaf {
+    fn set_bh_node_index(&mut self, index: usize) {
+        self.node = index;
     }
-    nodes
-}
 
-/// How many of the boxes go to the left for the least sum of area times count on both sides.
-fn cheapest_cut(boxes: &[(Bounds, usize)]) -> usize {
-    let from_left = costs(boxes.iter());
-    let from_right = costs(boxes.iter().rev());
-    let cost = |left: &usize| from_left[left - 1] + from_right[boxes.len() - left - 1];
-    (1..boxes.len()).min_by(|a, b| cost(a).total_cmp(&cost(b))).unwrap_or(1)
-}
-
-/// Half the area of the box around the first box, the first two, and so on, times how many they are.
-fn costs<'a>(boxes: impl Iterator<Item = &'a (Bounds, usize)>) -> Vec<f64> {
-    let grown = boxes.scan(Bounds::EMPTY, |all, (bounds, _)| {
-        *all = all.union(*bounds);
-        let DVec3 { x, y, z } = all.size();
-        Some(x * y + y * z + z * x)
-    });
-    grown.zip(1..).map(|(area, count)| area * f64::from(count)).collect()
-}
-
-fn around(boxes: &[(Bounds, usize)]) -> Bounds {
-    boxes.iter().fold(Bounds::EMPTY, |all, (bounds, _)| all.union(*bounds))
+    fn bh_node_index(&self) -> usize {
+        self.node
+    }
 }
 
 /// Distance at which a ray enters the box, 0 from inside, by one over its direction.
-fn entry_m(bounds: &Bounds, origin: DVec3, inverse: DVec3) -> Option<f64> {
-    let [a, b] = [bounds.min, bounds.max].map(|side| (side - origin) * inverse);
+fn entry_m(bounds: &Aabb<f64, 3>, origin: DVec3, inverse: DVec3) -> Option<f64> {
+    let [min, max] = [bounds.min, bounds.max].map(|p| DVec3::new(p.x, p.y, p.z));
+    let (a, b) = ((min - origin) * inverse, (max - origin) * inverse);
     // Zero times infinity: the ray lies in the plane of a side, and so between the two of this axis.
     let between = a.is_nan_mask() | b.is_nan_mask();
     let near = DVec3::select(between, DVec3::NEG_INFINITY, a.min(b)).max_element().max(0.0);
@@ -403,7 +368,7 @@ mod tests {
 
     #[test]
     fn a_ray_enters_a_box_where_it_meets_it() {
-        let bounds = Bounds { min: DVec3::NEG_ONE, max: DVec3::ONE };
+        let bounds = Aabb::with_bounds([-1.0; 3].into(), [1.0; 3].into());
         let entry = |origin: DVec3, along: DVec3| entry_m(&bounds, origin, along.recip());
         assert_eq!(entry(DVec3::new(-3.0, 0.5, 0.0), DVec3::X), Some(2.0));
         assert_eq!(entry(DVec3::ZERO, DVec3::Y), Some(0.0));

@@ -13,7 +13,7 @@ use fathom_experiments::defaults::{self, Choice, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
 use fathom_experiments::{Measure, Ruling, Scaling, Verdict, Whose, groups, scaling};
 use fathom_record::{
-    Cell, Estimate, Interval, Machine, Measured, Note, NoteKind, Outcome, Run, StageRecord,
+    Cell, Estimate, Interval, Machine, Measured, Note, NoteKind, Outcome, Part, Run, StageRecord,
     Standing,
 };
 
@@ -172,6 +172,14 @@ pub fn still_open(view: &ReportView<'_>) -> Vec<String> {
         open.push(format!("{claims} claims are open."));
     }
     open
+}
+
+/// The shards of a divided run whose records are not there.
+pub fn absent_shards(view: &ReportView<'_>) -> Vec<Part> {
+    let shards: Vec<Part> = view.runs.iter().filter_map(|run| run.shard).collect();
+    let of = shards.last().map_or(0, |shard| shard.of);
+    let all = (1..=of).map(|number| Part { number, of });
+    all.filter(|shard| !shards.contains(shard)).collect()
 }
 
 /// The run neither came to its end nor goes on.

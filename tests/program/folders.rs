@@ -192,7 +192,7 @@ fn a_cell_in_which_two_processes_ended_is_failed_named_and_passed_over() {
     assert!(cells.iter().any(|cell| cell.measured().is_some()));
 }
 
-/// `merge`, `compare --replay` and `history show` take the lock by the same calls.
+/// `compare --replay` and `history show` take the lock by the same calls.
 #[test]
 fn a_folder_in_use_is_left_alone_by_every_command_that_writes_one() {
     let place = Place::new();

@@ -16,9 +16,8 @@ const VARIABLES: [&str; 7] =
 /// Status and words. HERE is the marked folder, beneath which another one is the current folder.
 const COMMANDS: &str = "\
     0 run --no-ceilings --budget 10m --precision 1 --shard 1/1 HERE/own.toml --out HERE/out
-    0 merge HERE/out --out HERE/merged
     0 report HERE/out
-    0 report HERE/out HERE/merged --out HERE/page
+    0 report HERE/out HERE/out --out HERE/page
     0 export plots HERE/out -o HERE/plots
     0 export claims HERE/out -o HERE/claims.md
     0 export bencher HERE/out -o HERE/bencher.json
@@ -30,7 +29,7 @@ const COMMANDS: &str = "\
     0 history changes --db HERE/h.sqlite --json
     3 compare --launches 2 --pairs 2 --base-env SECRET==MARK --base-cmd HERE/worker.sh --head-cmd HERE/worker.sh \
         --cells-file HERE/cells.toml --out HERE/compared
-    4 compare HERE/out/records.jsonl HERE/merged/records.jsonl
+    4 compare HERE/out/records.jsonl HERE/out/records.jsonl
     0 verify voxel/clear --json
     0 list adapters --json";
 

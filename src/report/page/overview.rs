@@ -63,9 +63,10 @@ pub fn doubts(view: &ReportView<'_>) -> Vec<Part> {
         let words = "Absolute times and frame rates say little about a GPU; ratios, exponents and shares are what to read.";
         doubts.push(open("software driver", words.to_owned()));
     }
-    if let Some(shard) = view.run().and_then(|run| run.shard.as_ref()) {
-        let words = "A part of a run: `fathom merge` joins the parts.";
-        doubts.push(open(&format!("shard {shard}"), words.to_owned()));
+    let absent = facts::absent_shards(view);
+    if !absent.is_empty() {
+        let words = "is not there. Put the records of all shards into one file, and report that.";
+        doubts.push(open("part of a run", format!("shard {} {words}", absent.iter().join(", "))));
     }
     doubts.extend(facts::still_open(view).into_iter().map(|words| open("open", words)));
     doubts.extend(facts::incomplete(view).map(|note| open("incomplete", note.text.clone())));

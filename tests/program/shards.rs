@@ -1,9 +1,8 @@
-//! Shards of a run, measured and merged, against the run.
+//! Shards of a run, measured and joined, against the run.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 use crate::common::{
     Ends, Place, cells, measured, names, own_experiments, reference, reference_of, write_records,
@@ -31,8 +30,11 @@ fn shards(run: &[Record], of: u32, place: &Place) -> Vec<String> {
     (1..=of).map(shard).collect()
 }
 
-fn merge(place: &Place, folders: &[String], out: &str) -> Command {
-    place.fathom(format!("merge {} --out {out}", folders.join(" ")))
+/// The records of all shards in one file, and the reports of that.
+fn join(place: &Place, shards: &[String], out: &str) {
+    let records = shards.iter().map(|shard| place.read(format!("{shard}/records.jsonl")));
+    place.write(format!("{out}/records.jsonl"), records.collect::<String>());
+    place.fathom(format!("report {out}")).ends(0);
 }
 
 /// Names and contents of all files in a folder.
@@ -41,9 +43,9 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     files.map(|name| (name.clone(), fs::read(folder.join(name)).unwrap())).collect()
 }
 
-/// Reports of merged shards are those of the run of the same samples, byte for byte, however many shards there were.
+/// Reports of joined shards are those of the run of the same samples, byte for byte, however many shards there were.
 #[test]
-fn merged_shards_give_the_reports_of_the_run() {
+fn joined_shards_give_the_reports_of_the_run() {
     let place = Place::new();
     place.write("whole/records.jsonl", reference());
     place.fathom("report whole").ends(0);
@@ -53,13 +55,14 @@ fn merged_shards_give_the_reports_of_the_run() {
         let mut folders = shards(&run, of, &place);
         // The order in which folders are named does not matter.
         folders.rotate_left(of as usize / 2);
-        let out = format!("merged-{of}");
-        merge(&place, &folders, &out).ends(0);
+        let out = format!("joined-{of}");
+        join(&place, &folders, &out);
         // Records stand in another order, and page and summary tell of several headers.
         let is_same = |name: &str| name.ends_with(".svg") || name == "cells.csv";
-        let merged = files(&place.path(out));
-        assert_eq!(merged.len(), whole.len());
-        for ((name, bytes), (other, whole)) in merged.iter().zip(&whole) {
+        assert!(!place.read(format!("{out}/index.html")).contains("part of a run"));
+        let joined = files(&place.path(out));
+        assert_eq!(joined.len(), whole.len());
+        for ((name, bytes), (other, whole)) in joined.iter().zip(&whole) {
             assert_eq!(name, other);
             assert!(!is_same(name) || bytes == whole, "{name} of {of} shards");
         }
@@ -94,7 +97,7 @@ fn no_verdict_rests_on_two_machines() {
     assert!(two.contains(told) && !two.contains(supported), "{two}");
 }
 
-/// Two shards on this machine, one of them in two sittings, and the run that they make.
+/// Two shards on this machine, one of them in two sessions, and the run that they make.
 #[test]
 fn shards_that_were_measured_make_a_run() {
     let place = Place::new();
@@ -109,29 +112,24 @@ fn shards_that_were_measured_make_a_run() {
     run("2/2", "--out shard-2").ends(0);
     run("1/2", "--out shard-1 --resume").ends(0);
     run("2/2", "--out shard-1 --resume").refused("holds shard 1/2, and not shard 2/2");
+    let page = place.read("shard-1/index.html");
+    assert!(page.contains("part of a run") && page.contains("shard 2/2 is not there"));
     let folders = ["shard-1", "shard-2"].map(str::to_owned);
-    merge(&place, &folders, "merged").ends(0);
+    join(&place, &folders, "joined");
     let shards = folders.map(|folder| cells(&place.path(folder)));
+    let joined = cells(&place.path("joined"));
+    assert_eq!(joined, shards.concat());
     assert!(shards.iter().all(|cells| !cells.is_empty()));
-    let out = &place.path("merged");
-    let joined = cells(out);
-    assert_eq!(joined.len(), shards.iter().map(Vec::len).sum::<usize>());
-    assert!(joined.iter().all(|cell| shards.iter().any(|cells| cells.contains(cell))));
     // No round is of two shards.
     let [first, second] = shards.map(|cells| -> BTreeSet<u32> {
         cells.iter().flat_map(|cell| measured(cell).frame.rounds.clone()).collect()
     });
     assert!(first.is_disjoint(&second));
-    assert!(files(out).iter().all(|(_, bytes)| !bytes.is_empty()));
-    assert!(out.join("index.html").is_file() && out.join("renders").is_dir());
 }
 
 #[test]
-fn bad_input_is_one_line() {
+fn a_part_that_is_none_is_refused() {
     let place = Place::new();
-    place.write("whole/records.jsonl", reference());
-    merge(&place, &["whole".to_owned()], "merged").refused("holds a whole run");
-    assert!(!place.path("merged").exists());
     for part in ["0/2", "3/2", "1", "a/b", "1/4096"] {
         place.fathom(format!("run --shard {part}")).refused("--shard");
     }
