@@ -200,8 +200,7 @@ impl Catalog {
     }
 }
 
-/// Scenes that pipelines are listed with, where they suit: one of objects, one of a volume, an empty pool, and one of glass, all
-/// quickly made.
+/// Scenes that pipelines are listed with, where they suit: of objects, of a volume, an empty pool, of glass. All are quickly made.
 const LISTED: [&str; 4] = ["plane", "smoke", "planar_pool", "glass_teapot_small"];
 /// A scene that more stages are made for than for those.
 const TRANSPARENT: &str = "glass";

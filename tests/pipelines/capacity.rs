@@ -44,7 +44,7 @@ fn demands_foresee_what_pipelines_allocate() {
         ("voxelize", "corner", "voxel.method=slice voxel.resolution=128"),
         ("voxelize", "corner", "voxel.method=overlap voxel.resolution=128"),
         ("voxelize", "corner", "voxel.method=max_alpha pyramid=true voxel.resolution=128"),
-        ("scalar_ao", "engine", "scalar.mode=isosurface"),
+        ("scalar_ao", "smoke", "scalar.mode=isosurface volume.cells=[64,64,32]"),
         ("scalar_ao", "smoke", direct),
     ];
     for case in cases {

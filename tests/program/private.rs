@@ -17,7 +17,6 @@ const VARIABLES: [&str; 7] =
 const COMMANDS: &str = "\
     0 run --no-ceilings --budget 10m --precision 1 --shard 1/1 HERE/own.toml --out HERE/out
     0 report HERE/out
-    0 report HERE/out HERE/out --out HERE/page
     0 export plots HERE/out -o HERE/plots
     0 export claims HERE/out -o HERE/claims.md
     0 export bencher HERE/out -o HERE/bencher.json

@@ -98,7 +98,10 @@ mod tests {
             std::fs::write(to, text).unwrap();
         }
         let loops = |folders: &Folders| {
-            let each = all.keys().cartesian_product(0..3).map(|(file, axis)| {
+            // Only slices have one for each axis.
+            let each = all.keys().cartesian_product(0..3);
+            let each = each.filter(|(file, axis)| *axis == 0 || file.contains("voxel/slice"));
+            let each = each.map(|(file, axis)| {
                 let path = &file["shaders/".len()..file.len() - ".wgsl".len()];
                 let linked = link(folders, path, &[("AXIS", axis)]);
                 let linked = linked.unwrap_or_else(|error| panic!("{path}: {error}"));

@@ -52,7 +52,7 @@ fn parts(page: &Page<'_>) -> Vec<Part> {
     parts
 }
 
-/// What each sitting of a run that was resumed or merged was timed by.
+/// What each sitting of a run that was resumed or joined from shards was timed by.
 fn sittings(view: &ReportView<'_>) -> Table {
     let cells = view.entries().filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
     let columns = ["Started", "Machine", "Cells", "Clock", "Can it be trusted?"];
