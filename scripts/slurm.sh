@@ -21,4 +21,4 @@ export FATHOM SHARDS="$shards"
 job=$(sbatch --parsable --requeue --array="1-$shards" ${SBATCH_OPTIONS:-} task.sh "$@")
 # shellcheck disable=SC2086,SC2016
 sbatch --dependency="afterany:${job%%;*}" ${SBATCH_OPTIONS:-} --wrap \
-    'mkdir -p whole/renders && cat shards/*/records.jsonl >whole/records.jsonl ; cp shards/*/renders/* whole/renders; "$FATHOM" report whole'
+    'mkdir whole whole/renders && awk 1 shards/*/records.jsonl >whole/records.jsonl && { cp shards/*/renders/* whole/renders; "$FATHOM" report whole; }'
