@@ -71,8 +71,8 @@ fn find<'a, F>(
 }
 
 fn unknown(name: &str) -> anyhow::Error {
-    let meant = text::did_you_mean(&text::nearest(name, known()));
-    anyhow!("unknown format `{}`{meant}; see `fathom list exporters`", text::line(name))
+    let meant = text::did_you_mean(name, known());
+    anyhow!("unknown format `{}`{meant}", text::line(name))
 }
 
 /// Names of all exporters.

@@ -10,13 +10,13 @@ use serde::{Serialize, de::value::Error as Nothing};
 use serde_json::Value;
 use thiserror::Error;
 
-use crate::text::{did_you_mean, nearest};
+use crate::text::did_you_mean;
 
 /// What is wrong with a parameter. One line each.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ParamError {
-    #[error("unknown parameter `{path}`{}", did_you_mean(.nearest))]
-    Unknown { path: String, nearest: Option<String> },
+    #[error("unknown parameter `{path}`{hint}")]
+    Unknown { path: String, hint: String },
     #[error("parameter `{path}` takes {expected}, not {given}")]
     Type { path: String, expected: String, given: String },
     #[error("{path} is {value}: it must lie within {low} … {high}")]
@@ -377,8 +377,8 @@ pub fn get<'t>(tree: &'t Value, path: &str) -> Option<&'t Value> {
 pub fn set(tree: &mut Value, path: &str, value: Value) -> Result<(), ParamError> {
     let all = leaves(tree);
     if !all.iter().any(|leaf| leaf == path) {
-        let nearest = nearest(path, all.iter().map(String::as_str));
-        return Err(ParamError::Unknown { path: path.to_owned(), nearest });
+        let hint = did_you_mean(path, all.iter().map(String::as_str));
+        return Err(ParamError::Unknown { path: path.to_owned(), hint });
     }
     let leaf = path
         .split('.')

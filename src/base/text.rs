@@ -198,6 +198,21 @@ const SLIP: f64 = 0.9;
 /// Below this length every name is a slip away from many others.
 const SHORTEST_SLIP: usize = 3;
 
+/// How many names an error lists.
+const MOST_LISTED: usize = 24;
+
+/// The end of an error of an unknown name: `; did you mean …?`, or all names where they are few.
+pub fn did_you_mean<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> String {
+    let all: Vec<&str> = candidates.into_iter().collect();
+    match nearest(name, all.iter().copied()) {
+        Some(near) => format!("; did you mean `{}`?", line(&near)),
+        None if (1..=MOST_LISTED).contains(&all.len()) => {
+            format!("; there are {}", line(&all.join(", ")))
+        }
+        None => String::new(),
+    }
+}
+
 /// The candidate most like `name`, where one is like it at all. A dotted path may be meant by its last part.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<String> {
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
@@ -211,11 +226,6 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     let alike = rated.filter(|(likeness, _)| *likeness > ALIKE);
     let most = alike.max_by(|a, b| a.0.total_cmp(&b.0));
     most.map(|(_, candidate)| candidate.to_owned())
-}
-
-/// The end of an error of an unknown name: `; did you mean …?`, or nothing.
-pub fn did_you_mean(nearest: &Option<String>) -> String {
-    nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{}`?", line(name)))
 }
 
 /// The families of some stages, each once: what their names begin with, up to the stroke.

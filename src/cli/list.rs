@@ -117,6 +117,14 @@ fn check_options(args: &ListArgs) -> anyhow::Result<()> {
 }
 
 fn rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec<Row>> {
+    let mut rows = all_rows(catalog, what, args)?;
+    if let Some(filter) = &args.filter {
+        rows.retain(|row| row.text().iter().any(|text| text.contains(filter)));
+    }
+    Ok(rows)
+}
+
+fn all_rows(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<Vec<Row>> {
     Ok(match what {
         Listing::Experiments => {
             let row = |e: &Experiment| Row::of("id", &*e.id, &*e.title).published_in(&e.source);

@@ -297,6 +297,8 @@ pub enum Listing {
 pub struct ListArgs {
     /// What to list [default: everything but parameters and claims]
     pub what: Option<Listing>,
+    /// Only rows that contain this
+    pub filter: Option<String>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -428,7 +430,8 @@ fn not_parsed(error: clap::Error) -> ExitCode {
 fn one_line(message: &str) -> String {
     let lines = message.lines().map(str::trim);
     let head = lines.clone().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
-    let tips = lines.filter(|line| line.starts_with("tip:"));
+    let is_of_use = |line: &&str| line.starts_with("tip:") && !line.contains(" as a value, use ");
+    let tips = lines.filter(is_of_use);
     std::iter::once(head.as_str()).chain(tips).collect::<Vec<_>>().join("; ")
 }
 

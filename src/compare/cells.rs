@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 
 use super::protocol::GateConfiguration;
-use fathom_base::text::{did_you_mean, families, nearest};
+use fathom_base::text::{did_you_mean, families};
 use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_record::Profile;
 use fathom_record::comparison::{CellId, CellSubject};
@@ -75,9 +75,8 @@ impl Gates {
         self.configurations.retain(|configuration| !configuration.stages.is_empty());
         let left = self.cells();
         let Some(first) = left.first() else {
-            let nearest = nearest(filter, all.iter().map(CellId::as_str));
             let families = families(all.iter().map(CellId::stage)).join(", ");
-            let meant = did_you_mean(&nearest);
+            let meant = did_you_mean(filter, all.iter().map(CellId::as_str));
             bail!("no gate cell matches `{filter}`{meant}; there are cells of {families}");
         };
         if !left.contains(&self.control) {

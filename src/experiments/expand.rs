@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::schema::{Axis, Profiles, Sweep};
 use super::{Experiment, ExperimentError};
-use fathom_base::text::{did_you_mean, line, nearest};
+use fathom_base::text::{did_you_mean, line};
 use fathom_record::Profile;
 
 /// Most cells that one experiment plans, the reference and the views of each counted too: planned, one takes about 20 KiB.
@@ -211,9 +211,8 @@ impl Axis {
         let labels: IndexSet<String> = self.every().map(value_text).collect();
         let plain = self.every().find(|value| !is_labelled(value));
         let Some(example) = plain else {
-            let near = nearest(text, labels.iter().map(String::as_str));
-            let values = labels.iter().join(", ");
-            return Err(format!("no value `{text}`{}; its values: {values}", did_you_mean(&near)));
+            let near = did_you_mean(text, labels.iter().map(String::as_str));
+            return Err(format!("no value `{text}`{near}"));
         };
         let value = match example {
             Value::String(_) => Value::from(text),
@@ -295,7 +294,7 @@ impl Experiment {
         let names = self.axis_names();
         let unknown = axis_overrides.iter().find(|(name, _)| !names.contains(&name.as_str()));
         let Some((name, _)) = unknown else { return Ok(()) };
-        let near = did_you_mean(&nearest(name, names));
+        let near = did_you_mean(name, names);
         Err(ExperimentError(format!("experiment `{}` has no axis `{name}`{near}", self.id)))
     }
 

@@ -18,7 +18,7 @@ use std::path::Path;
 
 use fathom_base::embedded::{EXPERIMENTS, Folders};
 use fathom_base::input;
-use fathom_base::text::{did_you_mean, line, nearest};
+use fathom_base::text::{did_you_mean, line};
 
 pub use claims::{
     CHANCE, LOOKS, NO_VISIT, RuledFigure, Ruling, Scale, Scaling, Standing, Verdict, Whose,
@@ -71,7 +71,7 @@ impl Experiment {
         let is_path = id_or_path.ends_with(".toml") || path.components().count() > 1;
         if !is_path {
             let ids = Experiment::ids(folders);
-            let near = did_you_mean(&nearest(id_or_path, ids.iter().map(String::as_str)));
+            let near = did_you_mean(id_or_path, ids.iter().map(String::as_str));
             return Err(ExperimentError(format!("unknown experiment `{id_or_path}`{near}")));
         }
         Experiment::read(path)

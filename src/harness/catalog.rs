@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use fathom_base::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
 use fathom_base::parameter::{self, Allowed, Field, ParamError};
-use fathom_base::text::{did_you_mean, nearest};
+use fathom_base::text::did_you_mean;
 use fathom_gpu::StageInfo;
 use fathom_pipelines as pipelines;
 use fathom_pipelines::{KINDS, Pipeline, PipelineKind};
@@ -30,8 +30,8 @@ impl CargoTarget {
 /// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
 #[derive(Debug, Error)]
 pub enum SubjectError {
-    #[error("unknown pipeline `{name}`{}", did_you_mean(.nearest))]
-    UnknownPipeline { name: String, nearest: Option<String> },
+    #[error("unknown pipeline `{name}`{hint}")]
+    UnknownPipeline { name: String, hint: String },
     #[error(transparent)]
     Scene(#[from] SceneError),
     #[error(transparent)]
@@ -150,7 +150,7 @@ impl Catalog {
         let found = self.kinds.iter().find(|kind| kind.name == name);
         found.copied().ok_or_else(|| SubjectError::UnknownPipeline {
             name: name.to_owned(),
-            nearest: nearest(name, self.kinds.iter().map(|kind| kind.name)),
+            hint: did_you_mean(name, self.kinds.iter().map(|kind| kind.name)),
         })
     }
 

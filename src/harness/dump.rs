@@ -11,7 +11,7 @@ use super::render;
 use super::subject::Subject;
 use fathom_base::folder::Folder;
 use fathom_base::npy;
-use fathom_base::text::{did_you_mean, nearest};
+use fathom_base::text::did_you_mean;
 use fathom_gpu::{Gpu, read_buffer, read_texture, read_volume};
 use fathom_stages::{Output, OutputData, Stage};
 
@@ -35,8 +35,8 @@ pub fn dump(gpu: &Gpu, subject: &Subject, stage: &str, folder: &Path) -> Result<
 fn find<'a>(stages: &[&'a Stage], name: &str) -> Result<&'a Stage> {
     let found = stages.iter().find(|stage| stage.name() == name);
     found.copied().ok_or_else(|| {
-        let nearest = nearest(name, stages.iter().map(|stage| stage.name()));
-        anyhow!("this pipeline runs no stage `{name}`{}", did_you_mean(&nearest))
+        let hint = did_you_mean(name, stages.iter().map(|stage| stage.name()));
+        anyhow!("this pipeline runs no stage `{name}`{hint}")
     })
 }
 

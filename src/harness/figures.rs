@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 use super::render;
 use super::subject::{Subject, Subjects};
 use fathom_base::embedded::Folders;
-use fathom_base::text::{check_id, did_you_mean, nearest};
+use fathom_base::text::{check_id, did_you_mean};
 use fathom_experiments::flatten;
 use fathom_experiments::schema::one_line;
 use fathom_gpu::Gpu;
@@ -123,9 +123,8 @@ impl Figure {
     /// The figure of this id. The error of an unknown one names the nearest.
     pub fn load(folders: &Folders, id: &str) -> Result<Self> {
         let Some((_, text)) = folders.text(&format!("{id}.toml")) else {
-            let nearest = nearest(id, Self::ids(folders).iter().map(String::as_str));
-            let meant = did_you_mean(&nearest);
-            bail!("unknown figure `{id}`{meant}; `fathom list figures` lists all");
+            let meant = did_you_mean(id, Self::ids(folders).iter().map(String::as_str));
+            bail!("unknown figure `{id}`{meant}");
         };
         Self::parse(id, &text).map_err(|message| anyhow!("figure `{id}`: {message}"))
     }

@@ -15,7 +15,7 @@ use super::shard;
 use super::subject::{Subject, Subjects};
 use super::views::View;
 use fathom_base::private;
-use fathom_base::text::{did_you_mean, nearest};
+use fathom_base::text::did_you_mean;
 use fathom_experiments::defaults::{self, Choice};
 use fathom_experiments::{CellPlan, Experiment, ExperimentError};
 use fathom_gpu::Capacity;
@@ -44,7 +44,13 @@ impl Request {
         } else {
             self.experiments.clone()
         };
-        let load = |name: &String| Experiment::load_from(&catalog.experiments, name);
+        let is_scene = |name: &str| catalog.scenes.text(&format!("{name}.toml")).is_some();
+        let load = |name: &String| match Experiment::load_from(&catalog.experiments, name) {
+            Err(_) if is_scene(name) => {
+                Err(ExperimentError::of(name, "this is a scene; see `fathom list experiments`"))
+            }
+            loaded => loaded,
+        };
         names.iter().map(load).collect()
     }
 
@@ -65,8 +71,7 @@ impl Request {
         let names = || expanded.iter().flatten().map(|plan| plan.cell.as_str());
         for name in &self.cells {
             if !names().any(|known| known == name) {
-                let nearest = nearest(name, names());
-                bail!("no chosen experiment has the cell `{name}`{}", did_you_mean(&nearest));
+                bail!("no chosen experiment has the cell `{name}`{}", did_you_mean(name, names()));
             }
         }
         for plans in expanded {

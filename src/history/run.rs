@@ -63,7 +63,7 @@ pub struct NewRun {
     pub started_at: String,
     pub adapter: String,
     pub driver: String,
-    /// Machines of its sittings, each once; none for records that do not name it.
+    /// Machines of its sessions, each once; none for records that do not name it.
     pub hosts: Vec<Option<String>>,
     /// Measured cells.
     pub cells: usize,

@@ -200,11 +200,11 @@ struct Span {
 /// The median slope between spans of time; none where they are too few for its interval. Between two spans it is that of the median of the cells that both have: only samples of
 /// one cell are compared, so cells need not be measured at the same time.
 fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
-    let sittings = sittings(frames);
+    let sessions = sessions(frames);
     let lasts_s = |samples: &Vec<Sample>| Some(samples.last()?.at_s - samples.first()?.at_s);
-    let longest_s = sittings.iter().filter_map(lasts_s).fold(0.0, f64::max);
+    let longest_s = sessions.iter().filter_map(lasts_s).fold(0.0, f64::max);
     let (mut pairs, mut first) = (Vec::new(), 0);
-    for spans in sittings.iter().map(|samples| spans(samples)) {
+    for spans in sessions.iter().map(|samples| spans(samples)) {
         pairs.extend(slopes(&spans, first));
         first += spans.len();
     }
@@ -214,23 +214,23 @@ fn drift(frames: &[&FrameRecord]) -> Option<Drift> {
 }
 
 /// All samples in the order of time, divided at pauses.
-fn sittings(frames: &[&FrameRecord]) -> Vec<Vec<Sample>> {
+fn sessions(frames: &[&FrameRecord]) -> Vec<Vec<Sample>> {
     let of_cell = |(cell, frame): (usize, &&FrameRecord)| {
         let samples = frame.sampled_at_s.iter().zip(&frame.untimed_samples_ns);
         samples.map(|(at_s, ns)| Sample { at_s: *at_s, cell, log: ns.ln() }).collect_vec()
     };
     let samples = frames.iter().enumerate().flat_map(of_cell);
     let samples = samples.filter(|sample| sample.log.is_finite());
-    let mut sittings = Vec::<Vec<Sample>>::new();
+    let mut sessions = Vec::<Vec<Sample>>::new();
     for sample in samples.sorted_by(|a, b| a.at_s.total_cmp(&b.at_s)) {
-        let before = sittings.last_mut();
+        let before = sessions.last_mut();
         let goes_on = |before: &Vec<Sample>| sample.at_s - before[before.len() - 1].at_s < PAUSE_S;
         match before.filter(|before| goes_on(before)) {
             Some(before) => before.push(sample),
-            None => sittings.push(vec![sample]),
+            None => sessions.push(vec![sample]),
         }
     }
-    sittings
+    sessions
 }
 
 fn spans(samples: &[Sample]) -> Vec<Span> {

@@ -15,7 +15,7 @@ use fathom_record::{
     machine,
 };
 
-/// Of several sittings the one with the clock that can be trusted least; the latest of equal ones.
+/// Of several sessions the one with the clock that can be trusted least; the latest of equal ones.
 pub fn worst<'a>(view: &ReportView<'a>) -> Option<&'a Run> {
     let trust = |run: &&Run| clocks(run).map(|(.., trust)| trust).max();
     view.runs.iter().copied().max_by_key(trust)

@@ -39,7 +39,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use fathom_base::text::{did_you_mean, families, nearest};
+use fathom_base::text::{did_you_mean, families};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::SceneError;
 use rig::Rig;
@@ -51,8 +51,8 @@ pub enum VerifyError {
     Gpu(#[from] GpuError),
     #[error(transparent)]
     Scene(#[from] SceneError),
-    #[error("no check matches `{filter}`{}; there are checks of {}", did_you_mean(.nearest), .families.join(", "))]
-    NoMatch { filter: String, nearest: Option<String>, families: Vec<&'static str> },
+    #[error("no check matches `{filter}`{}; there are checks of {}", .hint, .families.join(", "))]
+    NoMatch { filter: String, hint: String, families: Vec<&'static str> },
     #[error("{stage}: {what}")]
     Invalid { stage: &'static str, what: String },
 }
@@ -245,8 +245,8 @@ pub fn verify(
         let filter = filter.unwrap_or_default().to_owned();
         let stages = || all.iter().map(|case| case.stage);
         let families = families(stages());
-        let nearest = nearest(&filter, families.iter().copied().chain(stages()));
-        return Err(VerifyError::NoMatch { filter, nearest, families });
+        let hint = did_you_mean(&filter, families.iter().copied().chain(stages()));
+        return Err(VerifyError::NoMatch { filter, hint, families });
     }
     run_all(gpu, &chosen, each)
 }

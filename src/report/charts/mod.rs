@@ -72,6 +72,12 @@ struct PlotInput<'s> {
 }
 
 impl<'s> PlotInput<'s> {
+    fn new(section: &'s Section<'_>) -> Option<PlotInput<'s>> {
+        let experiment = section.experiment.as_ref()?;
+        let (cells, software) = (section.cells(), section.software());
+        Some(PlotInput { experiment, cells, colors: &section.colors, software })
+    }
+
     /// With the cells that a plot shows.
     fn of(&self, plot: &Plot) -> PlotInput<'s> {
         let belongs = |cell: &&Cell| {
@@ -107,11 +113,9 @@ pub struct Figure {
 
 impl Figure {
     pub fn of(section: &Section<'_>) -> Figure {
-        let Some(experiment) = &section.experiment else { return Figure::default() };
-        let (cells, software) = (section.cells(), section.software());
-        let input = PlotInput { experiment, cells, colors: &section.colors, software };
+        let Some(input) = PlotInput::new(section) else { return Figure::default() };
         let plots: Vec<(&Plot, PlotInput<'_>)> =
-            experiment.plot.iter().map(|plot| (plot, input.of(plot))).collect();
+            input.experiment.plot.iter().map(|plot| (plot, input.of(plot))).collect();
         let (mut panels, mut missing) = (Vec::new(), Vec::new());
         for (plot, input) in &plots {
             match Framed::new(plot, input, section) {
@@ -122,6 +126,13 @@ impl Figure {
         let svg = (!panels.is_empty()).then(|| picture(section, &names::common(&input), &panels));
         Figure { svg, missing }
     }
+}
+
+/// One plot of an experiment alone.
+pub fn one_plot(section: &Section<'_>, plot: &Plot) -> Option<String> {
+    let input = PlotInput::new(section)?.of(plot);
+    let panel = Framed::new(plot, &input, section).ok()?;
+    Some(picture(section, &names::common(&input), &[panel]))
 }
 
 pub fn file_name(section: &Section<'_>) -> String {

@@ -1,6 +1,7 @@
 //! Each claim with its verdict, and the figure that decided beside the band that it must lie in.
 
 use indexmap::IndexMap;
+use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::parts::Tone;
@@ -72,8 +73,10 @@ fn part(page: &Page<'_>, whose: Whose, rows: Vec<&Row<'_>>) -> Vec<Part> {
     if rows.is_empty() {
         return Vec::new();
     }
-    let (supported, open): (Vec<_>, Vec<_>) =
-        rows.into_iter().partition(|row| row.verdict() == Verdict::Supported);
+    let mut groups = rows.into_iter().into_group_map_by(|row| match row.verdict() {
+        verdict @ (Verdict::Supported | Verdict::NotRun) => Some(verdict),
+        _ => None,
+    });
     let about = match whose {
         Whose::Publication => "Each is tested with the method that its paper describes.",
         Whose::Own => "No paper contains these sentences: this project or a user states them.",
@@ -83,12 +86,13 @@ fn part(page: &Page<'_>, whose: Whose, rows: Vec<&Row<'_>>) -> Vec<Part> {
         Part::Table(table_of(page, rows, &format!("{title} that are {words}")))
     };
     let mut parts = vec![Part::Heading(title.into()), Part::paragraph(about)];
-    if !open.is_empty() {
-        parts.push(table(&open, "not supported"));
-    }
-    if !supported.is_empty() {
-        let words = format!("{} supported {whose}", supported.len());
-        parts.push(Part::Fold(words.into(), vec![table(&supported, "supported")]));
+    let open = groups.remove(&None).map(|open| table(&open, "not supported"));
+    parts.extend(open);
+    for verdict in [Verdict::Supported, Verdict::NotRun] {
+        let rows = groups.remove(&Some(verdict)).unwrap_or_default();
+        let words = format!("{} {whose} {verdict}", rows.len());
+        let folded = (!rows.is_empty()).then(|| vec![table(&rows, &verdict.to_string())]);
+        parts.extend(folded.map(|table| Part::Fold(words.into(), table)));
     }
     parts
 }

@@ -2,10 +2,11 @@
 //! summary has them one after the other, and the terminal the first three.
 
 use itertools::Itertools;
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::{Fold, Page, PageRun, PageSection};
 use crate::ceilings::{are_measured, bounds};
+use crate::charts;
 use crate::document::{self, Line, Part, Span, Table};
 use crate::facts::{self, SlowStage};
 use crate::format::{NS_PER_MS, percent, three};
@@ -26,6 +27,7 @@ pub const SECTION: PageSection = PageSection {
 /// Lines of a card that has one for each stage, axis or pipeline.
 const MOST_LINES: usize = 5;
 const MOST_PIPELINES: usize = 10;
+const MOST_PLOTS: usize = 2;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     if page.runs.is_empty() && page.left_out.is_empty() {
@@ -38,18 +40,54 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 }
 
 fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
+    let [trust, others @ ..] = cards(run.view);
     html! {
         @if page.is_overlay() { h3 { (run.label) } }
         (document::html(&doubts(run.view)))
-        div.cards {
-            @for Card { section, question, parts } in cards(run.view) {
-                article.card { h3 { a href={ "#" (section) } { (question) } } (document::html(&parts)) }
+        (card(&trust, &html! {}))
+        div.glance {
+            @if !page.is_overlay() { div.drawings { (drawings(page, run.view)) } }
+            div.cards {
+                @for (index, other) in others.iter().enumerate() {
+                    (card(other, &if index == 0 { claim_marks(run.view) } else { html! {} }))
+                }
             }
         }
         @if let Some(table) = identity(run.view) {
             (document::html(&[Part::Fold("Device, program and command".into(), vec![Part::Table(table)])]))
         }
     }
+}
+
+fn card(Card { section, question, parts }: &Card, below: &Markup) -> Markup {
+    html! {
+        article.card { h3 { a href={ "#" (section) } { (question) } } (document::html(parts)) (below) }
+    }
+}
+
+/// A mark for each claim of the papers, which leads to its experiment.
+fn claim_marks(view: &ReportView<'_>) -> Markup {
+    let claims = view.sections.iter().flat_map(|section| {
+        let of_papers = |ruling: &&Ruling| ruling.whose == Whose::Publication;
+        section.rulings().iter().filter(of_papers).map(|ruling| (section.id, ruling))
+    });
+    html! {
+        p.marks {
+            @for (id, ruling) in claims.sorted_by_key(|(_, ruling)| std::cmp::Reverse(ruling.verdict)) {
+                @let tone = Tone::of(ruling.verdict);
+                a.(tone.class()) href={ "#plot-" (id) } title={ (ruling.verdict) ": " (ruling.text) " (" (id) ")" } { (tone.mark()) }
+            }
+        }
+    }
+}
+
+/// The stages of each pipeline, and the plots of the exponents over the widest ranges, those of one group of cells first.
+fn drawings(page: &Page<'_>, view: &ReportView<'_>) -> Markup {
+    let alone = facts::growth(view).sorted_by_key(|exponent| !exponent.group.is_empty());
+    let grown = alone.unique_by(|exponent| exponent.section.id);
+    let plots = grown.filter_map(|one| charts::one_plot(one.section, one.plot));
+    let drawn = super::time::bars(page).into_iter().chain(plots.take(MOST_PLOTS));
+    html! { @for svg in drawn { div.scroll { (PreEscaped(svg)) } } }
 }
 
 /// What a reader must know before any figure.

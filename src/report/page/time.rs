@@ -37,20 +37,22 @@ pub fn parts(page: &Page<'_>) -> Vec<Part> {
     });
     vec![
         Part::paragraph(
-            "One bar per pipeline, at the measurable setting closest to the defaults. A segment is a stage's share of the sum of all \
-             stages, by median times, with 95 % intervals in the table. A stage below the clock's resolution has no segment.",
+            "One frame per pipeline, at the measurable setting closest to the defaults. A share is that of the sum of all stages, by \
+             median times, with its 95 % interval. On the page a bar at a glance shows it; a stage below the clock's resolution has no part.",
         ),
-        Part::Chart(bars(page, &frames)),
         Part::Table(table.with_rows(rows)),
     ]
 }
 
-fn bars(page: &Page<'_>, frames: &[SameFrame<'_>]) -> String {
+/// A bar for each pipeline.
+pub fn bars(page: &Page<'_>) -> Option<String> {
+    let frames = frames(page);
     let rows = frames.iter().flatten().map(|(run, frame)| {
         let run = if page.is_overlay() { format!(", {}", run.label) } else { String::new() };
         (format!("{}{run}", frame.cell.pipeline), resolved(frame))
     });
-    shares(&rows.collect_vec(), &page.colors)
+    let rows = rows.collect_vec();
+    (!rows.is_empty()).then(|| shares(&rows, &page.colors))
 }
 
 /// The frame nearest to the defaults first.
@@ -123,6 +125,7 @@ fn of_stage(page: &Page<'_>, StageShare { stage, share }: &StageShare<'_>) -> [L
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::page::overview;
     use crate::testing::{overlaid, written};
     use fathom_experiments::fixtures;
     use fathom_record::Cell;
@@ -132,7 +135,8 @@ mod tests {
         let html = written(SECTION.write, &fixtures::run());
         let first = html.split("<tr>").nth(2).unwrap();
         assert!(first.contains("uw-default"), "{first}");
-        let titles = html.split("<title>underwater, ").skip(1);
+        let bars = written(overview::SECTION.write, &fixtures::run());
+        let titles = bars.split("<title>underwater, ").skip(1);
         let shares = titles.map(|title| title.split([';', '%']).nth(1).unwrap().trim());
         let sum: f64 = shares.map(|share| share.parse::<f64>().unwrap()).sum();
         assert!((sum - 100.0).abs() < 1.0, "{sum}");
@@ -163,7 +167,8 @@ mod tests {
             });
         }
         let html = written(SECTION.write, &records);
-        assert!(!html.contains("underwater, caustics/trace"), "{html}");
+        let bars = written(overview::SECTION.write, &records);
+        assert!(bars.contains("underwater, ") && !bars.contains("underwater, caustics/trace"));
         let row = html.split("<tr>").find(|row| row.contains("caustics/trace")).unwrap();
         assert_eq!(row.matches("&lt; ").count(), 2, "{row}");
     }

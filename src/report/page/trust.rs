@@ -36,10 +36,10 @@ fn parts(page: &Page<'_>) -> Vec<Part> {
         parts.push(Part::Paragraph(verdict.and(format!(" Clock: {}.", trust::conditions(run)))));
         if view.runs.len() > 1 {
             parts.push(Part::paragraph(format!(
-                "The run was measured in {} sittings. The audit and the costs below are those of the sitting with the least reliable clocks.",
+                "The run was measured in {} sessions. The audit and the costs below are those of the session with the least reliable clocks.",
                 view.runs.len()
             )));
-            parts.push(Part::Table(sittings(view)));
+            parts.push(Part::Table(sessions(view)));
         }
         if !run.audit.is_empty() {
             let about =
@@ -52,8 +52,8 @@ fn parts(page: &Page<'_>) -> Vec<Part> {
     parts
 }
 
-/// What each sitting of a run that was resumed or joined from shards was timed by.
-fn sittings(view: &ReportView<'_>) -> Table {
+/// What each session of a run that was resumed or joined from shards was timed by.
+fn sessions(view: &ReportView<'_>) -> Table {
     let cells = view.entries().filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
     let columns = ["Started", "Machine", "Cells", "Clock", "Can it be trusted?"];
     let rows = view.runs.iter().map(|run| {
@@ -62,7 +62,7 @@ fn sittings(view: &ReportView<'_>) -> Table {
         let [clock, verdict] = [trust::conditions(run), trust::verdict(run)];
         [run.started_at.clone(), host, count.to_string(), clock, verdict]
     });
-    Table::new("Sittings", columns).with(ColumnKind::Numbers, &columns[2..3]).with_rows(rows)
+    Table::new("Sessions", columns).with(ColumnKind::Numbers, &columns[2..3]).with_rows(rows)
 }
 
 fn audit(run: &Run) -> Table {
