@@ -78,7 +78,7 @@ fn unknown(name: &str) -> anyhow::Error {
 /// Names of all exporters.
 fn known() -> impl Iterator<Item = &'static str> {
     let of_runs = OF_RUNS.iter().map(|exporter| exporter.name);
-    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name))
+    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name)).unique()
 }
 
 /// Name, what it is a format of, file, when that is written, and description of each exporter.
