@@ -212,10 +212,16 @@ fn claims_block(views: [&ReportView<'_>; 2]) -> Vec<Part> {
 
 fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Vec<Part> {
     let common = times.common.map_or(1.0, |common| common.ratio);
-    let mut lead = vec![times.common.as_ref().map_or_else(
+    let noises = views.map(|view| view.verdict.as_ref().map(|verdict| verdict.noise));
+    let are_quiet = noises == [Some(Noise::Quiet); 2];
+    let mut lead = Vec::new();
+    if !are_quiet {
+        lead.push("which stage became slower cannot be judged: both runs must be quiet".to_owned());
+    }
+    lead.push(times.common.as_ref().map_or_else(
         || format!("{} are too few to judge one among them", counted(times.stages, "stage")),
         common_words,
-    )];
+    ));
     let default = facts::default_frame(views[0]).map(|frame| frame.cell);
     let is_default = |time: &&TimeChange<'_>| {
         default.is_some_and(|cell| cell_name(cell) == cell_name(time.cell))
@@ -229,7 +235,7 @@ fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Vec<Part> {
             )
         }
     }));
-    if times.common.is_some() {
+    if times.common.is_some() && are_quiet {
         lead.push(chance_words(times));
     }
     let row = |change: &StageChange<'_>| {
@@ -243,7 +249,7 @@ fn times_block(times: &Times<'_>, views: [&ReportView<'_>; 2]) -> Vec<Part> {
         ]
     };
     let heads = ["Stage", "In", "Beyond the common ratio", "Cell with the largest change"];
-    block("Times", lead, heads, times.changed.iter().map(row))
+    block("Times", lead, heads, times.changed.iter().filter(|_| are_quiet).map(row))
 }
 
 /// `322 → 473 ms, × 1.47 (1.40 – 1.54), n = 12 and 15`
