@@ -94,9 +94,9 @@ impl Line {
         html! {
             @for span in &self.0 {
                 @match span {
-                    Span::Words(words) => (words),
+                    Span::Words(words) => (with_code(words)),
                     Span::Bold(words) => strong { (words) },
-                    Span::Faint(words) => span.faint { (words) },
+                    Span::Faint(words) => span.faint { (with_code(words)) },
                     Span::Code(words) => code { (words) },
                     Span::Link { words, to } => a href=(to) { (words) },
                     Span::Chip(tone, words) => (tone.chip(words)),
@@ -104,6 +104,19 @@ impl Line {
                     Span::Drawn(markup) => (markup),
                 }
             }
+        }
+    }
+}
+
+/// Words with what stands between backticks as code.
+pub fn with_code(words: &str) -> Markup {
+    let pieces: Vec<&str> = words.split('`').collect();
+    let is_code = |index: usize| index % 2 == 1 && index + 1 < pieces.len();
+    html! {
+        @for (index, piece) in pieces.iter().enumerate() {
+            @if is_code(index) { code { (piece) } }
+            @else if index % 2 == 1 { "`" (piece) }
+            @else { (piece) }
         }
     }
 }

@@ -23,7 +23,7 @@ const MOST_LINES: usize = 200;
 /// Rows of tables: of the papers' claims that are not supported, of own hypotheses, of stages, of exponents.
 const MOST_CLAIMS: [usize; 2] = [36, 10];
 const MOST_STAGES: usize = 30;
-const MOST_EXPONENTS: usize = 22;
+const MOST_EXPONENTS: usize = 20;
 const MOST_NOTES: usize = 5;
 
 fn export(view: &ReportView<'_>) -> String {

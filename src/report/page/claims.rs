@@ -145,7 +145,7 @@ fn fields(page: &Page<'_>, row: &Row<'_>) -> Vec<[Line; 6]> {
             told = told.and(Span::Faint(format!(" {}", page.runs[*place].label)));
         }
         let why = html! {
-            details { summary { "why" } p { (ruling.reason) } @if let Some(all) = comparisons(ruling) { (all) } (grounds(claim, ruling)) }
+            details { summary { "why" } p { (document::with_code(&ruling.reason)) } @if let Some(all) = comparisons(ruling) { (all) } (grounds(claim, ruling)) }
         };
         let [measured, drawn, asked] = match ruling.deciding.first() {
             Some(figure) => {
@@ -180,7 +180,7 @@ fn grounds(claim: &Claim, ruling: &Ruling) -> Markup {
     let rows = rows
         .into_iter()
         .filter_map(|(about, words)| Some((about, words.filter(|w| !w.is_empty())?)));
-    html! { dl.grounds { @for (about, words) in rows { dt { (about) } dd { (words) } } } }
+    html! { dl.grounds { @for (about, words) in rows { dt { (about) } dd { (document::with_code(&words)) } } } }
 }
 
 /// Every comparison of a claim that has several.

@@ -5,6 +5,7 @@ use maud::{Markup, PreEscaped, html};
 
 use super::claims::{chip, ruled};
 use super::{Fold, Page, PageRun, PageSection};
+use crate::document::with_code;
 use crate::{Section, charts};
 use fathom_base::text;
 use fathom_experiments::Experiment;
@@ -72,7 +73,7 @@ fn about(experiment: &Experiment) -> Markup {
     html! {
         p.faint { "Source: " (experiment.source) }
         @for paragraph in experiment.about.split("\n\n").filter(|text| !text.is_empty()) {
-            p { (paragraph) }
+            p { (with_code(paragraph)) }
         }
     }
 }
@@ -93,7 +94,7 @@ fn outcome(page: &Page<'_>, part: &Part<'_>) -> Markup {
 fn claims(section: &Section<'_>) -> Markup {
     html! {
         @if !section.rulings().is_empty() {
-            ul.claims { @for ruling in section.rulings() { li { (ruled(ruling)) " " (ruling.text) } } }
+            ul.claims { @for ruling in section.rulings() { li { (ruled(ruling)) " " (with_code(&ruling.text)) } } }
         }
     }
 }
@@ -122,7 +123,7 @@ fn notes(section: &Section<'_>) -> Markup {
         @for (kind, of_cells) in kinds {
             details.notes {
                 summary { (counted(of_cells.len())) ": " (meaning(kind)) }
-                ul { @for (cell, note) in of_cells { li { (cell) ": " (note) } } }
+                ul { @for (cell, note) in of_cells { li { (cell) ": " (with_code(note)) } } }
             }
         }
         (rejected(section))
