@@ -1,9 +1,9 @@
 // defs: TEST=1, WATER=0
-// The same rays, an invocation each, which leaves at the first hit: the single-shader form of SPT §2.1.
+// The same rays, an invocation each, which leaves at the first hit, or at the last that is kept: the single-shader form of SPT §2.1.
 #import fathom::dispatch::place
 #import fathom::photon::{Photon}
 #import fathom::screen_ray::{Walk, hit, segment}
-#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
+#import fathom::transfer::{ENDED, NO_HIT, Transfer, begins, landed}
 
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
@@ -22,9 +22,18 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let seg = segment(walk, ray);
-    var at_m = NO_HIT;
-    for (var number = 0.0; number < seg.steps && at_m >= NO_HIT; number += 1.0) {
-        at_m = hit(walk, depths, surfaces, ray, seg, number).at_m;
+    let end = (photon + 1u) * walk.max_hits;
+    var place = photon * walk.max_hits;
+    var before_m = NO_HIT;
+    for (var number = 0.0; number < seg.steps && place < end; number += 1.0) {
+        let at_m = hit(walk, depths, surfaces, ray, seg, number).at_m;
+        if begins(before_m, at_m) {
+            photons[place] = landed(ray, at_m);
+            place++;
+        }
+        before_m = at_m;
     }
-    photons[photon] = landed(ray, at_m);
+    for (; place < end; place++) {
+        photons[place] = landed(ray, NO_HIT);
+    }
 }

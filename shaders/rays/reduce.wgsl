@@ -1,7 +1,8 @@
 // defs: LAST=0, WATER=0
-// The first hit of each row: SPT §2.1, a horizontal reduction in steps that each halve the width. LAST 1 makes a photon of what is left.
+// The first hit of each row: SPT §2.1, a horizontal reduction in steps that each halve the width. LAST 1 makes a photon of what is left, or
+// several of a row that has not been halved: SPT Fig. 3.
 #import fathom::photon::{Photon}
-#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
+#import fathom::transfer::{ENDED, NO_HIT, Transfer, begins, landed}
 
 @group(0) @binding(0) var hits: texture_2d<f32>;
 #if LAST == 0
@@ -24,6 +25,8 @@ struct Tile {
     // The photon of row 0.
     first: u32,
     photons: u32,
+    // Most intersections of a ray that are kept.
+    max_hits: u32,
 }
 
 @group(0) @binding(1) var<uniform> tile: Tile;
@@ -37,8 +40,22 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let ray = transfers[photon];
-    if ray.state != ENDED {
-        photons[photon] = landed(ray, textureLoad(hits, vec2(0, i32(id.x)), 0).x);
+    if ray.state == ENDED {
+        return;
+    }
+    let end = (photon + 1u) * tile.max_hits;
+    var place = photon * tile.max_hits;
+    var before_m = NO_HIT;
+    for (var step = 0; step < i32(textureDimensions(hits).x) && place < end; step++) {
+        let at_m = textureLoad(hits, vec2(step, i32(id.x)), 0).x;
+        if begins(before_m, at_m) {
+            photons[place] = landed(ray, at_m);
+            place++;
+        }
+        before_m = at_m;
+    }
+    for (; place < end; place++) {
+        photons[place] = landed(ray, NO_HIT);
     }
 }
 #endif

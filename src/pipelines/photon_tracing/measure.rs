@@ -12,7 +12,7 @@ use crate::{exact_of, judged_view, named, objects_of, share};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
-use fathom_reference::rays::Tracer;
+use fathom_reference::rays::{Hit, Tracer};
 use fathom_reference::specular::{End, Surfaces};
 use fathom_scene::{Optics, Scene};
 use fathom_stages::geometry::Part;
@@ -43,6 +43,10 @@ struct Ends {
     occluded: usize,
     /// Of these, found to end behind the occluder.
     passed: usize,
+    /// Exact intersections of rays, in view, and those that were found.
+    met: [usize; 2],
+    /// Intersections found, and those of them that lie on an exact one.
+    lit: [usize; 2],
     /// Exact ends, in view, behind a mirror or glass.
     specular: usize,
     /// Of these, found to end anywhere: distance from the exact end, metres.
@@ -52,6 +56,8 @@ struct Ends {
 /// Where a photon ends.
 struct Exact {
     position: DVec3,
+    /// All surfaces along its ray, in view, where more than the first are lit.
+    along: Vec<DVec3>,
     /// Whether it would meet another object if the one that it ends on were not there.
     occluder: bool,
     /// Whether it would come into view, likewise.
@@ -72,11 +78,24 @@ impl Ends {
         }
     }
 
-    /// Of a photon that ends in view on what stands before another object.
-    fn add_occluded(&mut self, found: &StoredPhoton, exact: DVec3, wrong_m: f64) {
-        let way_m = |end: DVec3| end.distance(found.entry);
+    /// Of a photon that ends in view on what stands before another object. `found` is all that it lights.
+    fn add_occluded(&mut self, found: &[StoredPhoton], exact: DVec3, wrong_m: f64) {
+        let way_m = |end: DVec3| end.distance(found[0].entry);
+        let behind = |hit: &StoredPhoton| way_m(hit.hit) > way_m(exact) + wrong_m;
         self.occluded += 1;
-        self.passed += usize::from(found.landed() && way_m(found.hit) > way_m(exact) + wrong_m);
+        self.passed += usize::from(found.iter().any(|hit| hit.landed() && behind(hit)));
+    }
+
+    /// Of a photon that lights all intersections of its ray.
+    fn add_along(&mut self, found: &[StoredPhoton], along: &[DVec3], wrong_m: f64) {
+        let hits: Vec<_> = found.iter().filter(|hit| hit.landed()).map(|hit| hit.hit).collect();
+        let count = |of: &[DVec3], among: &[DVec3]| {
+            let is_near = |place: &&DVec3| among.iter().any(|a| a.distance(**place) < wrong_m);
+            of.iter().filter(is_near).count()
+        };
+        let add = |sums: [usize; 2], more: [usize; 2]| [sums[0] + more[0], sums[1] + more[1]];
+        self.met = add(self.met, [along.len(), count(along, &hits)]);
+        self.lit = add(self.lit, [hits.len(), count(&hits, along)]);
     }
 
     /// Of a photon that ends in view behind a mirror or glass.
@@ -94,9 +113,10 @@ impl Drawing for PhotonTracing {
     /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass. Of the layers
     /// what SPT §2.2 counts in a pass of its own: the most surfaces behind a pixel, and the share of all that lie behind the eighth.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let photons = self.stored(gpu)?;
+        let stored = self.stored(gpu)?;
+        let photons: Vec<_> = stored.chunks(self.photons.per_ray as usize).collect();
         let rate = |residual_m: f32| {
-            let alike = photons.iter().filter(|p| p.residual_m == f64::from(residual_m));
+            let alike = photons.iter().filter(|p| p[0].residual_m == f64::from(residual_m));
             share(alike.count(), photons.len())
         };
         let depths = read_volume(gpu, &self.layers.depths, 0)?.data;
@@ -134,7 +154,9 @@ impl PhotonTracing {
     /// Errors of the last frame's photons: `photon_error_median_m`, `photon_error_p99_m`, `photon_wrong_surface_rate` of those that
     /// end in view by both, and `photon_miss_rate` of those that end in view. The quantities `photon_off_frustum_rate` and
     /// `photon_false_hit_rate` are shares of all photons that end anywhere; `photon_occluded_rate` is the share of those in view that end
-    /// before another object, and `photon_passed_rate` the share of these that were found behind what they end on. `photon_specular_rate` is
+    /// before another object, and `photon_passed_rate` the share of these that were found behind what they end on. Where rays
+    /// light more than their first intersection, `photons_full_rate` is the share of those that have as many as are kept, or more, and
+    /// `intersections_lost_rate` and `intersections_false_rate` are shares of the exact ones in view and of those found. `photon_specular_rate` is
     /// the share of those in view that come by a mirror or glass, `photon_specular_miss_rate` the share of these that are lost, and
     /// `photon_specular_error_median_m` the error of the rest.
     /// `caustics_photon_kept_out_rate` is the share of all that end out of view on what keeps them from coming into view, and
@@ -144,18 +166,8 @@ impl PhotonTracing {
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let found = self.stored(gpu)?;
         let ends = self.ends(&found, scene)?;
-        let Ends {
-            mut errors_m,
-            lost,
-            off_frustum,
-            false_hits,
-            kept_out,
-            leaked,
-            occluded,
-            passed,
-            specular,
-            mut specular_errors_m,
-        } = ends;
+        let Ends { mut errors_m, lost, off_frustum, false_hits, kept_out, leaked, .. } = ends;
+        let Ends { occluded, passed, met, lit, specular, mut specular_errors_m, .. } = ends;
         let in_view = errors_m.len() + lost;
         let wrong_m = WRONG_M * scene.solid_bounds().times_tank();
         let wrong = errors_m.iter().filter(|error_m| **error_m > wrong_m).count();
@@ -181,6 +193,16 @@ impl PhotonTracing {
         ];
         let stage = self.params.rays.method.info().name;
         let mut judged = Judged::of(stage, errors, quantities);
+        if self.photons.per_ray > 1 {
+            let per_ray = self.photons.per_ray as usize;
+            let is_full = |hits: &&[StoredPhoton]| hits.iter().all(StoredPhoton::landed);
+            let full = found.chunks(per_ray).filter(is_full).count();
+            judged.quantities.extend(named([
+                ("photons_full_rate", share(full * per_ray, found.len())),
+                ("intersections_lost_rate", share(met[0] - met[1], met[0])),
+                ("intersections_false_rate", share(lit[0] - lit[1], lit[0])),
+            ]));
+        }
         if !specular_errors_m.is_empty() {
             let median_m = quantile(&mut specular_errors_m, 0.5);
             judged.quantities.insert("photon_specular_error_median_m".to_owned(), median_m);
@@ -203,6 +225,9 @@ impl PhotonTracing {
         };
         let frustum = Frustum::new(tracer, &view, times);
         let transfer = &self.params.transfer;
+        let found: Vec<_> = found.chunks(self.photons.per_ray as usize).collect();
+        let lights_all = self.photons.per_ray > 1;
+        let in_view = |hit: &Hit| frustum.holds(hit.position);
         let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
             let place = place_in_grid(index as u32, transfer.grid, transfer.offset);
             let landing = land(&frame, water, tracer, place);
@@ -211,6 +236,11 @@ impl PhotonTracing {
             match surfaces.follow(ray, bounces) {
                 End::Diffuse(hit) => Some(Exact {
                     position: hit.position,
+                    along: std::iter::once(hit)
+                        .chain(frustum.hits_behind(hit, landed.direction))
+                        .filter(|hit| lights_all && in_view(hit))
+                        .map(|hit| hit.position)
+                        .collect(),
                     occluder: bounces == 0
                         && frustum
                             .hits_behind(hit, landed.direction)
@@ -224,16 +254,18 @@ impl PhotonTracing {
         });
         let mut ends = Ends::default();
         for (index, exact) in exact {
-            let Exact { position, occluder, kept_out, specular } = exact;
-            let in_view = frustum.holds(position);
+            let Exact { position, along, occluder, kept_out, specular } = exact;
+            let (hits, in_view) = (found[index], frustum.holds(position));
+            let leaks = |hit| frustum.leaks(hit, position);
             ends.kept_out += usize::from(kept_out);
-            ends.leaked += usize::from(kept_out && frustum.leaks(&found[index], position));
-            ends.add(&found[index], position, in_view);
+            ends.leaked += usize::from(kept_out && hits.iter().any(leaks));
+            ends.add(&hits[0], position, in_view);
+            ends.add_along(hits, &along, WRONG_M * times);
             if in_view && specular {
-                ends.add_specular(&found[index], position);
+                ends.add_specular(&hits[0], position);
             }
             if in_view && occluder {
-                ends.add_occluded(&found[index], position, WRONG_M * times);
+                ends.add_occluded(hits, position, WRONG_M * times);
             }
         }
         Ok(ends)
@@ -258,15 +290,22 @@ mod tests {
         ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, false);
         ends.add(&found(0.0), DVec3::NEG_Y, false);
         // Before another object: one that stops there, and one that goes through.
-        ends.add_occluded(&found(0.0), DVec3::NEG_Y, WRONG_M);
-        ends.add_occluded(&found(0.0), DVec3::new(0.0, -0.5, 0.0), WRONG_M);
+        ends.add_occluded(&[found(0.0)], DVec3::NEG_Y, WRONG_M);
+        ends.add_occluded(&[found(0.0)], DVec3::new(0.0, -0.5, 0.0), WRONG_M);
         let (occluded, passed) = (2, 1);
+        // Of two surfaces along a ray one is found, and nothing else.
+        let along = [DVec3::NEG_Y, DVec3::new(0.0, -2.0, 0.0)];
+        ends.add_along(&[found(0.0), found(f64::from(OUTSIDE))], &along, WRONG_M);
+        let (met, lit) = ([2, 1], [1, 1]);
         let errors_m = vec![0.5];
         // Behind a mirror: one that is found, and one that is not.
         ends.add_specular(&found(0.0), DVec3::new(0.0, -1.0, 0.25));
         ends.add_specular(&found(f64::from(OUTSIDE)), DVec3::NEG_Y);
         let (specular, specular_errors_m) = (2, vec![0.25]);
         let of_all = Ends { errors_m, lost: 1, off_frustum: 2, false_hits: 1, ..Ends::default() };
-        assert_eq!(ends, Ends { occluded, passed, specular, specular_errors_m, ..of_all });
+        assert_eq!(
+            ends,
+            Ends { occluded, passed, met, lit, specular, specular_errors_m, ..of_all }
+        );
     }
 }
