@@ -3,7 +3,7 @@
 #import fathom::dispatch::place
 #import fathom::photon::{Photon}
 #import fathom::screen_ray::{Walk, hit, segment}
-#import fathom::transfer::{ENDED, NO_HIT, Transfer, begins, landed}
+#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
 
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
@@ -22,18 +22,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let seg = segment(walk, ray);
-    let end = (photon + 1u) * walk.max_hits;
-    var place = photon * walk.max_hits;
+    var number = 0.0;
     var before_m = NO_HIT;
-    for (var number = 0.0; number < seg.steps && place < end; number += 1.0) {
-        let at_m = hit(walk, depths, surfaces, ray, seg, number).at_m;
-        if begins(before_m, at_m) {
-            photons[place] = landed(ray, at_m);
-            place++;
+    for (var i = 0u; i < walk.max_hits; i++) {
+        var at_m = NO_HIT;
+        for (; number < seg.steps && at_m >= NO_HIT; number += 1.0) {
+            let step_m = hit(walk, depths, surfaces, ray, seg, number).at_m;
+            // Hits of adjacent steps are one intersection.
+            at_m = select(NO_HIT, step_m, before_m >= NO_HIT);
+            before_m = step_m;
         }
-        before_m = at_m;
-    }
-    for (; place < end; place++) {
-        photons[place] = landed(ray, NO_HIT);
+        photons[photon * walk.max_hits + i] = landed(ray, at_m);
     }
 }

@@ -2,7 +2,7 @@
 // The first hit of each row: SPT §2.1, a horizontal reduction in steps that each halve the width. LAST 1 makes a photon of what is left, or
 // several of a row that has not been halved: SPT Fig. 3.
 #import fathom::photon::{Photon}
-#import fathom::transfer::{ENDED, NO_HIT, Transfer, begins, landed}
+#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
 
 @group(0) @binding(0) var hits: texture_2d<f32>;
 #if LAST == 0
@@ -43,19 +43,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if ray.state == ENDED {
         return;
     }
-    let end = (photon + 1u) * tile.max_hits;
-    var place = photon * tile.max_hits;
+    var number = 0;
     var before_m = NO_HIT;
-    for (var step = 0; step < i32(textureDimensions(hits).x) && place < end; step++) {
-        let at_m = textureLoad(hits, vec2(step, i32(id.x)), 0).x;
-        if begins(before_m, at_m) {
-            photons[place] = landed(ray, at_m);
-            place++;
+    for (var i = 0u; i < tile.max_hits; i++) {
+        var at_m = NO_HIT;
+        for (; number < i32(textureDimensions(hits).x) && at_m >= NO_HIT; number++) {
+            let step_m = textureLoad(hits, vec2(number, i32(id.x)), 0).x;
+            // Hits of adjacent steps are one intersection.
+            at_m = select(NO_HIT, step_m, before_m >= NO_HIT);
+            before_m = step_m;
         }
-        before_m = at_m;
-    }
-    for (; place < end; place++) {
-        photons[place] = landed(ray, NO_HIT);
+        photons[photon * tile.max_hits + i] = landed(ray, at_m);
     }
 }
 #endif

@@ -33,11 +33,6 @@ fn is_on_its_way(ray: Transfer) -> bool {
 // Distance of a ray that hits nothing.
 const NO_HIT: f32 = 1e30;
 
-// Whether an intersection begins at a step: those of adjacent steps are one.
-fn begins(before_m: f32, at_m: f32) -> bool {
-    return at_m < NO_HIT && before_m >= NO_HIT;
-}
-
 // What is stored of a photon whose ray ends here.
 fn landed(ray: Transfer, at_m: f32) -> Photon {
     if ray.state == NEVER {

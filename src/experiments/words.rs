@@ -273,6 +273,7 @@ const PARAMETERS: &[Entry] = &[
     ("shadow.size", "side of the shadow map", Pixels),
     ("side", "voxels along the longest side", One),
     ("specular.bounces", "mirrors and glass that a photon leaves", One),
+    ("sprites.max_hits", "intersections that are lit", One),
     ("sprites.plane", "plane of the sprites", One),
     ("step", "step of the march", One),
     ("surface.cells", "cells per side of the water's grid", One),

@@ -236,11 +236,6 @@ impl Rays<'_> {
         most_steps(within_px, self.walking.least)
     }
 
-    /// Room for what is found of them.
-    pub fn photons(&self, resources: &Resources<'_>, label: &str) -> Photons {
-        Photons::of_rays(resources, label, (self.transfers.count, self.walking.max_hits))
-    }
-
     pub fn uniforms(&self) -> WalkUniforms {
         WalkUniforms {
             tolerance_m: self.walking.tolerance_m as f32,
