@@ -1,5 +1,5 @@
 // defs: TEST=1, WATER=0
-// The same rays, an invocation each, which leaves at the first hit: the single-shader form of SPT §2.1.
+// The same rays, an invocation each, which leaves at the first hit, or at the last that is kept: the single-shader form of SPT §2.1.
 #import fathom::dispatch::place
 #import fathom::photon::{Photon}
 #import fathom::screen_ray::{Walk, hit, segment}
@@ -22,9 +22,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let seg = segment(walk, ray);
-    var at_m = NO_HIT;
-    for (var number = 0.0; number < seg.steps && at_m >= NO_HIT; number += 1.0) {
-        at_m = hit(walk, depths, surfaces, ray, seg, number).at_m;
+    var number = 0.0;
+    var before_m = NO_HIT;
+    for (var i = 0u; i < walk.max_hits; i++) {
+        var at_m = NO_HIT;
+        for (; number < seg.steps && at_m >= NO_HIT; number += 1.0) {
+            let step_m = hit(walk, depths, surfaces, ray, seg, number).at_m;
+            // Hits of adjacent steps are one intersection.
+            at_m = select(NO_HIT, step_m, before_m >= NO_HIT);
+            before_m = step_m;
+        }
+        photons[photon * walk.max_hits + i] = landed(ray, at_m);
     }
-    photons[photon] = landed(ray, at_m);
 }

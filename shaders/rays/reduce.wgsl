@@ -1,5 +1,6 @@
 // defs: LAST=0, WATER=0
-// The first hit of each row: SPT §2.1, a horizontal reduction in steps that each halve the width. LAST 1 makes a photon of what is left.
+// The first hit of each row: SPT §2.1, a horizontal reduction in steps that each halve the width. LAST 1 makes a photon of what is left, or
+// several of a row that has not been halved: SPT Fig. 3.
 #import fathom::photon::{Photon}
 #import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
 
@@ -24,6 +25,8 @@ struct Tile {
     // The photon of row 0.
     first: u32,
     photons: u32,
+    // Most intersections of a ray that are kept.
+    max_hits: u32,
 }
 
 @group(0) @binding(1) var<uniform> tile: Tile;
@@ -37,8 +40,20 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let ray = transfers[photon];
-    if ray.state != ENDED {
-        photons[photon] = landed(ray, textureLoad(hits, vec2(0, i32(id.x)), 0).x);
+    if ray.state == ENDED {
+        return;
+    }
+    var number = 0;
+    var before_m = NO_HIT;
+    for (var i = 0u; i < tile.max_hits; i++) {
+        var at_m = NO_HIT;
+        for (; number < i32(textureDimensions(hits).x) && at_m >= NO_HIT; number++) {
+            let step_m = textureLoad(hits, vec2(number, i32(id.x)), 0).x;
+            // Hits of adjacent steps are one intersection.
+            at_m = select(NO_HIT, step_m, before_m >= NO_HIT);
+            before_m = step_m;
+        }
+        photons[photon * tile.max_hits + i] = landed(ray, at_m);
     }
 }
 #endif

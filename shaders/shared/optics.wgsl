@@ -1,6 +1,9 @@
 // What becomes of light at a surface: a number beside each normal of the layers. Host twin: `optics` in src/stages/geometry.rs.
-// 1: it ends there. 1.5: the same, on a receiver of shadows. −1: it is reflected. 2 and more: glass, of the refractive index that is 1 less.
+// It ends there (1), the same on a RECEIVER of shadows, it is reflected (−1), or, from GLASS on, the number is glass's refractive index and 1.
 #define_import_path fathom::optics
+
+const RECEIVER: f32 = 1.5;
+const GLASS: f32 = 2.0;
 
 // Whether light goes on from there.
 fn passes(optics: f32) -> bool {
@@ -12,11 +15,11 @@ fn is_mirror(optics: f32) -> bool {
 }
 
 fn is_glass(optics: f32) -> bool {
-    return optics >= 2.0;
+    return optics >= GLASS;
 }
 
 fn is_receiver(optics: f32) -> bool {
-    return optics == 1.5;
+    return optics == RECEIVER;
 }
 
 fn refractive_index(optics: f32) -> f32 {

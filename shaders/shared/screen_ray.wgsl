@@ -32,6 +32,8 @@ struct Walk {
     most: u32,
     // Photons of a tile: rows of the target that lines are drawn into.
     rows: u32,
+    // Most intersections of a ray that are kept.
+    max_hits: u32,
 }
 
 // The part of a ray that is walked.

@@ -16,6 +16,8 @@ struct Sprites {
     photons_per_instance: u32,
     photons: u32,
     layers: u32,
+    // Photons of a weight.
+    per_ray: u32,
 }
 
 @group(1) @binding(0) var<uniform> settings: Sprites;
@@ -75,7 +77,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     let reach = vec2(x, y) * settings.radius_m * aside / max(clip.w - settings.radius_m, frame.z_near_m);
     let corner = vec2(f32(vertex & 1u), f32((vertex >> 1u) & 1u)) * 2.0 - 1.0;
     let place = vec4((ndc + corner * reach) * clip.w, clip.zw);
-    let left = weights[index] * exp(-frame.attenuation_per_m * photon.distance_m);
+    let left = weights[index / settings.per_ray] * exp(-frame.attenuation_per_m * photon.distance_m);
     return Varying(place, photon.hit_m, normal, settings.rise_w_m3 * left);
 }
 

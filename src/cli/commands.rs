@@ -291,7 +291,8 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     let (figures, several) = Figure::named(&catalog.figures, name)?;
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(FIGURES_FOLDER));
     let _lock = FolderLock::take(&folder)?;
-    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
+    let mut gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
+    gpu.capacity = gpu.capacity.for_figures();
     let (mut sections, mut failed) = (Vec::new(), false);
     for figure in &figures {
         let mut subjects = Subjects::of(catalog).within(&gpu.capacity);

@@ -8,7 +8,7 @@
 //! - *Contradicted*: the interval of some comparison lies outside its band. This interval is widened for the number of
 //!   comparisons (Bonferroni), because one of many misses more often than one alone.
 //! - *Near the bound*: the publication prints no number, so that the bound is our own, and some figure is not told from it: its
-//!   interval holds the bound, or it has none and lies within a tenth of the bound.
+//!   interval holds the bound, or it has none and lies within a tenth of the bound, and a quarter of a band with two.
 //! - *Inconclusive*: none of these. The reason names the number of samples that would settle it.
 //! - *Not run*: a figure is missing, or the sizes or the adapter do not allow the test.
 //!

@@ -8,6 +8,8 @@ use fathom_record::{Adapter, Work};
 const MEMORY_SHARE: f64 = 0.5;
 /// Longest frame that is rendered, and longest that a scene is made, where the adapter is software; estimated from the work.
 const LONGEST_FRAME_S: f64 = 30.0;
+/// The same for a published figure, which is drawn once, at the paper's size.
+const LONGEST_FIGURE_S: f64 = 180.0;
 /// Host threads of the machine on which the costs below were taken.
 const COST_THREADS: f64 = 2.0;
 /// Costs of a unit of work on lavapipe, ns: the medians of the stages that are dominated by it, in the reference run
@@ -47,6 +49,12 @@ impl Capacity {
             frame_s: bounded.then_some(LONGEST_FRAME_S),
             threads: adapter.host_threads,
         }
+    }
+
+    /// The same for frames of published figures.
+    #[must_use]
+    pub fn for_figures(&self) -> Self {
+        Self { frame_s: self.frame_s.map(|_| LONGEST_FIGURE_S), ..self.clone() }
     }
 
     /// Fails where a demand exceeds it, with the numbers and what to do.

@@ -261,7 +261,8 @@ mod tests {
     use crate::catalog::Catalog;
     use fathom_base::embedded::FIGURES;
     use fathom_base::parameter;
-    use fathom_scene::SceneFile;
+    use fathom_gpu::Capacity;
+    use fathom_scene::{Scene, SceneFile};
 
     #[test]
     fn a_name_stands_for_a_figure_a_paper_or_all() {
@@ -278,8 +279,11 @@ mod tests {
     }
 
     #[test]
-    fn every_figure_parses_and_its_parameters_exist() {
+    fn every_figure_parses_its_parameters_exist_and_a_software_adapter_draws_it() {
         let (folders, catalog) = (Folders::of(FIGURES), Catalog::builtin());
+        let ground = Scene::load("plane").unwrap();
+        let software = Capacity { frame_s: Some(30.0), threads: 2, ..Capacity::default() };
+        let two_threads = software.for_figures();
         let ids = Figure::ids(&folders);
         for id in ["uw-5", "uw-6", "uw-9", "uw-10", "vao-3", "vao-7", "vao-8", "vao-14"] {
             assert!(ids.iter().any(|known| known == id), "{id} is missing");
@@ -299,7 +303,12 @@ mod tests {
                         .unwrap_or_else(|error| panic!("{place}: {error}"));
                 }
                 let read = (kind.checked)(&tree);
-                read.unwrap_or_else(|error| panic!("{place}: {error}"));
+                let read = read.unwrap_or_else(|error| panic!("{place}: {error}"));
+                // Only these take more than seconds, for their pixels.
+                if ["photon_tracing", "shadow_rays"].contains(&pipeline) {
+                    let demand = (kind.plan)(&read, &ground).unwrap().demand;
+                    two_threads.check(&demand).unwrap_or_else(|error| panic!("{place}: {error}"));
+                }
             }
         }
     }

@@ -224,6 +224,7 @@ pub fn by_lines(
         least: least_px,
         rows: ROWS.min(of_view.gpu.limits.max_texture_dimension_2d),
         ways: 1,
+        max_hits: 1,
         within_px: Some(sight.count.to_array()),
     };
     let held = if surface == Surface::AllDepths { layers } else { &pairs };

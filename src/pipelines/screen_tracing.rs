@@ -93,6 +93,7 @@ impl RaySettings {
             least: self.least_px,
             rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
             ways,
+            max_hits: 1,
             within_px: None,
         }
     }

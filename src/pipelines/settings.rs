@@ -345,7 +345,7 @@ settings! {
         /// Tuned on scenes bunny_dry, dragon_dry, room, sponza and corner: from 0.001 to 0.005 errors against ray casting
         /// change by less than 5 %, in scene corner by 12 %, and they grow beyond.
         depth_sigma: f64 = 0.0025 => 1e-6 ..= 1e3, "1";
-        /// Standard deviation of the distance between the unit normals of a tap and of the pixel; 1000: normals do not count. VAO §6
+        /// Standard deviation of the distance between the unit normals of a tap and of the pixel; 1000 (`NO_NORMALS`): they are not read. VAO §6
         /// guides by depth alone, which blurs around edges: with 0.3 errors against ray casting fall by up to 10 % on scenes sponza,
         /// robot_room and level from 150 to 600 pixels a side, in 7 of 9 cells, and rise by 3 % at most.
         normal_sigma: f64 = 0.3 => 1e-3 ..= 1e3, "1";

@@ -110,37 +110,21 @@ impl Drawing for ShadowRays {
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         let found = self.stored(judge.gpu)?;
-        let shadows = self.compared(&found, judge.scene)?;
-        Ok(Judged::of(self.params.rays.method.info().name, shadows.figures(), []))
+        let errors = shadow_errors(&self.compared(&found, judge.scene)?);
+        Ok(Judged::of(self.params.rays.method.info().name, errors, []))
     }
 }
 
-/// Pixels that face the light, by their shadow.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Shadows {
-    pixels: usize,
-    /// In shadow, and found lit.
-    missed: usize,
-    /// Lit, and found in shadow.
-    false_shadows: usize,
-}
-
-impl Shadows {
-    fn add(mut self, found: bool, exact: bool) -> Self {
-        self.pixels += 1;
-        self.missed += usize::from(exact && !found);
-        self.false_shadows += usize::from(found && !exact);
-        self
-    }
-
-    /// Shares of the pixels that face the light: wrong ones, and their two kinds.
-    fn figures(&self) -> [(&'static str, f64, &'static str); 3] {
-        [
-            ("shadow_wrong_rate", share(self.missed + self.false_shadows, self.pixels), "1"),
-            ("shadow_missed_rate", share(self.missed, self.pixels), "1"),
-            ("shadow_false_rate", share(self.false_shadows, self.pixels), "1"),
-        ]
-    }
+/// Shares of the pixels that face the light, each found in shadow or not, and exactly so or not: wrong ones, and their two kinds.
+fn shadow_errors(pixels: &[(bool, bool)]) -> [(&'static str, f64, &'static str); 3] {
+    let rate = |is_so: fn(&(bool, bool)) -> bool| {
+        share(pixels.iter().filter(|pixel| is_so(pixel)).count(), pixels.len())
+    };
+    [
+        ("shadow_wrong_rate", rate(|(found, exact)| found != exact), "1"),
+        ("shadow_missed_rate", rate(|(found, exact)| *exact && !found), "1"),
+        ("shadow_false_rate", rate(|(found, exact)| *found && !exact), "1"),
+    ]
 }
 
 impl ShadowRays {
@@ -152,8 +136,12 @@ impl ShadowRays {
         end.landed() && end.distance_m < light_m(&self.view, end.entry)
     }
 
-    /// An even selection of pixels against ray casting.
-    fn compared(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Shadows, JudgeError> {
+    /// Of an even selection of pixels that face the light, whether each was found in shadow, and whether it is by ray casting.
+    fn compared(
+        &self,
+        found: &[StoredPhoton],
+        scene: &Scene,
+    ) -> Result<Vec<(bool, bool)>, JudgeError> {
         let tracer = Tracer::new(&objects_of(scene, Part::Opaque));
         let view = &judged_view(&self.view, scene);
         let [width, height] = view.size_px.to_array();
@@ -168,9 +156,7 @@ impl ShadowRays {
         });
         let faces = |pixel: usize| found[pixel].residual_m != f64::from(MISSED);
         let compared = exact.into_iter().filter(|(pixel, _)| faces(*pixel));
-        Ok(compared.fold(Shadows::default(), |shadows, (pixel, exact)| {
-            shadows.add(self.shadowed(&found[pixel]), exact)
-        }))
+        Ok(compared.map(|(pixel, exact)| (self.shadowed(&found[pixel]), exact)).collect())
     }
 }
 
@@ -197,10 +183,7 @@ mod tests {
     #[test]
     fn both_kinds_of_wrong_pixels_are_told_apart() {
         let pairs = [(true, true), (true, false), (false, true), (false, true), (false, false)];
-        let shadows =
-            pairs.iter().fold(Shadows::default(), |s, (found, exact)| s.add(*found, *exact));
-        let figures = shadows.figures().map(|(_, value, _)| value);
-        assert_eq!(figures, [0.6, 0.4, 0.2]);
-        assert_eq!(Shadows::default().figures().map(|(_, value, _)| value), [0.0; 3]);
+        assert_eq!(shadow_errors(&pairs).map(|(_, value, _)| value), [0.6, 0.4, 0.2]);
+        assert_eq!(shadow_errors(&[]).map(|(_, value, _)| value), [0.0; 3]);
     }
 }

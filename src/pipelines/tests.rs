@@ -82,6 +82,7 @@ fn parameters_that_do_not_fit_each_other_the_scene_or_the_adapter_are_named() {
         ("hsao tank", "hsao.directions=1024 hsao.steps=64", "hsao.directions × hsao.steps"),
         ("photon_tracing tank", "rays.rows=1", tiles),
         ("photon_tracing tank", "transfer.grid=[16384,16384]", tiles),
+        ("photon_tracing tank", "sprites.max_hits=2", "sprites.max_hits above 1"),
         ("scalar_ao plane", "", "scene `plane` has no volume"),
         ("scalar_ao engine", "volume.cells=[9,9,9]", "volume.cells"),
         ("scalar_ao smoke", "volume.cells=[4000,1,1]", "volume cells"),

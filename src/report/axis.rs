@@ -122,9 +122,9 @@ impl Scale {
         };
         // The sparsest set of multiples that still gives three ticks.
         let choices: [&[f64]; 4] =
-            [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]];
+            [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0]];
         let ticks = choices.into_iter().map(within).find(|ticks| ticks.len() >= 3);
-        let ticks = ticks.unwrap_or_else(|| within(choices[3]));
+        let ticks = ticks.unwrap_or_else(|| within(&[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]));
         Scale { kind: ScaleKind::Log, low, high, ticks, names: Vec::new() }
     }
 
@@ -192,6 +192,8 @@ mod tests {
         for (kind, values, expected) in [
             (ScaleKind::Log, [100.0, 1e6], &["100", "1000", "10 k", "100 k", "1 M"][..]),
             (ScaleKind::Log, [2.0, 4.0], &["2", "3", "4"]),
+            (ScaleKind::Log, [2000.0, 8200.0], &["2000", "3000", "4000", "6000", "8000"]),
+            (ScaleKind::Log, [4.8, 4.9], &["5"]),
             (ScaleKind::Linear, [0.05, 0.21], &["0", "0.05", "0.1", "0.15", "0.2"]),
             (ScaleKind::Linear, [0.0, 4e-6], &["0", "1e-6", "2e-6", "3e-6", "4e-6"]),
         ] {

@@ -7,8 +7,8 @@ use crate::prelude::*;
 /// Format of ambient-occlusion buffers: visibility 1 − A, 1 where nothing was drawn.
 pub const VISIBILITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
 
-/// The same as in `shaders/shared/bilateral.wgsl`.
-const NO_NORMALS: f32 = 1000.0;
+/// From this `normal_sigma` on normals are not read: as in `shaders/shared/bilateral.wgsl`.
+pub const NO_NORMALS: f32 = 1000.0;
 
 shader_struct! {
     /// `Filter` in `shaders/shared/bilateral.wgsl`.

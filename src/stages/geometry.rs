@@ -148,12 +148,16 @@ fn material(object: &Object) -> MaterialUniforms {
     }
 }
 
-/// As `shaders/shared/optics.wgsl` reads it.
+/// What becomes of light: as in `shaders/shared/optics.wgsl`, as is the number of glass.
+const DIFFUSE: f32 = 1.0;
+const RECEIVER: f32 = 1.5;
+const MIRROR: f32 = -1.0;
+
 fn optics(material: &Material) -> f32 {
     match material.optics {
-        Optics::Diffuse if material.receiver => 1.5,
-        Optics::Diffuse => 1.0,
-        Optics::Mirror => -1.0,
+        Optics::Diffuse if material.receiver => RECEIVER,
+        Optics::Diffuse => DIFFUSE,
+        Optics::Mirror => MIRROR,
         Optics::Glass => 1.0 + material.refractive_index,
     }
 }

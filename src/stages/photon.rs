@@ -109,6 +109,8 @@ const WORKGROUP: u32 = 8;
 pub struct Photons {
     pub buffer: Buffer,
     pub count: u32,
+    /// Entries of each ray, one after the other.
+    pub per_ray: u32,
 }
 
 impl Photons {
@@ -117,7 +119,13 @@ impl Photons {
     }
 
     pub fn new(resources: &Resources<'_>, label: &str, count: u32) -> Self {
-        Self { buffer: resources.room_for::<Photon>(label, count.into()), count }
+        Self::of_rays(resources, label, (count, 1))
+    }
+
+    /// Room for `per_ray` entries of each of `rays`.
+    pub fn of_rays(resources: &Resources<'_>, label: &str, (rays, per_ray): (u32, u32)) -> Self {
+        let count = rays.saturating_mul(per_ray);
+        Self { buffer: resources.room_for::<Photon>(label, count.into()), count, per_ray }
     }
 }
 

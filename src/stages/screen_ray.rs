@@ -140,6 +140,8 @@ pub struct Walking {
     pub rows: u32,
     /// Ways of a photon: one, and one behind each mirror or surface of glass. SPT §2.3.
     pub ways: u32,
+    /// Most intersections of a ray that are kept, from its start on. 1: it ends at the first. SPT Fig. 3 shows the others.
+    pub max_hits: u32,
     /// Pixels along each axis of the rectangle that holds the rays on the screen; none: all.
     pub within_px: Option<[u32; 2]>,
 }
@@ -157,6 +159,7 @@ shader_struct! {
         pub least: u32,
         pub most: u32,
         pub rows: u32,
+        pub max_hits: u32,
     }
 }
 
@@ -212,6 +215,7 @@ pub fn walk_without_layers(size_px: [u32; 2], bounds: Bounds, least: u32) -> Wal
         least,
         most: most_steps(size_px, least),
         rows: 0,
+        max_hits: 1,
     }
 }
 
@@ -239,6 +243,7 @@ impl Rays<'_> {
             photons: self.transfers.count,
             most: self.most(),
             rows: self.rows(),
+            max_hits: self.walking.max_hits,
             ..walk_uniforms(self.layers, self.bounds, self.walking.least)
         }
     }
@@ -275,7 +280,7 @@ impl Rays<'_> {
             photons,
             texel_fetches: steps * u64::from(self.layers.count()),
             bytes_read: photons * size_of::<Transfer>() as u64,
-            bytes_written: Photons::bytes(photons),
+            bytes_written: Photons::bytes(photons * u64::from(self.walking.max_hits)),
             ..Work::default()
         }
     }

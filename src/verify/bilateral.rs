@@ -84,7 +84,8 @@ fn walls(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     let (stand, middle) = rig.two_walls(SIZE, WALLS_M, normals)?;
     let white = |depth: &Image| depth.map(|z| f64::from(u8::from(z > middle)));
     let settings = Filter::default();
-    let blind = Filter { depth_sigma: 1e3, normal_sigma: 1e3, ..settings.clone() };
+    let blind =
+        Filter { depth_sigma: 1e3, normal_sigma: bilateral::NO_NORMALS.into(), ..settings.clone() };
     let [mixed, on] = filtered((info, rig), &stand, &blind, white)?;
     let [found, _] = filtered((info, rig), &stand, &settings, white)?;
     let between = pixels(SIZE).filter(|at| (0.02..0.98).contains(&mixed.at(*at)));

@@ -9,7 +9,8 @@ const MOST_NAMED: usize = 3;
 /// Samples beyond which none is asked for: the figure lies at the bound.
 const MOST_SAMPLES: f64 = 1e4;
 
-/// A figure without an interval is not told from a bound of our own within this share of it.
+/// A figure without an interval is not told from a bound of our own within this share of it, at most a quarter of a band with two bounds:
+/// the middle of a narrow band is not near both.
 const NEAR: f64 = 0.1;
 
 /// A figure and the band that it must lie in.
@@ -86,7 +87,8 @@ impl Comparison {
     /// The interval holds a bound, or the figure has none and lies within a tenth of one.
     fn is_near(&self, Interval { low, high }: Interval) -> bool {
         let is_exact = matches!(self.figure, Figure::Reading(Reading::Exact(_)));
-        let room = |bound: f64| NEAR * bound.abs() * (1.0 + 1e-9);
+        let quarter = (self.band.high - self.band.low) / 4.0;
+        let room = |bound: f64| (NEAR * bound.abs()).min(quarter) * (1.0 + 1e-9);
         let near = |bound: f64| {
             // No rate lies below 0, which is no bound.
             let is_close = bound != 0.0 && (low - bound).abs() <= room(bound);

@@ -151,6 +151,7 @@ fn ratios_lie_within_their_band_or_do_not() {
 #[test]
 fn figures_at_a_bound_are_near_it_unless_the_bound_is_printed() {
     let exact = r#"within = { y = "quantity:error", low = 1.0, high = 2.0 }"#;
+    let narrow = r#"within = { y = "quantity:error", low = 0.95, high = 1.05 }"#;
     let sampled = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.0, high = 2.0 }"#;
     let printed = |words: &str| format!("\nsource = \"UW §1\"\nprinted = \"{words}\"");
     for (test, value, ours, by_print) in [
@@ -162,13 +163,20 @@ fn figures_at_a_bound_are_near_it_unless_the_bound_is_printed() {
         (exact, 1.8, NearBound, Supported),
         (exact, 2.2, NearBound, Contradicted),
         (exact, 2.2001, Contradicted, Contradicted),
+        // The tenth is wider than the band, of which a quarter counts.
+        (narrow, 1.0, Supported, Supported),
+        (narrow, 1.03, NearBound, Supported),
+        (narrow, 1.07, NearBound, Contradicted),
         // The interval of 3 % noise counts, not the tenth.
         (sampled, 2.0, NearBound, Inconclusive),
         (sampled, 1.9, Supported, Supported),
         (sampled, 2.1, Contradicted, Contradicted),
     ] {
         let cells =
-            swept(&[1.0, 2.0][usize::from(test == exact)..], |n| if n > 1.0 { value } else { 1.0 });
+            swept(
+                &[1.0, 2.0][usize::from(test != sampled)..],
+                |n| if n > 1.0 { value } else { 1.0 },
+            );
         let words =
             ["small", "as in a 3D texture", "about 2", "1 to 2, or 60+", "(95%)"].map(printed);
         let [in_words @ .., by_range, by_share] =

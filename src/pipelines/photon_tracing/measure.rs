@@ -12,7 +12,7 @@ use crate::{exact_of, judged_view, named, objects_of, share};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
 use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
-use fathom_reference::rays::Tracer;
+use fathom_reference::rays::{Hit, Tracer};
 use fathom_reference::specular::{End, Surfaces};
 use fathom_scene::{Optics, Scene};
 use fathom_stages::geometry::Part;
@@ -23,66 +23,96 @@ use fathom_stages::sprites;
 const MOST_PHOTONS: usize = 10_000;
 /// A photon that ends farther than this from its exact end lies on another surface, metres in scene tank: ten times the tolerance of SPT §5.
 const WRONG_M: f64 = 0.1;
-
-/// Photons held against their exact ends.
-#[derive(Clone, Debug, Default, PartialEq)]
-struct Ends {
-    /// Of photons that end in view, by both: distance from the exact end, metres.
-    errors_m: Vec<f64>,
-    /// End in view, and were not found.
-    lost: usize,
-    /// End outside the camera's frustum: no layer shows the surface that they meet.
-    off_frustum: usize,
-    /// Of these, found to end in view.
-    false_hits: usize,
-    /// End outside the camera's frustum on what keeps them from coming into view.
-    kept_out: usize,
-    /// Of these, found in view behind it.
-    leaked: usize,
-    /// Exact ends, in view, with the surface of another object behind them.
-    occluded: usize,
-    /// Of these, found to end behind the occluder.
-    passed: usize,
-    /// Exact ends, in view, behind a mirror or glass.
-    specular: usize,
-    /// Of these, found to end anywhere: distance from the exact end, metres.
-    specular_errors_m: Vec<f64>,
-}
+/// Rates of every frame that are no errors.
+const QUANTITIES: [&str; 8] = [
+    "photon_off_frustum_rate",
+    "photon_false_hit_rate",
+    "caustics_photon_leak_rate",
+    "caustics_photon_kept_out_rate",
+    "photon_occluded_rate",
+    "photon_passed_rate",
+    "photon_specular_rate",
+    "photon_specular_miss_rate",
+];
 
 /// Where a photon ends.
+#[derive(Default)]
 struct Exact {
     position: DVec3,
+    in_view: bool,
     /// Whether it would meet another object if the one that it ends on were not there.
     occluder: bool,
     /// Whether it would come into view, likewise.
     kept_out: bool,
     /// Whether it has come by a mirror or glass.
     specular: bool,
+    /// The surfaces along its ray that are in view, the one that it ends on and those behind.
+    along: Vec<DVec3>,
+}
+
+/// Photons held against their exact ends.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Ends {
+    /// Of photons that end in view, by both: distance from the exact end, metres.
+    errors_m: Vec<f64>,
+    /// The same of those that come by a mirror or glass.
+    specular_errors_m: Vec<f64>,
+    /// Of how many how many are so, by the rate that it gives.
+    counts: BTreeMap<&'static str, [usize; 2]>,
 }
 
 impl Ends {
-    fn add(&mut self, found: &StoredPhoton, exact: DVec3, in_view: bool) {
-        match (in_view, found.landed()) {
-            (true, true) => self.errors_m.push(found.hit.distance(exact)),
-            (true, false) => self.lost += 1,
-            (false, landed) => {
-                self.off_frustum += 1;
-                self.false_hits += usize::from(landed);
-            }
+    fn count(&mut self, rate: &'static str, is_so: impl IntoIterator<Item = bool>) {
+        let [some, all] = self.counts.entry(rate).or_default();
+        for is_so in is_so {
+            *some += usize::from(is_so);
+            *all += 1;
         }
     }
 
-    /// Of a photon that ends in view on what stands before another object.
-    fn add_occluded(&mut self, found: &StoredPhoton, exact: DVec3, wrong_m: f64) {
-        let way_m = |end: DVec3| end.distance(found.entry);
-        self.occluded += 1;
-        self.passed += usize::from(found.landed() && way_m(found.hit) > way_m(exact) + wrong_m);
+    fn rate(&self, rate: &'static str) -> f64 {
+        let [some, all] = self.counts.get(rate).copied().unwrap_or_default();
+        share(some, all)
     }
 
-    /// Of a photon that ends in view behind a mirror or glass.
-    fn add_specular(&mut self, found: &StoredPhoton, exact: DVec3) {
-        self.specular += 1;
-        self.specular_errors_m.extend(found.landed().then(|| found.hit.distance(exact)));
+    /// `found` is all that a photon lights: its end, or the first intersections of its ray.
+    fn add(&mut self, found: &[StoredPhoton], exact: &Exact, wrong_m: f64) {
+        let Exact { in_view, position, .. } = *exact;
+        let landed = found[0].landed();
+        self.count("photon_off_frustum_rate", [!in_view]);
+        self.count("photon_false_hit_rate", [landed && !in_view]);
+        self.count("caustics_photon_miss_rate", [!landed || !in_view]);
+        self.count("caustics_photon_kept_out_rate", [exact.kept_out]);
+        if !in_view {
+            return;
+        }
+        self.count("photon_miss_rate", [!landed]);
+        self.count("photon_occluded_rate", [exact.occluder]);
+        self.count("photon_specular_rate", [exact.specular]);
+        if exact.occluder {
+            let way_m = |end: DVec3| end.distance(found[0].entry);
+            let behind = |hit: &StoredPhoton| way_m(hit.hit) > way_m(position) + wrong_m;
+            self.count("photon_passed_rate", [found.iter().any(|hit| hit.landed() && behind(hit))]);
+        }
+        if exact.specular {
+            self.count("photon_specular_miss_rate", [!landed]);
+        }
+        if landed {
+            let error_m = found[0].hit.distance(position);
+            self.count("photon_wrong_surface_rate", [error_m > wrong_m]);
+            self.errors_m.push(error_m);
+            self.specular_errors_m.extend(exact.specular.then_some(error_m));
+        }
+    }
+
+    /// Of a photon that lights all intersections of its ray.
+    fn add_along(&mut self, found: &[StoredPhoton], along: &[DVec3], wrong_m: f64) {
+        let lit: Vec<_> = found.iter().filter(|hit| hit.landed()).map(|hit| hit.hit).collect();
+        let is_far =
+            |from: &[DVec3], place: DVec3| from.iter().all(|p| p.distance(place) > wrong_m);
+        self.count("photons_full_rate", [lit.len() == found.len()]);
+        self.count("intersections_lost_rate", along.iter().map(|place| is_far(&lit, *place)));
+        self.count("intersections_false_rate", lit.iter().map(|place| is_far(along, *place)));
     }
 }
 
@@ -94,9 +124,10 @@ impl Drawing for PhotonTracing {
     /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass. Of the layers
     /// what SPT §2.2 counts in a pass of its own: the most surfaces behind a pixel, and the share of all that lie behind the eighth.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let photons = self.stored(gpu)?;
+        let stored = self.stored(gpu)?;
+        let photons: Vec<_> = stored.chunks(self.photons.per_ray as usize).collect();
         let rate = |residual_m: f32| {
-            let alike = photons.iter().filter(|p| p.residual_m == f64::from(residual_m));
+            let alike = photons.iter().filter(|p| p[0].residual_m == f64::from(residual_m));
             share(alike.count(), photons.len())
         };
         let depths = read_volume(gpu, &self.layers.depths, 0)?.data;
@@ -131,58 +162,25 @@ impl PhotonTracing {
         Ok(stored_photons(&read_buffer(gpu, &self.photons.buffer)?))
     }
 
-    /// Errors of the last frame's photons: `photon_error_median_m`, `photon_error_p99_m`, `photon_wrong_surface_rate` of those that
-    /// end in view by both, and `photon_miss_rate` of those that end in view. The quantities `photon_off_frustum_rate` and
-    /// `photon_false_hit_rate` are shares of all photons that end anywhere; `photon_occluded_rate` is the share of those in view that end
-    /// before another object, and `photon_passed_rate` the share of these that were found behind what they end on. `photon_specular_rate` is
-    /// the share of those in view that come by a mirror or glass, `photon_specular_miss_rate` the share of these that are lost, and
-    /// `photon_specular_error_median_m` the error of the rest.
-    /// `caustics_photon_kept_out_rate` is the share of all that end out of view on what keeps them from coming into view, and
-    /// `caustics_photon_leak_rate` the share of these that were found in view behind it.
-    /// `caustics_photon_error_median_m` and `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names: the second is a share of all photons that
-    /// end anywhere, in view or not. Of large grids an even selection is compared.
+    /// Errors of the last frame's photons. `src/experiments/words.rs` says what each rate counts; `caustics_photon_error_median_m` and
+    /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names. Of large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
-        let found = self.stored(gpu)?;
-        let ends = self.ends(&found, scene)?;
-        let Ends {
-            mut errors_m,
-            lost,
-            off_frustum,
-            false_hits,
-            kept_out,
-            leaked,
-            occluded,
-            passed,
-            specular,
-            mut specular_errors_m,
-        } = ends;
-        let in_view = errors_m.len() + lost;
-        let wrong_m = WRONG_M * scene.solid_bounds().times_tank();
-        let wrong = errors_m.iter().filter(|error_m| **error_m > wrong_m).count();
-        let all = in_view + off_frustum;
-        let (median_m, p99_m) = (quantile(&mut errors_m, 0.5), quantile(&mut errors_m, 0.99));
-        let errors = [
-            ("photon_miss_rate", share(lost, in_view), "1"),
-            ("photon_wrong_surface_rate", share(wrong, errors_m.len()), "1"),
+        let mut ends = self.ends(&self.stored(gpu)?, scene)?;
+        let median_m = quantile(&mut ends.errors_m, 0.5);
+        let of_all = ["photon_miss_rate", "photon_wrong_surface_rate", "caustics_photon_miss_rate"];
+        let errors = of_all.map(|rate| (rate, ends.rate(rate), "1"));
+        let distances = [
             ("photon_error_median_m", median_m, "m"),
-            ("photon_error_p99_m", p99_m, "m"),
+            ("photon_error_p99_m", quantile(&mut ends.errors_m, 0.99), "m"),
             ("caustics_photon_error_median_m", median_m, "m"),
-            ("caustics_photon_miss_rate", share(lost + off_frustum, all), "1"),
         ];
-        let quantities = [
-            ("photon_off_frustum_rate", share(off_frustum, all)),
-            ("photon_false_hit_rate", share(false_hits, all)),
-            ("caustics_photon_leak_rate", share(leaked, kept_out)),
-            ("caustics_photon_kept_out_rate", share(kept_out, all)),
-            ("photon_occluded_rate", share(occluded, in_view)),
-            ("photon_passed_rate", share(passed, occluded)),
-            ("photon_specular_rate", share(specular, in_view)),
-            ("photon_specular_miss_rate", share(specular - specular_errors_m.len(), specular)),
-        ];
+        let along = ["photons_full_rate", "intersections_lost_rate", "intersections_false_rate"];
+        let along = along.into_iter().filter(|_| self.photons.per_ray > 1);
+        let rates = QUANTITIES.into_iter().chain(along).map(|rate| (rate, ends.rate(rate)));
         let stage = self.params.rays.method.info().name;
-        let mut judged = Judged::of(stage, errors, quantities);
-        if !specular_errors_m.is_empty() {
-            let median_m = quantile(&mut specular_errors_m, 0.5);
+        let mut judged = Judged::of(stage, errors.into_iter().chain(distances), rates);
+        if !ends.specular_errors_m.is_empty() {
+            let median_m = quantile(&mut ends.specular_errors_m, 0.5);
             judged.quantities.insert("photon_specular_error_median_m".to_owned(), median_m);
         }
         Ok(judged)
@@ -202,38 +200,36 @@ impl PhotonTracing {
             top_m: under_water(scene).max.y,
         };
         let frustum = Frustum::new(tracer, &view, times);
+        let in_view = |hit: &&Hit| frustum.holds(hit.position);
         let transfer = &self.params.transfer;
+        let found: Vec<_> = found.chunks(self.photons.per_ray as usize).collect();
         let exact = exact_of(found.len(), MOST_PHOTONS, |index| {
             let place = place_in_grid(index as u32, transfer.grid, transfer.offset);
             let landing = land(&frame, water, tracer, place);
             let landed = landing.landed()?;
             let ray = surfaces.ray(landed.entry.position, landed.direction);
-            match surfaces.follow(ray, bounces) {
-                End::Diffuse(hit) => Some(Exact {
-                    position: hit.position,
-                    occluder: bounces == 0
-                        && frustum
-                            .hits_behind(hit, landed.direction)
-                            .any(|next| next.object != hit.object),
-                    kept_out: bounces == 0 && frustum.is_kept_out(&hit, landed.direction),
-                    specular: bounces > 0
-                        && objects[landed.hit.object].material.optics != Optics::Diffuse,
-                }),
-                End::Leaves(_) | End::OnItsWay => None,
-            }
+            let End::Diffuse(hit) = surfaces.follow(ray, bounces) else { return None };
+            let behind = frustum.hits_behind(hit, landed.direction).take_while(|_| bounces == 0);
+            let along: Vec<Hit> = std::iter::once(hit).chain(behind).collect();
+            let places = along.iter().filter(in_view).map(|hit| hit.position);
+            Some(Exact {
+                position: hit.position,
+                in_view: in_view(&&hit),
+                occluder: along.iter().any(|next| next.object != hit.object),
+                kept_out: !in_view(&&hit) && along.iter().any(|next| in_view(&next)),
+                specular: bounces > 0
+                    && objects[landed.hit.object].material.optics != Optics::Diffuse,
+                along: places.collect(),
+            })
         });
         let mut ends = Ends::default();
         for (index, exact) in exact {
-            let Exact { position, occluder, kept_out, specular } = exact;
-            let in_view = frustum.holds(position);
-            ends.kept_out += usize::from(kept_out);
-            ends.leaked += usize::from(kept_out && frustum.leaks(&found[index], position));
-            ends.add(&found[index], position, in_view);
-            if in_view && specular {
-                ends.add_specular(&found[index], position);
-            }
-            if in_view && occluder {
-                ends.add_occluded(&found[index], position, WRONG_M * times);
+            let (hits, wrong_m) = (found[index], WRONG_M * times);
+            ends.add(hits, &exact, wrong_m);
+            ends.add_along(hits, &exact.along, wrong_m);
+            if exact.kept_out {
+                let leaks = |hit| frustum.leaks(hit, exact.position);
+                ends.count("caustics_photon_leak_rate", [hits.iter().any(leaks)]);
             }
         }
         Ok(ends)
@@ -252,21 +248,39 @@ mod tests {
             hit: DVec3::NEG_Y,
             distance_m: 1.0,
         };
+        let (hit, lost) = (found(0.0), found(f64::from(OUTSIDE)));
         let mut ends = Ends::default();
-        ends.add(&found(0.0), DVec3::new(0.0, -1.5, 0.0), true);
-        ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, true);
-        ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, false);
-        ends.add(&found(0.0), DVec3::NEG_Y, false);
+        let exact = |y, in_view| Exact { position: DVec3::Y * y, in_view, ..Exact::default() };
+        ends.add(&[hit], &exact(-1.5, true), WRONG_M);
+        ends.add(&[lost], &exact(-1.0, true), WRONG_M);
+        ends.add(&[lost], &exact(-1.0, false), WRONG_M);
+        ends.add(&[hit], &exact(-1.0, false), WRONG_M);
         // Before another object: one that stops there, and one that goes through.
-        ends.add_occluded(&found(0.0), DVec3::NEG_Y, WRONG_M);
-        ends.add_occluded(&found(0.0), DVec3::new(0.0, -0.5, 0.0), WRONG_M);
-        let (occluded, passed) = (2, 1);
-        let errors_m = vec![0.5];
+        for y in [-1.0, -0.5] {
+            ends.add(&[hit], &Exact { occluder: true, ..exact(y, true) }, WRONG_M);
+        }
         // Behind a mirror: one that is found, and one that is not.
-        ends.add_specular(&found(0.0), DVec3::new(0.0, -1.0, 0.25));
-        ends.add_specular(&found(f64::from(OUTSIDE)), DVec3::NEG_Y);
-        let (specular, specular_errors_m) = (2, vec![0.25]);
-        let of_all = Ends { errors_m, lost: 1, off_frustum: 2, false_hits: 1, ..Ends::default() };
-        assert_eq!(ends, Ends { occluded, passed, specular, specular_errors_m, ..of_all });
+        for found in [hit, lost] {
+            ends.add(&[found], &Exact { specular: true, ..exact(-0.75, true) }, WRONG_M);
+        }
+        // Of two surfaces along a ray one is found, and nothing else.
+        ends.add_along(&[hit, lost], &[DVec3::NEG_Y, DVec3::NEG_Y * 2.0], WRONG_M);
+        assert_eq!((ends.errors_m.len(), ends.specular_errors_m.as_slice()), (4, &[0.25][..]));
+        let counts = [
+            ("caustics_photon_kept_out_rate", [0, 8]),
+            ("caustics_photon_miss_rate", [4, 8]),
+            ("intersections_false_rate", [0, 1]),
+            ("intersections_lost_rate", [1, 2]),
+            ("photon_false_hit_rate", [1, 8]),
+            ("photon_miss_rate", [2, 6]),
+            ("photon_occluded_rate", [2, 6]),
+            ("photon_off_frustum_rate", [2, 8]),
+            ("photon_passed_rate", [1, 2]),
+            ("photon_specular_miss_rate", [1, 2]),
+            ("photon_specular_rate", [2, 6]),
+            ("photon_wrong_surface_rate", [3, 4]),
+            ("photons_full_rate", [0, 1]),
+        ];
+        assert_eq!(ends.counts, BTreeMap::from(counts));
     }
 }

@@ -75,6 +75,9 @@ settings! {
         /// A pixel is lit when what it shows lies this near to the sprite's plane, along its line of sight. SPT says
         /// "close together". A share of the scene, 10 cm in scene tank.
         visible_m: f64 = 0.1 * file.times_tank() => 1e-6 ..= 1e3, "m";
+        /// Intersections of a photon's ray that are lit at most, each with the photon's whole flux. 1: the photon ends at the first, SPT §2.1.
+        /// More: it goes on, as in SPT Fig. 3 (`photons_full_rate`: share of those that have as many or more).
+        max_hits: u32 = 1 => 1 ..= 64, "1";
     }
 }
 
@@ -104,6 +107,10 @@ impl Params {
 
 impl Parameters for Params {
     fn consistent(&self) -> Result<(), ParamError> {
+        if self.sprites.max_hits > 1 && (self.specular.follow || self.shafts.draw) {
+            let told = "sprites.max_hits above 1 lets photons end nowhere: specular.follow and shafts.draw must be false";
+            return Err(ParamError::Unfit(told.to_owned()));
+        }
         self.rays.fits(self.transfer.photons(), self.ways(), "transfer.grid, specular.bounces")
     }
 }

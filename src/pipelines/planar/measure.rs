@@ -22,27 +22,10 @@ const MOST_PHOTONS: usize = 10_000;
 /// Rounding of a photon's place on a face in 32-bit floats, as a share of the pool's diagonal: some ten of their steps.
 const ROUNDING: f64 = 1.5e-6;
 
-/// Photons held against their exact ends.
-#[derive(Clone, Debug, Default, PartialEq)]
-struct Ends {
-    /// Of photons that end by both: distance from the exact end, metres.
-    errors_m: Vec<f64>,
-    /// Of these, those that end on another face.
-    wrong_face: usize,
-    /// End exactly, and are lost.
-    lost: usize,
-}
-
-impl Ends {
-    /// `found` is where the photon ends and on what; `exact` the exact end, and the normal there.
-    fn add(&mut self, found: Option<(DVec3, Face)>, (exact, normal): (DVec3, DVec3)) {
-        let Some((place, face)) = found else {
-            self.lost += 1;
-            return;
-        };
-        self.errors_m.push(place.distance(exact));
-        self.wrong_face += usize::from(face.normal().dot(normal) < 0.5);
-    }
+/// Distance of a photon's end from the exact one, metres, and whether it lies on another face; none of a photon that is lost. `found` is where
+/// it ends and on what; `exact` the exact end, and the normal there.
+fn off(found: Option<(DVec3, Face)>, (exact, normal): (DVec3, DVec3)) -> Option<(f64, bool)> {
+    found.map(|(place, face)| (place.distance(exact), face.normal().dot(normal) < 0.5))
 }
 
 impl Drawing for Planar {
@@ -96,9 +79,11 @@ impl Planar {
     /// large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let ends = self.ends(&self.stored(gpu)?, scene);
-        let Ends { mut errors_m, wrong_face, lost } = ends;
+        let found = ends.iter().flatten();
+        let wrong_face = found.clone().filter(|(_, is_on_other)| *is_on_other).count();
+        let mut errors_m: Vec<f64> = found.map(|(error_m, _)| *error_m).collect();
         let errors = [
-            ("photon_miss_rate", share(lost, lost + errors_m.len()), "1"),
+            ("photon_miss_rate", share(ends.len() - errors_m.len(), ends.len()), "1"),
             ("photon_wrong_face_rate", share(wrong_face, errors_m.len()), "1"),
             ("photon_error_median_m", quantile(&mut errors_m, 0.5), "m"),
             ("photon_error_p99_m", quantile(&mut errors_m, 0.99), "m"),
@@ -106,7 +91,7 @@ impl Planar {
         Ok(Judged::of(transfer::map::INFO.name, errors, []))
     }
 
-    fn ends(&self, found: &[Transfer], scene: &Scene) -> Ends {
+    fn ends(&self, found: &[Transfer], scene: &Scene) -> Vec<Option<(f64, bool)>> {
         let (tracer, view) = (Tracer::new(&scene.objects), judged_view(&self.view, scene));
         let (frame, water) = (view.light_frame(), &view.water);
         let grid = self.params.transfer.grid;
@@ -116,11 +101,7 @@ impl Planar {
             let hit = land(&frame, water, &tracer, place).landed()?.hit;
             Some((hit.position, hit.normal))
         });
-        let mut ends = Ends::default();
-        for (index, exact) in exact {
-            ends.add(self.end(&found[index]), exact);
-        }
-        ends
+        exact.into_iter().map(|(index, exact)| off(self.end(&found[index]), exact)).collect()
     }
 
     /// Errors of the illumination map against the transfer map's photons counted in f64: `map_energy_error`, the difference of the flux over
@@ -201,10 +182,8 @@ mod tests {
     #[test]
     fn ends_on_other_faces_and_lost_photons_are_told_apart() {
         let exact = (DVec3::ZERO, DVec3::Y);
-        let mut ends = Ends::default();
-        ends.add(Some((DVec3::X * 0.5, Face::Floor)), exact);
-        ends.add(Some((DVec3::X, Face::West)), exact);
-        ends.add(None, exact);
-        assert_eq!(ends, Ends { errors_m: vec![0.5, 1.0], wrong_face: 1, lost: 1 });
+        let found = [Some((DVec3::X * 0.5, Face::Floor)), Some((DVec3::X, Face::West)), None];
+        let ends = found.map(|found| off(found, exact));
+        assert_eq!(ends, [Some((0.5, false)), Some((1.0, true)), None]);
     }
 }

@@ -41,7 +41,10 @@ pub fn chart(plot: &Plot, input: &PlotInput<'_>) -> Option<BarChart> {
             n: value.n(),
             published: input.published(cell, y).map(Published::span_ms),
         };
-        let label = cell.axes.get(over).map(label_text).unwrap_or_default();
+        let label = match cell.axes.get(over) {
+            Some(value) if value.is_number() => names::value(over, value, input.experiment),
+            value => value.map(label_text).unwrap_or_default(),
+        };
         clusters.entry(label).or_default().push(bar);
     }
     let bars = || clusters.values().flatten();

@@ -100,7 +100,10 @@ pub(super) fn common(input: &PlotInput<'_>) -> String {
         _ => None,
     };
     let size = |path: &str| {
-        Some(format!("{} {}", words::parameter_label(path), label_text(shared(path)?)))
+        let value = label_text(shared(path)?);
+        // A size of 0 is taken from another.
+        let is_given = value.split('x').any(|side| side != "0");
+        is_given.then(|| format!("{} {value}", words::parameter_label(path)))
     };
     let sizes = SIZES.iter().filter_map(|path| size(path));
     scene.into_iter().chain(viewport).chain(sizes).collect::<Vec<_>>().join(" · ")

@@ -16,7 +16,7 @@ pub fn new(
     rays: &Rays<'_>,
 ) -> Result<Stage<Photons>, GpuError> {
     let count = rays.transfers.count;
-    let photons = Photons::new(resources, INFO.name, count);
+    let photons = Photons::of_rays(resources, INFO.name, (count, rays.walking.max_hits));
     resources.turns("view × ldi.layers", walk_turns(rays.most(), rays.layers.count()));
     let own = rays.group(resources, INFO.name, Some(&photons));
     let groups = [&shared.group, &own];

@@ -1,4 +1,4 @@
-//! `rays/reduce`: the first hit of each row, in steps that halve the width. SPT §2.1.
+//! `rays/reduce`: the first hit of each row, in steps that halve the width. SPT §2.1. Where more are kept, rows are read whole.
 
 use crate::photon::Photons;
 use crate::prelude::*;
@@ -19,6 +19,7 @@ shader_struct! {
     pub struct TileUniforms {
         pub first: u32,
         pub photons: u32,
+        pub max_hits: u32,
     }
 }
 
@@ -28,14 +29,14 @@ pub fn new(
     hits: &wgpu::Texture,
     rays: &Rays<'_>,
 ) -> Result<Stage<Photons>, GpuError> {
-    let (rows, transfers) = (hits.height(), rays.transfers);
+    let (rows, transfers, max_hits) = (hits.height(), rays.transfers, rays.walking.max_hits);
     let dispatch = |last: i32, group: &Group, workgroups| {
         Dispatch::new(resources, (INFO.name, &[("LAST", last)]), &[group], workgroups)
     };
     let mut wide = hits.clone();
     let mut halvings = Vec::new();
     let mut texels = 0;
-    while wide.width() > 1 {
+    while max_hits == 1 && wide.width() > 1 {
         let size = [wide.width().div_ceil(2), rows];
         let half = resources.image(INFO.name, size, hits.format());
         let workgroups = kit::square_workgroups(size, WORKGROUP);
@@ -43,20 +44,20 @@ pub fn new(
         texels += kit::pixels(&half);
         wide = half;
     }
-    let photons = Photons::new(resources, INFO.name, transfers.count);
+    let photons = Photons::of_rays(resources, INFO.name, (transfers.count, max_hits));
     let last = |tile| {
-        let tile = TileUniforms { first: tile * rows, photons: transfers.count };
+        let tile = TileUniforms { first: tile * rows, photons: transfers.count, max_hits };
         let tile = resources.uniform(INFO.name, &tile);
         let group = Group::new(&[&wide, &tile, transfers, &photons]);
         dispatch(1, &group, [rows.div_ceil(LAST_WORKGROUP), 1, 1])
     };
     let lasts = (0..rays.tiles()).map(last).collect::<Result<Vec<_>, _>>()?;
     let turns = lasts.len() as u32 * rays.walking.ways;
-    let count = u64::from(photons.count);
+    let read = if max_hits == 1 { 2 * texels } else { kit::pixels(&wide) };
     let work = Work {
-        photons: count,
-        texel_fetches: u64::from(turns) * 2 * texels,
-        bytes_written: u64::from(turns) * texels * 4 + Photons::bytes(count),
+        photons: transfers.count.into(),
+        texel_fetches: u64::from(turns) * read,
+        bytes_written: u64::from(turns) * texels * 4 + Photons::bytes(photons.count.into()),
         ..Work::default()
     };
     // A hit hides its right neighbour; all turns write to the same textures.

@@ -23,6 +23,7 @@ shader_struct! {
         pub photons_per_instance: u32,
         pub photons: u32,
         pub layers: u32,
+        pub per_ray: u32,
     }
 }
 
@@ -65,6 +66,7 @@ pub fn new(
         photons_per_instance: PHOTONS_PER_INSTANCE,
         photons: photons.count,
         layers: layers.count(),
+        per_ray: photons.per_ray,
     };
     let settings = resources.uniform(INFO.name, &settings);
     let Layers { depths, surfaces } = layers;
