@@ -1,7 +1,7 @@
 //! What a run says in short: verdicts, the slowest stages, how far to trust it, how it scales. Functions of a view; the
 //! summary and the page show them.
 
-use indexmap::IndexMap;
+use indexmap::{IndexMap, IndexSet};
 use itertools::Itertools;
 
 use super::charts::names;
@@ -13,8 +13,7 @@ use fathom_experiments::defaults::{self, Choice, Distance};
 use fathom_experiments::schema::{FIXED_SHARE, Plot, PlotKind};
 use fathom_experiments::{Measure, Ruling, Scaling, Verdict, Whose, groups, scaling};
 use fathom_record::{
-    Cell, Estimate, Interval, Machine, Measured, Note, NoteKind, Outcome, Part, Run, StageRecord,
-    Standing,
+    Cell, Estimate, Interval, Machine, Measured, Outcome, Part, Run, StageRecord, Standing,
 };
 
 /// Digits of a commit's hash that a person reads.
@@ -215,10 +214,21 @@ pub fn machine(machine: &Machine) -> String {
     parts.into_iter().flatten().join(", ")
 }
 
-/// Which cells the records of a merged run lack.
-pub fn incomplete<'a>(view: &ReportView<'a>) -> impl Iterator<Item = &'a Note> {
-    let notes = view.runs.iter().flat_map(|run| &run.notes);
-    notes.filter(|note| note.kind == NoteKind::Incomplete)
+/// In what the runs of the cells differ: their times do not go together.
+pub fn mixed(view: &ReportView<'_>) -> Option<String> {
+    let adapter = |run: &Run| format!("{}, {}", run.adapter.title(), run.adapter.driver_info);
+    let profile = |run: &Run| run.profile.to_string();
+    let kinds: [(&str, &dyn Fn(&Run) -> String); 3] =
+        [("adapters", &adapter), ("builds", &program), ("profiles", &profile)];
+    let several = kinds.into_iter().filter_map(|(kind, of)| {
+        let runs = view.entries().filter_map(|entry| entry.run);
+        let values: IndexSet<String> = runs.map(of).collect();
+        (values.len() > 1)
+            .then(|| format!("{} {kind} ({})", values.len(), values.iter().join("; ")))
+    });
+    let several = several.collect::<Vec<_>>().join(", ");
+    let words = "Do not compare times of cells that differ in this.";
+    (!several.is_empty()).then(|| format!("The cells are of {several}. {words}"))
 }
 
 /// A fitted exponent b of `y ∝ x^b`.
@@ -342,7 +352,10 @@ pub fn share(share: &Estimate) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing;
+    use crate::page::overview;
+    use crate::{document, testing};
+    use fathom_experiments::fixtures;
+    use fathom_record::{Note, NoteKind, Profile, Record};
 
     #[test]
     fn the_tally_counts_every_claim_once() {
@@ -352,6 +365,68 @@ mod tests {
         assert_eq!(counts.as_flattened().iter().sum::<usize>(), all);
         let some = |verdict: usize| counts.iter().any(|counts| counts[verdict] > 0);
         assert!([0, 1, 4].into_iter().all(some), "{counts:?}");
+    }
+
+    /// What the page and the summary say of the runs behind the cells, beside what they say of the fixture's run.
+    #[test]
+    fn joined_cut_and_unfinished_runs_are_named() {
+        type Change = fn(&mut Vec<Record>);
+        fn joined(records: &mut Vec<Record>, change: fn(&mut Run)) {
+            let mut run = fixtures::header(Profile::Quick);
+            change(&mut run);
+            records.insert(records.len() / 2, Record::Run(Box::new(run)));
+        }
+        let going = Standing { used_s: 5.0, budget_s: 60.0, reached: 1, cells: 9 };
+        let cases: [(&str, Change, Option<Standing>, &str); 8] = [
+            ("one run", |_| (), None, "0 not run"),
+            ("resumed", |records| joined(records, |_| ()), None, "0 not run"),
+            (
+                "other adapter",
+                |records| joined(records, |run| run.adapter.name = "SwiftShader".to_owned()),
+                None,
+                "of 2 adapters (llvmpipe (LLVM 15.0.6, 256 bits), Mesa 22.3.6; SwiftShader, Mesa 22.3.6)",
+            ),
+            (
+                "other driver and version",
+                |records| {
+                    joined(records, |run| {
+                        run.adapter.driver_info = "Mesa 24".to_owned();
+                        run.fathom_version = "0.2.0".to_owned();
+                    });
+                },
+                None,
+                "Mesa 24), 2 builds (fathom 0.1.0; fathom 0.2.0). Do not",
+            ),
+            (
+                "other profile",
+                |records| joined(records, |run| run.profile = Profile::Paper),
+                None,
+                "2 profiles (quick; paper)",
+            ),
+            (
+                "a cell is not finished",
+                |records| {
+                    let note = Note::new(NoteKind::Unfinished, "it goes on");
+                    fixtures::cells(records).find_map(Cell::measured_mut).unwrap().notes.push(note);
+                },
+                None,
+                "1 not run",
+            ),
+            ("cut", |records| _ = records.pop(), None, "ended early"),
+            ("goes on", |records| _ = records.pop(), Some(going), "8 of 9 cells are not reached"),
+        ];
+        for (name, change, standing, expected) in cases {
+            let mut records = fixtures::run();
+            change(&mut records);
+            let view = ReportView { standing, ..ReportView::new(&records, None) };
+            let mut parts = overview::doubts(&view);
+            parts.extend(overview::identity(&view).map(document::Part::Table));
+            let text = document::terminal(&parts) + &ended_early(&view).unwrap_or_default();
+            assert!(text.contains(expected), "{name}: {text}");
+            let [is_cut, is_mixed] = ["cut", "other"].map(|word| name.starts_with(word));
+            assert_eq!(text.contains("ended early"), is_cut, "{name}: {text}");
+            assert_eq!(text.contains("Do not compare"), is_mixed, "{name}: {text}");
+        }
     }
 
     #[test]

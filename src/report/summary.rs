@@ -2,7 +2,6 @@
 //! `cells.csv`.
 
 use indexmap::IndexSet;
-use itertools::Itertools;
 
 use super::document::{self, Line, Part, Span};
 use super::page::{self, Page, PageRun, overview};
@@ -90,11 +89,6 @@ fn notes(view: &ReportView<'_>) -> IndexSet<String> {
         left_out.map(|left_out| format!("left out: {}: {}", left_out.what, left_out.reason)),
     );
     all.extend(view.sections.iter().flat_map(left_out_of));
-    if !view.runs.iter().map(|run| run.adapter.title()).all_equal() {
-        let words =
-            "These records hold cells of several adapters; cells.csv names the adapter of each.";
-        all.insert(words.to_owned());
-    }
     all.extend(facts::ended_early(view));
     all
 }

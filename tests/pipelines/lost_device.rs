@@ -1,6 +1,7 @@
 //! A device that is lost while a run measures.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use fathom::Catalog;
@@ -11,6 +12,7 @@ use fathom::pipelines::voxelize::Voxelize;
 use fathom::pipelines::{AnyPipeline, PipelineKind};
 use fathom::record::Outcome;
 use fathom::scene::Scene;
+use itertools::Itertools as _;
 use serde_json::Value;
 
 use crate::common::{Place, cells};
@@ -25,14 +27,16 @@ params = { view = { width = 16, height = 16 } }
 [[sweep]]
 [[sweep.axis]]
 name = "voxel.resolution"
-values = [16, 24, 32]
+values = [16, 20, 24, 32]
 "#;
 
-/// Builds a pipeline, and destroys the device behind the first of 24 voxels.
+/// Behind the first pipeline of so many voxels the device is destroyed.
+static DESTROYING: Mutex<Vec<u64>> = Mutex::new(Vec::new());
+
 fn build(tree: &Value, gpu: &Gpu, scene: &Scene) -> Result<Box<AnyPipeline>, GpuError> {
-    static IS_DESTROYED: AtomicBool = AtomicBool::new(false);
     let built = (PipelineKind::of::<Voxelize>().build)(tree, gpu, scene);
-    if tree["voxel"]["resolution"] == 24 && !IS_DESTROYED.swap(true, Ordering::Relaxed) {
+    let is_here = |side: &mut u64| tree["voxel"]["resolution"] == *side;
+    if DESTROYING.lock().unwrap().extract_if(.., is_here).count() > 0 {
         gpu.device.destroy();
     }
     built
@@ -40,7 +44,7 @@ fn build(tree: &Value, gpu: &Gpu, scene: &Scene) -> Result<Box<AnyPipeline>, Gpu
 
 /// In a process of its own on one core, where the audit of its clock is soon done.
 #[test]
-fn a_lost_device_fails_one_cell_by_its_name_and_the_others_are_measured() {
+fn a_lost_device_fails_one_cell_by_its_name_and_one_lost_again_ends_the_run() {
     let child = super::this_program("lost_device::child").output().unwrap();
     assert!(child.status.success(), "{}", String::from_utf8_lossy(&child.stderr));
 }
@@ -51,22 +55,39 @@ fn child() {
     fathom_base::quiet::begin_again();
     let place = Place::new();
     let experiments = vec![place.write("lost.toml", EXPERIMENT).display().to_string()];
-    let mut catalog = Catalog::builtin();
-    catalog.kinds = vec![PipelineKind { build, ..PipelineKind::of::<Voxelize>() }];
-    let options = Options {
-        catalog,
-        request: Request { experiments, ..Request::default() },
-        budget_s: Some(600.0),
-        precision: Some(1.0),
-        out: Some(place.path("out")),
-        no_ceilings: true,
-        ..Options::default()
-    };
-    let goes_on = AtomicBool::new(false);
-    let summary = run::run(&options, Instant::now(), &mut |_, _, _| (), &goes_on).unwrap();
-    assert_eq!((summary.counts.measured, summary.counts.failed), (2, 1));
-    let cells = cells(&place.path("out"));
-    let failed = cells.iter().find(|cell| cell.cell == "voxel.resolution=24").unwrap();
-    let Outcome::Failed { reason } = &failed.outcome else { panic!("{failed:?}") };
-    assert!(reason.starts_with("device lost: "), "{reason}");
+    for (destroying, measured, reasons) in [
+        (vec![24], 3, vec!["device lost: "]),
+        // The second time it is not opened again, and what was measured before stays.
+        (
+            vec![24, 32],
+            1,
+            vec!["device lost: ", "device lost: ", "not recovered: it was lost before"],
+        ),
+    ] {
+        *DESTROYING.lock().unwrap() = destroying;
+        let mut catalog = Catalog::builtin();
+        catalog.kinds = vec![PipelineKind { build, ..PipelineKind::of::<Voxelize>() }];
+        let out = place.path(&measured.to_string());
+        let options = Options {
+            catalog,
+            request: Request { experiments: experiments.clone(), ..Request::default() },
+            budget_s: Some(600.0),
+            precision: Some(1.0),
+            out: Some(out.clone()),
+            no_ceilings: true,
+            ..Options::default()
+        };
+        let goes_on = AtomicBool::new(false);
+        let summary = run::run(&options, Instant::now(), &mut |_, _, _| (), &goes_on).unwrap();
+        assert_eq!((summary.counts.measured, summary.counts.failed), (measured, reasons.len()));
+        let cells = cells(&out);
+        let failed = cells.iter().filter_map(|cell| match &cell.outcome {
+            Outcome::Failed { reason } => Some(reason),
+            _ => None,
+        });
+        let failed = failed.sorted_by_key(|reason| reason.contains("not recovered"));
+        for (reason, expected) in failed.zip(reasons) {
+            assert!(reason.contains(expected), "{reason}");
+        }
+    }
 }

@@ -107,7 +107,7 @@ pub fn doubts(view: &ReportView<'_>) -> Vec<Part> {
         doubts.push(open("part of a run", format!("shard {} {words}", absent.iter().join(", "))));
     }
     doubts.extend(facts::still_open(view).into_iter().map(|words| open("open", words)));
-    doubts.extend(facts::incomplete(view).map(|note| open("incomplete", note.text.clone())));
+    doubts.extend(facts::mixed(view).map(|words| open("several runs", words)));
     doubts
 }
 
