@@ -34,7 +34,7 @@ pub fn new(
     exposure: f64,
     shown: Shown,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
-    let pool = pool.uniform(resources);
+    let pool = resources.uniform("pool", pool);
     let defs = [("MAP", i32::from(shown == Shown::FloorMap))];
     let picture = Picture::new(gbuffer, exposure, 0.0);
     // Albedo, normal and depth of a pixel, and four texels of the map.
