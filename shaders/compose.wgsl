@@ -3,18 +3,17 @@
 // ADDED 1: caustics are added as they are in their buffer, as a white surface next to the camera would show them. UW §3.3 counts no
 // attenuation to the viewer, which it finds "intrinsically handled via the point size regulation".
 #import fathom::uniforms::{frame, view_depth_m, world_at}
+#import fathom::picture::{background, depths, display, lambert, normal_at, picture, seen_at}
 #import fathom::screen
 #import fathom::shading
 #import fathom::water
 
 struct Compose {
-    size_px: vec2<f32>,
     // Irradiance for a unit of the caustics buffer, 1/m² (paper intensity), or the side at 1 m of a square with
     // the area of that buffer's pixel (conserving intensity).
     caustics_scale: f32,
     // Radiance for a unit of the godray buffer, 1/m², for lines across the sight at the distance of the camera's target.
     godrays_scale: f32,
-    exposure: f32,
     // Taps of the ambient occlusion; 0: none.
     occlusion_taps: u32,
     occlusion_radius_m: f32,
@@ -24,15 +23,12 @@ struct Compose {
     depth_share: f32,
 }
 
-@group(1) @binding(0) var<storage, read> settings: Compose;
-@group(1) @binding(1) var albedo: texture_2d<f32>;
-@group(1) @binding(2) var normals: texture_2d<f32>;
-@group(1) @binding(3) var depth: texture_depth_2d;
-@group(1) @binding(4) var caustics: texture_2d<f32>;
-@group(1) @binding(5) var godrays: texture_2d<f32>;
-@group(1) @binding(6) var reflection: texture_2d<f32>;
-@group(1) @binding(7) var refraction: texture_2d<f32>;
-@group(1) @binding(8) var linear_sampler: sampler;
+@group(1) @binding(4) var<storage, read> settings: Compose;
+@group(1) @binding(5) var caustics: texture_2d<f32>;
+@group(1) @binding(6) var godrays: texture_2d<f32>;
+@group(1) @binding(7) var reflection: texture_2d<f32>;
+@group(1) @binding(8) var refraction: texture_2d<f32>;
+@group(1) @binding(9) var linear_sampler: sampler;
 
 // Screen shift of reflection and refraction for a unit of surface slope; tuned on scene port.
 const DISTORTION: f32 = 0.08;
@@ -65,13 +61,13 @@ fn on_surface(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
     let place = uv * size - 0.5;
     let base = floor(place);
     let f = place - base;
-    let view_m = view_depth_m(screen::depth_at(depth, uv * settings.size_px, settings.size_px));
+    let view_m = view_depth_m(screen::depth_at(depths, uv * picture.size_px, picture.size_px));
     var sum = 0.0;
     var weights = 0.0;
     for (var k = 0; k < 4; k++) {
         let corner = vec2(f32(k & 1), f32(k >> 1u));
         let texel = clamp(base + corner, vec2(0.0), size - 1.0);
-        let seen_m = view_depth_m(screen::depth_at(depth, texel + 0.5, size));
+        let seen_m = view_depth_m(screen::depth_at(depths, texel + 0.5, size));
         if abs(seen_m - view_m) <= settings.depth_share * view_m {
             let near = 1.0 - abs(place - base - corner);
             sum += near.x * near.y * textureLoad(source, vec2<i32>(texel), 0).x;
@@ -106,25 +102,25 @@ fn caustic_irradiance(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -
 // over the tangent plane within the radius blocks, the less the farther it is. The taps' disc is turned in every pixel by interleaved
 // gradient noise (Jimenez, Next Generation Post Processing in Call of Duty: Advanced Warfare, 2014).
 fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
-    let last = vec2<i32>(settings.size_px) - 1;
+    let last = vec2<i32>(picture.size_px) - 1;
     // Rows of the camera's matrix have the lengths of its focal distances, in halves of the picture.
     let rows = transpose(frame.camera_view_projection);
     let focal = vec2(length(rows[0].xyz), length(rows[1].xyz));
     let view_m = dot(rows[3], vec4(position_m, 1.0));
     let radius = 0.5 * focal * settings.occlusion_radius_m / view_m;
-    let turn = TAU * fract(52.9829189 * fract(dot(floor(uv * settings.size_px), vec2(0.06711056, 0.00583715))));
+    let turn = TAU * fract(52.9829189 * fract(dot(floor(uv * picture.size_px), vec2(0.06711056, 0.00583715))));
     var blocked = 0.0;
     for (var i = 0u; i < settings.occlusion_taps; i++) {
         let angle = f32(i) * GOLDEN_ANGLE + turn;
         let r = sqrt((f32(i) + 0.5) / f32(settings.occlusion_taps));
         let tap_uv = uv + r * radius * vec2(cos(angle), sin(angle));
-        let texel = vec2<i32>(floor(tap_uv * settings.size_px));
+        let texel = vec2<i32>(floor(tap_uv * picture.size_px));
         if any(texel < vec2(0)) || any(texel > last) {
             continue;
         }
         // The middle of the texel, where its depth was taken.
-        let middle = (vec2<f32>(texel) + 0.5) / settings.size_px;
-        let tap = world_at(middle, textureLoad(depth, texel, 0)) - position_m;
+        let middle = (vec2<f32>(texel) + 0.5) / picture.size_px;
+        let tap = world_at(middle, textureLoad(depths, texel, 0)) - position_m;
         let d = length(tap);
         let range = saturate(1.0 - d / settings.occlusion_radius_m);
         blocked += range * saturate(dot(tap / max(d, 1e-4 * settings.occlusion_radius_m), normal) - LEAST_COSINE);
@@ -140,24 +136,19 @@ fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
 
 // Radiance of the scene at uv without the water between it and the camera.
 fn scene_radiance(uv: vec2<f32>, texel: vec2<i32>, position_m: vec3<f32>) -> vec3<f32> {
-    let normal = textureLoad(normals, texel, 0).xyz;
-    let color = textureLoad(albedo, texel, 0).xyz;
+    let normal = normal_at(texel);
     let ambient = shading::ambient(-position_m.y, normal) * openness(uv, position_m, normal);
 #if ADDED == 1
     let caustic = vec3(0.0);
 #else
     let caustic = caustic_irradiance(uv, position_m, normal) * shading::WATER_TINT;
 #endif
-    return shading::lambert(color, caustic + ambient + shading::direct(position_m, normal));
+    return lambert(texel, caustic + ambient + shading::direct(position_m, normal));
 }
 
 // What caustics add to the picture's radiance.
 fn added_caustics(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> vec3<f32> {
     return shading::lambert(vec3(1.0), caustic_irradiance(uv, position_m, normal) * shading::WATER_TINT);
-}
-
-fn display(radiance: vec3<f32>) -> vec4<f32> {
-    return shading::display(radiance, settings.exposure);
 }
 
 fn shafts(uv: vec2<f32>) -> vec3<f32> {
@@ -171,20 +162,18 @@ fn screen_vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f
 
 @fragment
 fn screen_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
-    let uv = pixel.xy / settings.size_px;
-    let texel = vec2<i32>(pixel.xy);
-    let z = textureLoad(depth, texel, 0);
-    let p = world_at(uv, z);
-    if z >= 1.0 {
-        let direction = normalize(p - frame.camera_position_m);
+    let uv = pixel.xy / picture.size_px;
+    let seen = seen_at(pixel.xy);
+    let p = seen.position_m;
+    if seen.z >= 1.0 {
         if frame.camera_under_water != 0u {
-            return display(shading::fog(vec3(0.0), frame.z_far_m) + shafts(uv));
+            return display(background(p) + shafts(uv));
         }
-        return display(shading::sky(direction));
+        return display(background(p));
     }
-    var radiance = shading::fog(scene_radiance(uv, texel, p), shading::water_path_m(p));
+    var radiance = shading::fog(scene_radiance(uv, seen.texel, p), shading::water_path_m(p));
 #if ADDED == 1
-    radiance += added_caustics(uv, p, textureLoad(normals, texel, 0).xyz);
+    radiance += added_caustics(uv, p, normal_at(seen.texel));
 #endif
     return display(radiance + shafts(uv));
 }
@@ -219,16 +208,16 @@ fn refracted(uv: vec2<f32>, direction: vec3<f32>) -> vec3<f32> {
     if frame.camera_under_water != 0u {
         return mix(shading::sky(direction), seen.xyz, seen.w);
     }
-    let last = vec2<i32>(settings.size_px) - 1;
-    let texel = clamp(vec2<i32>(uv * settings.size_px), vec2(0), last);
-    let p = world_at(uv, textureLoad(depth, texel, 0));
-    let normal = textureLoad(normals, texel, 0).xyz;
+    let last = vec2<i32>(picture.size_px) - 1;
+    let texel = clamp(vec2<i32>(uv * picture.size_px), vec2(0), last);
+    let p = world_at(uv, textureLoad(depths, texel, 0));
+    let normal = normal_at(texel);
     let behind = shading::fog(vec3(0.0), frame.z_far_m);
 #if ADDED == 1
     return mix(behind, seen.xyz, seen.w) + added_caustics(uv, p, normal);
 #else
     let caustic = caustic_irradiance(uv, p, normal) * shading::WATER_TINT;
-    let lit = shading::lambert(textureLoad(albedo, texel, 0).xyz, caustic);
+    let lit = lambert(texel, caustic);
     let through = exp(-frame.attenuation_per_m * shading::water_path_m(p));
     return mix(behind, seen.xyz, seen.w) + lit * through;
 #endif
@@ -237,10 +226,10 @@ fn refracted(uv: vec2<f32>, direction: vec3<f32>) -> vec3<f32> {
 @fragment
 fn water_fragment(in: Surface) -> @location(0) vec4<f32> {
     let view_m = (frame.camera_view_projection * vec4(in.position_m, 1.0)).w;
-    if view_depth_m(textureLoad(depth, vec2<i32>(in.clip.xy), 0)) <= view_m {
+    if view_depth_m(textureLoad(depths, vec2<i32>(in.clip.xy), 0)) <= view_m {
         discard;
     }
-    let uv = in.clip.xy / settings.size_px;
+    let uv = in.clip.xy / picture.size_px;
     let under = frame.camera_under_water != 0u;
     let to_viewer = normalize(frame.camera_position_m - in.position_m);
     let up = water::normal(water::surface(in.position_m.xz).yz);

@@ -1,16 +1,10 @@
 // Joint bilateral filter and up-scaling of the ambient-occlusion buffer: VAO §6.
 #import fathom::bilateral::{Filter, filtered}
-#import fathom::screen
 
 @group(1) @binding(0) var<storage, read> settings: Filter;
 @group(1) @binding(1) var source: texture_2d<f32>;
 @group(1) @binding(2) var depth: texture_depth_2d;
 @group(1) @binding(3) var normals: texture_2d<f32>;
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
 
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {

@@ -1,20 +1,10 @@
 // defs: SHOW_OCCLUSION=0
 // Deferred direct light with shadows, and ambient light times visibility: VAO §6.
-#import fathom::uniforms::{frame, world_at}
+#import fathom::uniforms::{frame}
+#import fathom::picture::{albedo_texels, display, normal_texels, seen_at, picture}
 #import fathom::screen
 #import fathom::shading
 
-struct Compose {
-    size_px: vec2<f32>,
-    exposure: f32,
-    // Irradiance of the ambient light over that of the direct light.
-    ambient: f32,
-}
-
-@group(1) @binding(0) var<uniform> settings: Compose;
-@group(1) @binding(1) var albedo: texture_2d<f32>;
-@group(1) @binding(2) var normals: texture_2d<f32>;
-@group(1) @binding(3) var depth: texture_depth_2d;
 @group(1) @binding(4) var visibility: texture_2d<f32>;
 @group(1) @binding(5) var shadow: texture_depth_2d;
 
@@ -68,33 +58,28 @@ fn reflected(
     return (color / shading::PI + specular * lobe) * saturate(dot(normal, to_light));
 }
 
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
-
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
-    let texel = vec2<i32>(pixel.xy);
     let own = vec2<f32>(textureDimensions(visibility));
-    let open = textureLoad(visibility, screen::texel_behind(pixel.xy, settings.size_px, own), 0).x;
-    let z = textureLoad(depth, texel, 0);
-    let p = world_at(pixel.xy / settings.size_px, z);
+    let open = textureLoad(visibility, screen::texel_behind(pixel.xy, picture.size_px, own), 0).x;
+    let seen = seen_at(pixel.xy);
+    let p = seen.position_m;
     let to_viewer = normalize(frame.camera_position_m - p);
     // Grey, so that white surfaces that nothing occludes stand out.
-    if z >= 1.0 {
+    if seen.z >= 1.0 {
         return vec4(vec3(mix(BACK_LOW, BACK_HIGH, 0.5 - 0.5 * to_viewer.y)), 1.0);
     }
 #if SHOW_OCCLUSION == 1
     return vec4(vec3(open), 1.0);
 #else
-    let surface = textureLoad(normals, texel, 0);
-    let color = textureLoad(albedo, texel, 0).xyz;
+    let surface = textureLoad(normal_texels, seen.texel, 0);
+    let color = textureLoad(albedo_texels, seen.texel, 0).xyz;
     let to_light = shading::to_light(p);
-    var radiance = color / shading::PI * settings.ambient * open;
+    // The scale: irradiance of the ambient light over that of the direct light.
+    var radiance = color / shading::PI * picture.scale * open;
     if dot(surface.xyz, to_light) > 0.0 {
         radiance += reflected(color, surface.w, surface.xyz, to_light, to_viewer) * lit_share(p, surface.xyz);
     }
-    return shading::display(radiance * frame.light_irradiance, settings.exposure);
+    return display(radiance * frame.light_irradiance);
 #endif
 }

@@ -22,11 +22,6 @@ struct Counters {
 @group(2) @binding(3) var<storage, read_write> counters: Counters;
 #endif
 
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
-
 // Visibility 1 − A, so that the volumes of several objects multiply.
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {

@@ -2,7 +2,6 @@
 // test, and light then spreads over silhouettes.
 #import fathom::disc::{rotation, turned_tap}
 #import fathom::uniforms::{view_depth_m}
-#import fathom::screen
 #import fathom::surface_plane::{beyond_plane_m, depth_texel, plane_at}
 
 struct Filter {
@@ -15,11 +14,6 @@ struct Filter {
 @group(1) @binding(0) var<storage, read> settings: Filter;
 @group(1) @binding(1) var source: texture_2d<f32>;
 @group(1) @binding(2) var depth: texture_depth_2d;
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
 
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {

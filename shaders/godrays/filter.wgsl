@@ -1,6 +1,5 @@
 // Multi-tap low-pass with a kernel rotated per pixel: UW §3.5.
 #import fathom::disc::{low_pass}
-#import fathom::screen
 
 struct Filter {
     taps: u32,
@@ -9,11 +8,6 @@ struct Filter {
 
 @group(0) @binding(0) var<storage, read> settings: Filter;
 @group(0) @binding(1) var source: texture_2d<f32>;
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
 
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {

@@ -282,11 +282,6 @@ fn occlusion(point: Point, seed: u32) -> f32 {
     return 2.0 * (horizons / f32(settings.directions) + marched / f32(max(settings.rays, 1u)));
 }
 
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
-
 // Visibility 1 − A; 1 where nothing was drawn.
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {

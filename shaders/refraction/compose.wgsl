@@ -2,22 +2,14 @@
 // The picture: what the camera sees, through glass by its exit rays. SPT §4: these "can either be used to look up an environment map or to
 // retrace the refracted view-rays. If a layered depth image of the surrounding scene exists, intersections between the exiting ray and the
 // scene can be detected as well". That of one layer is the G-buffer: a ray that meets what the camera does not see shows the environment.
-#import fathom::uniforms::{frame, world_at}
-#import fathom::screen
+#import fathom::uniforms::{frame}
+#import fathom::picture::{depths, display, lambert, normal_at, seen_at}
 #import fathom::screen_ray::{Walk, distance_at, place_px, segment}
-#import fathom::shading::{SKY_SHARE, display, lambert, to_light}
+#import fathom::shading::{SKY_SHARE, to_light}
+#import fathom::shading
 #import fathom::surface_plane::{plane_at}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
 
-struct Compose {
-    size_px: vec2<f32>,
-    exposure: f32,
-}
-
-@group(1) @binding(0) var<uniform> settings: Compose;
-@group(1) @binding(1) var albedo_texels: texture_2d<f32>;
-@group(1) @binding(2) var normal_texels: texture_2d<f32>;
-@group(1) @binding(3) var depths: texture_depth_2d;
 @group(1) @binding(4) var positions: texture_2d<f32>;
 @group(1) @binding(5) var directions: texture_2d<f32>;
 @group(1) @binding(6) var<uniform> walk: Walk;
@@ -49,12 +41,7 @@ fn environment(direction: vec3<f32>) -> vec3<f32> {
     let odd = fract((tile.x + tile.y) * 0.5) > 0.25;
     let inside = abs(place - tile - 0.5);
     let shade = select(select(0.35, 1.0, odd), 0.1, max(inside.x, inside.y) > 0.5 - 0.5 * JOINT);
-    return lambert(color * shade, vec3(frame.light_irradiance));
-}
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
+    return shading::lambert(color * shade, vec3(frame.light_irradiance));
 }
 
 // The pixel that shows what a ray meets first within a distance; negative where the camera sees nothing there.
@@ -82,28 +69,26 @@ fn seen_along(position_m: vec3<f32>, direction: vec3<f32>, far_m: f32) -> vec2<i
     return vec2(-1);
 }
 
-// What the camera sees at a pixel.
+// The picture of what the camera sees at a pixel.
 fn shown(texel: vec2<i32>) -> vec4<f32> {
-    let place_m = world_at((vec2<f32>(texel) + 0.5) / settings.size_px, textureLoad(depths, texel, 0));
-    let normal = textureLoad(normal_texels, texel, 0).xyz;
-    let irradiance = frame.light_irradiance * (SKY_SHARE + saturate(dot(normal, to_light(place_m))));
-    return display(lambert(textureLoad(albedo_texels, texel, 0).xyz, vec3(irradiance)), settings.exposure);
+    let seen = seen_at(vec2<f32>(texel) + 0.5);
+    let irradiance = frame.light_irradiance * (SKY_SHARE + saturate(dot(normal_at(texel), to_light(seen.position_m))));
+    return display(lambert(texel, vec3(irradiance)));
 }
 
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
-    let texel = vec2<i32>(pixel.xy);
-    let exit = textureLoad(positions, texel, 0);
-    let z = textureLoad(depths, texel, 0);
-    let place_m = world_at(pixel.xy / settings.size_px, z);
-    let sight = normalize(place_m - frame.camera_position_m);
-    let has_glass = exit.w > 0.0 && (z >= 1.0 || exit.w < distance(place_m, frame.camera_position_m));
-    if !has_glass && z < 1.0 {
-        return shown(texel);
+    let at = seen_at(pixel.xy);
+    let exit = textureLoad(positions, at.texel, 0);
+    let from_camera_m = at.position_m - frame.camera_position_m;
+    let sight = normalize(from_camera_m);
+    let has_glass = exit.w > 0.0 && (at.z >= 1.0 || exit.w < length(from_camera_m));
+    if !has_glass && at.z < 1.0 {
+        return shown(at.texel);
     }
     var direction = sight;
     if has_glass {
-        direction = textureLoad(directions, texel, 0).xyz;
+        direction = textureLoad(directions, at.texel, 0).xyz;
         let entry_m = frame.camera_position_m + exit.w * sight;
         let inside_m = distance(entry_m, exit.xyz);
         // The way through the glass as a straight one, as it is between two surfaces; then the way behind it.
@@ -118,5 +103,5 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
             return shown(seen);
         }
     }
-    return display(environment(direction), settings.exposure);
+    return display(environment(direction));
 }

@@ -4,7 +4,6 @@
 // underwater objects that are visible to the viewer in the absence of the water surface."
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{texel_of}
-#import fathom::screen
 #import fathom::screen_ray::{Walk, hit, segment}
 #import fathom::shading::{SHAFT_TINT, display, fog, fresnel, sky, water_path_m}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
@@ -119,11 +118,6 @@ fn at_surface(sight: vec3<f32>, at_m: f32, dry: vec3<f32>, behind_m: f32) -> vec
         return fog(radiance, at_m);
     }
     return radiance;
-}
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
 }
 
 @fragment

@@ -10,7 +10,6 @@
 #import fathom::optics
 #import fathom::photon::{Photon}
 #import fathom::refraction::{Exit, NO_EXIT}
-#import fathom::screen
 #import fathom::screen_ray::{Segment, Walk, distance_at, place_px, segment, smoothed}
 #import fathom::surface_texel::{Surface}
 #import fathom::transfer::{FIRST, NO_HIT, Transfer}
@@ -164,11 +163,6 @@ fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
     return best;
 }
 #endif
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
 
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> Exit {

@@ -5,7 +5,6 @@
 // OPACITY 1: rays begin at the surface and gather opacity up to their stop (Eq. 7). REJECTION 1: samples of falling value do not count (Eq. 4).
 #import fathom::ray_cast::{march, Ray, windowed, view_ray, along, seed_of, lit, background, display, OPAQUE}
 #import fathom::scalar_field::{field, value, outward, through_box, look_ups}
-#import fathom::screen
 #import fathom::sphere::{shift_of, shifted_point, cosine_direction, tangent_frame}
 
 struct Targets {
@@ -150,11 +149,6 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
         sum += obscurity(position_m, normal, turn * cosine_direction(point.xy), point.z, first);
     }
     return sum / f32(march.rays);
-}
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
 }
 
 @fragment

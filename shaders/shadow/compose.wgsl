@@ -1,19 +1,10 @@
 // defs: WATER=0
 // The picture: what the camera sees, lit where its ray to the light meets nothing, and by the sky.
-#import fathom::uniforms::{frame, world_at}
+#import fathom::uniforms::{frame}
 #import fathom::photon::{MISSED, Photon}
-#import fathom::screen
-#import fathom::shading::{PI, SKY_SHARE, display, lambert, sky, to_light}
+#import fathom::picture::{display, lambert, normal_at, seen_at, picture}
+#import fathom::shading::{SKY_SHARE, sky, to_light}
 
-struct Compose {
-    size_px: vec2<f32>,
-    exposure: f32,
-}
-
-@group(1) @binding(0) var<uniform> settings: Compose;
-@group(1) @binding(1) var albedo_texels: texture_2d<f32>;
-@group(1) @binding(2) var normal_texels: texture_2d<f32>;
-@group(1) @binding(3) var depths: texture_depth_2d;
 @group(1) @binding(4) var<storage, read> photons: array<Photon>;
 
 // Whether something lies between a place and the light, the place's own triangle included.
@@ -24,24 +15,17 @@ fn shadowed(photon: Photon, place: vec3<f32>) -> bool {
     return frame.light_is_point == 0u || photon.distance_m < distance(place, frame.light_position_m);
 }
 
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
-
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
-    let texel = vec2<i32>(pixel.xy);
-    let z = textureLoad(depths, texel, 0);
-    let place = world_at(pixel.xy / settings.size_px, z);
-    if z >= 1.0 {
-        return display(sky(normalize(place - frame.camera_position_m)), settings.exposure);
+    let seen = seen_at(pixel.xy);
+    if seen.z >= 1.0 {
+        return display(sky(normalize(seen.position_m - frame.camera_position_m)));
     }
-    let normal = textureLoad(normal_texels, texel, 0).xyz;
+    let normal = normal_at(seen.texel);
     var irradiance = SKY_SHARE * frame.light_irradiance * (0.6 + 0.4 * normal.y);
-    let photon = photons[u32(texel.x) + u32(texel.y) * u32(settings.size_px.x)];
-    if !shadowed(photon, place) {
-        irradiance += frame.light_irradiance * saturate(dot(normal, to_light(place)));
+    let photon = photons[u32(seen.texel.x) + u32(seen.texel.y) * u32(picture.size_px.x)];
+    if !shadowed(photon, seen.position_m) {
+        irradiance += frame.light_irradiance * saturate(dot(normal, to_light(seen.position_m)));
     }
-    return display(lambert(textureLoad(albedo_texels, texel, 0).xyz, vec3(irradiance)), settings.exposure);
+    return display(lambert(seen.texel, vec3(irradiance)));
 }

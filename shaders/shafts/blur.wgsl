@@ -1,5 +1,4 @@
 // A Gaussian of constant width on the screen, rows first and then columns: SPT §3.2.
-#import fathom::screen
 
 struct Blur {
     // (1, 0) along rows, (0, 1) along columns.
@@ -12,11 +11,6 @@ struct Blur {
 
 @group(0) @binding(0) var<storage, read> settings: Blur;
 @group(0) @binding(1) var source: texture_2d<f32>;
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
 
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {

@@ -46,9 +46,21 @@ pub fn shader_paths(folders: &Folders) -> Vec<String> {
     paths.filter(|path| !path.starts_with(SHARED)).collect()
 }
 
+/// The vertex stage of a shader that has a fragment stage alone: a triangle that covers the target.
+const FULL_SCREEN: &str = "
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return vec4(f32(index & 1u) * 4.0 - 1.0, f32(index >> 1u) * 4.0 - 1.0, 0.0, 1.0);
+}
+";
+
 fn source(folders: &Folders, path: &str) -> Result<String, GpuError> {
-    let found = folders.text(&format!("{path}{ENDING}"));
-    found.map(|(_, text)| text).ok_or_else(|| GpuError::UnknownShader(path.to_owned()))
+    let found = folders.text(&format!("{path}{ENDING}")).map(|(_, text)| text);
+    let mut text = found.ok_or_else(|| GpuError::UnknownShader(path.to_owned()))?;
+    if text.contains("@fragment") && !text.contains("@vertex") {
+        text.push_str(FULL_SCREEN);
+    }
+    Ok(text)
 }
 
 /// The defaults in the shader's `// defs:` line.

@@ -200,8 +200,8 @@ impl Catalog {
     }
 }
 
-/// Scenes that pipelines are listed with, where they suit: of objects, of a volume, an empty pool, of glass. All are quickly made.
-const LISTED: [&str; 4] = ["plane", "smoke", "planar_pool", "glass_teapot_small"];
+/// Scenes that pipelines are listed with, where they suit: of objects, of a volume, of glass. All are quickly made.
+const LISTED: [&str; 3] = ["plane", "smoke", "glass_teapot_small"];
 /// A scene that more stages are made for than for those.
 const TRANSPARENT: &str = "glass";
 

@@ -8,6 +8,7 @@ use fathom_stages::bilateral;
 use fathom_stages::gbuffer::GbufferTextures;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::{self, Resources};
+use fathom_stages::picture::Picture;
 use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{ao, scene, shadow};
 
@@ -72,13 +73,12 @@ impl Composed {
         };
         let filtered = filter.map(filtered).transpose()?;
         let lit = ao::compose::Lit {
-            gbuffer,
+            picture: Picture::new(gbuffer, compose.exposure, compose.ambient),
             visibility: filtered.as_ref().map_or(visibility, |(_, texture)| texture),
             shadow: &seen.shadow,
         };
-        let settings = compose.uniforms(&seen.view);
         let shows_occlusion = compose.shows_occlusion();
-        let made = ao::compose::new(resources, &seen.shared, &lit, &settings, shows_occlusion)?;
+        let made = ao::compose::new(resources, &seen.shared, &lit, shows_occlusion)?;
         let image = resources.push(made);
         // Visibility is shown without what one sees through: VAO Fig. 6.
         if !shows_occlusion {

@@ -1,19 +1,19 @@
 //! Caustics on planar receivers: Krüger, Bürger and Westermann, *Interactive Screen-Space Accurate Photon Tracing on GPUs* (SPT) §1.1, Fig. 2.
 //!
-//! The receivers are the floor and the four walls of a rectangular pool. They follow from parameters that scenes have: the floor lies at
-//! `floor_depth_m`, and the walls at the borders of the water, `water.center_m` and `water.half_size_m`. Scenes whose geometry is
-//! another are refused.
+//! The receivers are the floor and the four walls of a rectangular pool. The pipeline builds it in place of the scene's objects: the floor
+//! lies at `floor_depth_m`, and the walls at the borders of the water, `water.center_m` and `water.half_size_m`.
 
 mod measure;
 mod parameters;
-mod receivers;
+
+use glam::{DMat4, DQuat, DVec3};
 
 use super::Pipeline;
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use fathom_gpu::GpuError;
 use fathom_reference::pool::Basin;
-use fathom_scene::Scene;
+use fathom_scene::{Material, Object, Scene, generators};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::planar::compose;
@@ -41,9 +41,8 @@ impl Pipeline for Planar {
     type Params = Params;
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
-        scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
+        let scene = &with_pool(scene).map_err(GpuError::Unusable)?;
         let basin = Basin::of(&scene.water, params.floor_depth_m);
-        receivers::check(scene, &basin).map_err(GpuError::Unusable)?;
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
@@ -66,5 +65,74 @@ impl Pipeline for Planar {
         let compose = compose::new(of_view, shared, &gbuffer, lit, exposure, shown)?;
         let image = of_view.push(compose);
         Ok(Self { params: params.clone(), view, basin, transfers, map, image })
+    }
+}
+
+/// Height of the rim and thickness of the walls in a pool whose shorter side is [`SIDE_M`]; in others they are as large for its size.
+const RIM_M: f64 = 0.12;
+const WALL_M: f64 = 0.2;
+const SIDE_M: f64 = 4.0;
+
+/// The scene with the pool of its water and floor depth in place of its objects. It looks like the first of them.
+///
+/// # Errors
+/// A side or a depth that is hundreds of times another.
+fn with_pool(scene: &Scene) -> Result<Scene, String> {
+    let [half_x, half_z] = scene.water.half_size_m;
+    let scale = 2.0 * half_x.min(half_z) / SIDE_M;
+    let sizes = [
+        ("width_m", 2.0 * half_x / scale),
+        ("depth_m", 2.0 * half_z / scale),
+        ("rim_m", RIM_M),
+        ("wall_m", WALL_M),
+    ];
+    let sizes = sizes.map(|(name, size)| (name.to_owned(), size)).into();
+    let mesh = generators::find("basin")?.mesh(&sizes, scene.floor_depth_m / scale)?;
+    let [x, z] = scene.water.center_m;
+    let place = DMat4::from_scale_rotation_translation(
+        DVec3::splat(scale),
+        DQuat::IDENTITY,
+        DVec3::new(x, -scene.floor_depth_m, z),
+    );
+    let first = scene.objects.first();
+    let material = first.map_or_else(Material::default, |object| object.material.clone());
+    let pool = Object { material, ..Object::new("pool", mesh.transformed(&place)) };
+    Ok(scene.with_objects(vec![pool]))
+}
+
+#[cfg(test)]
+mod tests {
+    use fathom_reference::pool::Face;
+
+    use super::*;
+
+    #[test]
+    fn the_pool_has_the_water_s_borders_and_the_floor_s_depth_at_any_size() {
+        let mut scene = Scene::load("planar_pool").unwrap();
+        let pool = with_pool(&scene).unwrap();
+        assert_eq!(pool.objects[0].mesh, scene.objects[0].mesh);
+        assert_eq!(
+            (pool.bounds, &pool.objects[0].material),
+            (scene.bounds, &scene.objects[0].material)
+        );
+        for scale in [0.01, 100.0] {
+            scene.water.half_size_m = [5.0 * scale, 3.0 * scale];
+            scene.water.center_m = [scale, -scale];
+            scene.floor_depth_m = 1.5 * scale;
+            let pool = &with_pool(&scene).unwrap().objects[0].mesh;
+            let basin = Basin::of(&scene.water, scene.floor_depth_m);
+            for face in Face::ALL {
+                let rectangle = basin.rectangle(face);
+                let is_on = |corner: DVec3| {
+                    (corner - rectangle.corner).dot(face.normal()).abs() < 1e-6 * scale
+                };
+                let faces = (0..pool.triangle_count()).map(|index| pool.triangle(index));
+                let on = faces.filter(|[a, b, c]| {
+                    [*a, *b, *c].into_iter().all(is_on)
+                        && (b - a).cross(c - a).dot(face.normal()) > 0.0
+                });
+                assert_eq!(on.count(), 2, "{face:?} at {scale}");
+            }
+        }
     }
 }

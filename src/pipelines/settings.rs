@@ -8,7 +8,6 @@ use fathom_base::parameter::{ParamError, within};
 use fathom_base::settings;
 use fathom_gpu::GpuError;
 use fathom_scene::{Bounds, Camera, Grid, Light, Scene, VolumeFile, Water};
-use fathom_stages::ao::compose::LightingUniforms;
 use fathom_stages::ao::glass::GlassUniforms;
 use fathom_stages::bilateral::BilateralUniforms;
 use fathom_stages::geometry::Geometry;
@@ -391,14 +390,6 @@ settings! {
 }
 
 impl Compose {
-    pub fn uniforms(&self, view: &uniforms::View) -> LightingUniforms {
-        LightingUniforms {
-            size_px: view.size_px.as_vec2(),
-            exposure: self.exposure as f32,
-            ambient: self.ambient as f32,
-        }
-    }
-
     pub fn glass(&self) -> GlassUniforms {
         GlassUniforms { exposure: self.exposure as f32, ambient: self.ambient as f32 }
     }

@@ -25,6 +25,7 @@ use fathom_stages::kit::Resources;
 use fathom_stages::lit_scene;
 use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
 use fathom_stages::photon::{self, Photons, TraceUniforms};
+use fathom_stages::picture::Picture;
 use fathom_stages::splatting::{PHOTONS_PER_INSTANCE, Sums};
 use fathom_stages::uniforms::{Shared, View};
 use fathom_stages::{Stage, caustics, godrays, scene, shadow, water};
@@ -95,7 +96,7 @@ impl Pipeline for Underwater {
         let seen = &gbuffer.depth;
         let [caustics, godrays] = photon_grids(resources, shared, light, seen, params, &plan)?;
         let composed = Composed {
-            gbuffer: &gbuffer,
+            picture: Picture::new(&gbuffer, params.compose.exposure, 0.0),
             caustics: caustics.texture(),
             godrays: godrays.texture(),
             reflection: &reflection,
@@ -297,10 +298,8 @@ impl Plan {
             lines,
             line_px: params.floor_depth_m / pixel(godrays),
             compose: ComposeUniforms {
-                size_px: view.size_px.as_vec2(),
                 caustics_scale: caustics_scale as f32,
                 godrays_scale: (params.godrays.scattering_per_m / width_m) as f32,
-                exposure: params.compose.exposure as f32,
                 occlusion_taps: params.compose.occlusion_taps,
                 occlusion_radius_m: params.compose.occlusion_radius_m as f32,
                 water_cells: params.surface.cells,

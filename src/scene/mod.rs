@@ -205,6 +205,13 @@ impl Scene {
         })
     }
 
+    /// The same with these objects in place of its own.
+    #[must_use]
+    pub fn with_objects(&self, objects: Vec<Object>) -> Scene {
+        let bounds = with_water(solid_bounds(&objects, self.volume.as_ref()), &self.water);
+        Scene { objects, bounds, ..self.clone() }
+    }
+
     /// The box that holds all objects and the volume, without the water.
     pub fn solid_bounds(&self) -> Bounds {
         solid_bounds(&self.objects, self.volume.as_ref())

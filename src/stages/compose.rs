@@ -1,9 +1,7 @@
 //! `compose`: the final image from all buffers, the water surface drawn over it. UW §3.5.
 
-use glam::Vec2;
-
-use crate::gbuffer::GbufferTextures;
 use crate::kit::Raster;
+use crate::picture::Picture;
 use crate::prelude::*;
 
 pub const INFO: StageInfo = StageInfo {
@@ -15,10 +13,8 @@ pub const INFO: StageInfo = StageInfo {
 shader_struct! {
     /// `Compose` in `shaders/compose.wgsl`.
     pub struct ComposeUniforms {
-        pub size_px: Vec2,
         pub caustics_scale: f32,
         pub godrays_scale: f32,
-        pub exposure: f32,
         pub occlusion_taps: u32,
         pub occlusion_radius_m: f32,
         pub water_cells: u32,
@@ -28,7 +24,7 @@ shader_struct! {
 
 /// The buffers that are composed.
 pub struct Composed<'a> {
-    pub gbuffer: &'a GbufferTextures,
+    pub picture: Picture<'a>,
     pub caustics: &'a wgpu::Texture,
     pub godrays: &'a wgpu::Texture,
     pub reflection: &'a wgpu::Texture,
@@ -52,11 +48,10 @@ pub fn new(
     ];
     let uniforms = resources.loop_settings(INFO.name, settings);
     let sampler = resources.linear_sampler(INFO.name);
-    let Composed { gbuffer, caustics, godrays, reflection, refraction } = *composed;
-    let GbufferTextures { albedo, normal, depth } = gbuffer;
-    let own = Group::new(&[
-        &uniforms, albedo, normal, depth, caustics, godrays, reflection, refraction, &sampler,
-    ]);
+    let Composed { picture, caustics, godrays, reflection, refraction } = composed;
+    let own: [&dyn Bind; 6] = [&uniforms, *caustics, *godrays, *reflection, *refraction, &sampler];
+    let own = picture.group(resources, INFO.name, &own);
+    let depth = &picture.gbuffer.depth;
     let groups = [&shared.group, &own];
     let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
     let screen = RenderSpec {
@@ -68,8 +63,7 @@ pub fn new(
     let water =
         RenderSpec { vertex: "water_vertex", fragment: Some("water_fragment"), ..screen.clone() };
     let water = Raster::new(resources, &water)?;
-    let size_px = settings.size_px.as_uvec2().to_array();
-    let pass = Pass::new(resources, &screen, size_px, wgpu::Color::BLACK)?;
+    let pass = Pass::new(resources, &screen, picture.size_px(), wgpu::Color::BLACK)?;
     // Three G-buffer texels, and four each of godrays and of caustics with the depth behind each.
     let texels = 3 + 2 * (2 * 4) + u64::from(settings.occlusion_taps);
     let quads = settings.water_cells * settings.water_cells;

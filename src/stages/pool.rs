@@ -6,37 +6,20 @@ use crate::prelude::*;
 pub const FACES: u32 = 5;
 
 shader_struct! {
-    /// `Pool` in `shaders/shared/pool.wgsl`.
-    pub struct PoolUniforms {
+    /// `Pool` in `shaders/shared/pool.wgsl`: the pool below the water's rectangle.
+    pub struct Pool {
+        /// Depth of the floor under the resting water.
         pub floor_depth_m: f32,
+        /// Height of the walls' upper border in the map above the resting water: no photon enters higher.
         pub top_m: f32,
+        /// Texels per side of a face.
         pub texels: u32,
     }
-}
-
-/// The pool below the water's rectangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pool {
-    /// Depth of the floor under the resting water.
-    pub floor_depth_m: f64,
-    /// Height of the walls' upper border in the map above the resting water: no photon enters higher.
-    pub top_m: f64,
-    /// Texels per side of a face.
-    pub texels: u32,
 }
 
 impl Pool {
     /// Texels of the map.
     pub fn map_px(&self) -> [u32; 2] {
         [self.texels.saturating_mul(FACES), self.texels]
-    }
-
-    pub fn uniform(&self, resources: &Resources<'_>) -> Buffer {
-        let settings = PoolUniforms {
-            floor_depth_m: self.floor_depth_m as f32,
-            top_m: self.top_m as f32,
-            texels: self.texels,
-        };
-        resources.uniform("pool", &settings)
     }
 }

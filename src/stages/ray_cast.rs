@@ -81,7 +81,8 @@ pub(super) fn new(
     let uniforms = resources.uniform(info.name, settings);
     let states = sliced.then(|| resources.storage("steps so far", pixels * STATE_BYTES));
     let formats = [IMAGE_FORMAT, RESULT_FORMAT, NORMAL_FORMAT].map(kit::opaque);
-    let spec = RenderSpec::new((info.name, &defs), &[], &formats[..if normals { 3 } else { 2 }]);
+    let spec =
+        RenderSpec::new((info.name, &defs[..]), &[], &formats[..if normals { 3 } else { 2 }]);
     let raster = |slice: &Slice| {
         let slice = sliced.then(|| resources.loop_settings(info.name, slice));
         let own = Group::new(&[&field.uniforms, &field.texture, &field.sampler, &uniforms]);

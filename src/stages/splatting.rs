@@ -61,7 +61,7 @@ pub(super) fn new(
     };
     let spec = RenderSpec {
         depth: Some(tested),
-        ..RenderSpec::new((info.name, &defs), &groups, &targets)
+        ..RenderSpec::new((info.name, &defs[..]), &groups, &targets)
     };
     let raster = Raster::new(resources, &spec)?;
     let depths = RenderSpec {

@@ -1,7 +1,8 @@
 //! `ao/compose`: known inputs in, closed forms of reflected light out; and its shadows against rays.
 
 use crate::prelude::*;
-use fathom_stages::ao::compose::{self, LightingUniforms, Lit};
+use fathom_stages::ao::compose::{self, Lit};
+use fathom_stages::picture::Picture;
 
 const STAGE: &str = "ao/compose";
 const SIZE: [u32; 2] = [96, 64];
@@ -66,14 +67,6 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     Ok(checks)
 }
 
-fn settings(exposure: f64, ambient: f64) -> LightingUniforms {
-    LightingUniforms {
-        size_px: UVec2::from(SIZE).as_vec2(),
-        exposure: exposure as f32,
-        ambient: ambient as f32,
-    }
-}
-
 /// Device depth as the buffer holds it.
 fn depth(view: &View) -> f64 {
     f64::from(rig::depth_ahead(view, AHEAD_M) as f32)
@@ -89,12 +82,11 @@ impl Known {
             depth: rig.depth(SIZE, depth(view))?,
         };
         let lit = Lit {
-            gbuffer: &gbuffer,
+            picture: Picture::new(&gbuffer, self.exposure, AMBIENT),
             visibility: &grey(self.visibility)?,
             shadow: &rig.depth([64, 64], self.shadow)?,
         };
-        let settings = settings(self.exposure, AMBIENT);
-        let stage = compose::new(rig, &Shared::new(rig, view), &lit, &settings, shows_occlusion)?;
+        let stage = compose::new(rig, &Shared::new(rig, view), &lit, shows_occlusion)?;
         rig.drawn(&[&stage], stage.texture(), 0)
     }
 
@@ -123,12 +115,13 @@ fn shadows(rig: &Rig<'_>) -> Result<Check> {
     let stand = rig.stand(Scene::load("tank")?, SIZE)?;
     let light = shadow::depth::new(rig, &stand.shared, &stand.geometry, 1024)?;
     let white = rig.constant(SIZE, [1.0; 4])?;
+    let gbuffer = GbufferTextures { albedo: white.clone(), ..rig.gbuffer(&stand)? };
     let lit = Lit {
-        gbuffer: &GbufferTextures { albedo: white.clone(), ..rig.gbuffer(&stand)? },
+        picture: Picture::new(&gbuffer, 1e3, 0.0),
         visibility: &white,
         shadow: light.texture(),
     };
-    let stage = compose::new(rig, &stand.shared, &lit, &settings(1e3, 0.0), false)?;
+    let stage = compose::new(rig, &stand.shared, &lit, false)?;
     let shown = rig.drawn(&[&light, &stage], stage.texture(), 0)?;
     // Of the covered pixels: whether a ray to the light is free, and whether the picture is lit. Pixels that the light strikes at a slant
     // of less than 5 degrees are left out.

@@ -3,6 +3,7 @@
 use crate::prelude::*;
 use fathom_reference::image::behind;
 use fathom_stages::compose::{self, ComposeUniforms, Composed};
+use fathom_stages::picture::Picture;
 
 const STAGE: &str = "compose";
 const SIZE: [u32; 2] = [96, 64];
@@ -107,22 +108,21 @@ impl Known {
     /// Composes the inputs and returns the radiance of each pixel.
     fn radiance(&self, rig: &Rig<'_>, view: &View) -> Result<Image> {
         let grey = |value: f32| rig.constant(SIZE, [value, value, value, 1.0]);
+        let gbuffer = GbufferTextures {
+            albedo: grey(self.albedo)?,
+            normal: rig.constant(SIZE, self.normal.extend(1.0).to_array())?,
+            depth: self.depth.clone(),
+        };
         let inputs = Composed {
-            gbuffer: &GbufferTextures {
-                albedo: grey(self.albedo)?,
-                normal: rig.constant(SIZE, self.normal.extend(1.0).to_array())?,
-                depth: self.depth.clone(),
-            },
+            picture: Picture::new(&gbuffer, self.exposure, 0.0),
             caustics: &rig.grey(&self.caustics),
             godrays: &rig.grey(&self.godrays),
             reflection: &grey(self.reflection)?,
             refraction: &grey(0.0)?,
         };
         let settings = ComposeUniforms {
-            size_px: UVec2::from(SIZE).as_vec2(),
             caustics_scale: self.pixel_tangent.unwrap_or(1.0) as f32,
             godrays_scale: 1.0,
-            exposure: self.exposure as f32,
             occlusion_taps: self.occlusion.0,
             occlusion_radius_m: self.occlusion.1 as f32,
             water_cells: 64,

@@ -66,7 +66,7 @@ fn wall(basin: &Basin, face: Face) -> Object {
 }
 
 fn of_basin(basin: &Basin) -> Pool {
-    Pool { floor_depth_m: basin.floor_depth_m, top_m: basin.top_m, texels: TEXELS }
+    Pool { floor_depth_m: basin.floor_depth_m as f32, top_m: basin.top_m as f32, texels: TEXELS }
 }
 
 /// All that the light sends through flat water arrives, where nothing is lost on the way: irradiance × area across the rays, or intensity ×

@@ -1,7 +1,7 @@
 //! `sprites/draw` and `sprites/compose` against Eq. 1, the photons' flux, and Lambert's and Beer's laws.
 
 use crate::prelude::*;
-use fathom_stages::screen_picture::Shafts;
+use fathom_stages::picture::Shafts;
 use fathom_stages::sprites::compose::{self, Composed};
 use fathom_stages::sprites::draw::{self, Sprite};
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::Planar;
+use super::{Planar, with_pool};
 use crate::{Drawing, Judge, JudgeError, Judged, exact_of, judged_view, named, share};
 use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture};
 use fathom_reference::photons::{land, place_in_grid};
@@ -49,8 +49,9 @@ impl Drawing for Planar {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
-        judged.errors.extend(self.map_errors(judge.gpu, judge.scene)?.errors);
+        let scene = &with_pool(judge.scene).map_err(GpuError::Unusable)?;
+        let mut judged = self.landing_errors(judge.gpu, scene)?;
+        judged.errors.extend(self.map_errors(judge.gpu, scene)?.errors);
         Ok(judged)
     }
 }

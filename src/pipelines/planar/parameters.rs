@@ -47,8 +47,8 @@ impl Params {
     /// The pool below the water; its walls reach up to the highest wave.
     pub fn pool(&self) -> Pool {
         Pool {
-            floor_depth_m: self.floor_depth_m,
-            top_m: self.water.bound_m(),
+            floor_depth_m: self.floor_depth_m as f32,
+            top_m: self.water.bound_m() as f32,
             texels: self.planar.texels,
         }
     }

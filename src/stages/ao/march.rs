@@ -71,7 +71,7 @@ fn build(
     let passes = marching.passes(resources, volumes, pixels)?;
     defs.push(passes.def());
     let targets = [kit::multiplicative(VISIBILITY_FORMAT)];
-    let spec = RenderSpec::new((INFO.name, &defs), &[], &targets);
+    let spec = RenderSpec::new((INFO.name, &defs[..]), &[], &targets);
     let raster = |group: &Group| {
         let groups = [&shared.group, group, &inputs];
         Raster::new(resources, &RenderSpec { groups: &groups, ..spec.clone() })

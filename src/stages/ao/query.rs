@@ -42,7 +42,8 @@ pub fn new(
     let mut defs = marching.defs();
     defs.push(passes.def());
     let workgroups = kit::linear_workgroups(count);
-    let dispatch = |group| Dispatch::new(resources, (INFO.name, &defs), &[&own, group], workgroups);
+    let dispatch =
+        |group| Dispatch::new(resources, (INFO.name, &defs[..]), &[&own, group], workgroups);
     // One for each slice of the rays through each volume.
     let dispatches =
         passes.volumes.iter().flatten().map(dispatch).collect::<Result<Vec<_>, _>>()?;

@@ -33,8 +33,8 @@ impl<'a, const N: usize> From<(&'a str, &'a [(&'a str, i32); N])> for Code<'a> {
     }
 }
 
-impl<'a> From<(&'a str, &'a Vec<(&'a str, i32)>)> for Code<'a> {
-    fn from((path, defs): (&'a str, &'a Vec<(&'a str, i32)>)) -> Self {
+impl<'a> From<(&'a str, &'a [(&'a str, i32)])> for Code<'a> {
+    fn from((path, defs): (&'a str, &'a [(&'a str, i32)])) -> Self {
         Self { path, defs }
     }
 }

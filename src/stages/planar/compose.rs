@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use crate::gbuffer::GbufferTextures;
+use crate::picture::Picture;
 use crate::pool::Pool;
 use crate::prelude::*;
-use crate::screen_picture::ComposeUniforms;
 
 pub const INFO: StageInfo = StageInfo {
     name: "planar/compose",
@@ -25,9 +25,6 @@ pub enum Shown {
 
 fathom_base::choices!(Shown);
 
-/// Albedo, normal and depth of a pixel, and four texels of the map.
-const FETCHES: u64 = 7;
-
 /// `map` is the illumination map of the pool.
 pub fn new(
     resources: &Resources<'_>,
@@ -37,17 +34,9 @@ pub fn new(
     exposure: f64,
     shown: Shown,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
-    let GbufferTextures { albedo, normal, depth } = gbuffer;
-    let size_px = kit::size_px(depth);
-    let settings = resources.uniform(INFO.name, &ComposeUniforms::new(size_px, exposure));
-    let pool = pool.uniform(resources);
-    let own = Group::new(&[&settings, &pool, albedo, normal, depth, map]);
-    let groups = [&shared.group, &own];
-    let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
+    let pool = resources.uniform("pool", pool);
     let defs = [("MAP", i32::from(shown == Shown::FloorMap))];
-    let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
-    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
-    // The background has no texels but its depth.
-    let (work, least) = (pass.work(FETCHES, 4), pass.work(1, 4));
-    Ok(pass.stage(&INFO, work).at_least(least).image())
+    let picture = Picture::new(gbuffer, exposure, 0.0);
+    // Albedo, normal and depth of a pixel, and four texels of the map.
+    Ok(picture.stage(resources, shared, (&INFO, &defs), &[&pool, map], [7, 1])?.image())
 }

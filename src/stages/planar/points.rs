@@ -27,7 +27,7 @@ pub fn new(
     photon_w: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let settings = resources.uniform(INFO.name, &PointUniforms { photon_w: photon_w as f32 });
-    let own = Group::new(&[&settings, &pool.uniform(resources), transfers]);
+    let own = Group::new(&[&settings, &resources.uniform("pool", pool), transfers]);
     let groups = [&shared.group, &own];
     let targets = [kit::additive(kit::accumulation_format(resources.gpu))];
     let defs = [shared.water_def(), shared.fresnel_def()];

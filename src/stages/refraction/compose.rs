@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use super::Exits;
 use crate::gbuffer::GbufferTextures;
+use crate::picture::Picture;
 use crate::prelude::*;
-use crate::screen_picture;
 use crate::screen_ray::{WalkUniforms, walk_turns, walk_without_layers};
 use fathom_scene::Bounds;
 
@@ -39,6 +39,7 @@ pub fn new(
     let steps = 2 * u64::from(walk.most);
     let walk = resources.uniform(INFO.name, &walk);
     let rays: [&dyn Bind; 3] = [&exits.positions, &exits.directions, &walk];
-    let of_pixel = Work { texel_fetches: 2 + FETCHES * steps, ..Work::default() };
-    screen_picture::new(resources, shared, &INFO, (gbuffer, &rays), exposure, of_pixel)
+    let texels = [5 + FETCHES * steps, 1];
+    let picture = Picture::new(gbuffer, exposure, 0.0);
+    Ok(picture.stage(resources, shared, (&INFO, &[]), &rays, texels)?.image())
 }

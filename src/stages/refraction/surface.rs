@@ -2,8 +2,8 @@
 
 use glam::Vec2;
 
+use crate::picture::Shafts;
 use crate::prelude::*;
-use crate::screen_picture::Shafts;
 use crate::screen_ray::{Layers, WalkUniforms, walk_turns};
 
 pub const INFO: StageInfo = StageInfo {

@@ -2,8 +2,8 @@
 
 use crate::gbuffer::GbufferTextures;
 use crate::photon::Photons;
+use crate::picture::Picture;
 use crate::prelude::*;
-use crate::screen_picture;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shadow/compose",
@@ -19,6 +19,8 @@ pub fn new(
     photons: &Photons,
     exposure: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
-    let of_pixel = Work { bytes_read: Photons::bytes(1), ..Work::default() };
-    screen_picture::new(resources, shared, &INFO, (gbuffer, &[photons]), exposure, of_pixel)
+    let picture = Picture::new(gbuffer, exposure, 0.0);
+    let mut stage = picture.stage(resources, shared, (&INFO, &[]), &[photons], [3, 1])?.image();
+    stage.work.bytes_read = Photons::bytes(photons.count.into());
+    Ok(stage)
 }

@@ -1,25 +1,14 @@
 //! `sprites/compose`: the picture, lit by sprites and sky.
 
-use glam::Vec2;
-
 use crate::gbuffer::GbufferTextures;
+use crate::picture::{Picture, Shafts};
 use crate::prelude::*;
-use crate::screen_picture::Shafts;
 
 pub const INFO: StageInfo = StageInfo {
     name: "sprites/compose",
     about: "the picture: what the camera sees, lit by sprites and sky",
     source: "SPT §3",
 };
-
-shader_struct! {
-    /// `Compose` in `shaders/sprites/compose.wgsl`.
-    pub struct ComposeUniforms {
-        pub size_px: Vec2,
-        pub exposure: f32,
-        pub shaft_scale: f32,
-    }
-}
 
 /// What is made of the light.
 pub enum Composed<'a> {
@@ -36,28 +25,17 @@ pub fn new(
     irradiance: &wgpu::Texture,
     composed: &Composed<'_>,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
-    let size_px = kit::size_px(irradiance);
-    let (shafts, exposure, format) = match composed {
+    let display = Picture::new(gbuffer, 0.0, 0.0);
+    let (shafts, picture) = match composed {
         Composed::Picture { shafts, exposure } => {
-            (*shafts, *exposure, wgpu::TextureFormat::Rgba8Unorm)
+            let scale = shafts.map_or(0.0, |shafts| shafts.scale);
+            (*shafts, Picture { exposure: *exposure, scale, ..display })
         }
-        Composed::Dry => (None, 0.0, wgpu::TextureFormat::Rgba16Float),
+        Composed::Dry => (None, Picture { format: wgpu::TextureFormat::Rgba16Float, ..display }),
     };
-    let settings = ComposeUniforms {
-        size_px: Vec2::from(size_px.map(|side| side as f32)),
-        exposure: exposure as f32,
-        shaft_scale: shafts.map_or(0.0, |shafts| shafts.scale as f32),
-    };
-    let settings = resources.uniform(INFO.name, &settings);
-    let GbufferTextures { albedo, normal, depth } = gbuffer;
-    let own = Group::new(&[&settings, albedo, normal, depth, irradiance])
-        .and(shafts.map(|shafts| shafts.flux));
-    let (groups, targets) = ([&shared.group, &own], [kit::opaque(format)]);
     let dry = i32::from(matches!(composed, Composed::Dry));
     let defs = [("DRY", dry), ("SHAFTS", i32::from(shafts.is_some()))];
-    let spec = RenderSpec::new((INFO.name, &defs), &groups, &targets);
-    let pass = Pass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
-    // The background has no texels but its depth.
-    let (work, least) = (pass.work(4, 4), pass.work(1, 4));
-    Ok(pass.stage(&INFO, work).at_least(least).image())
+    let mut own: Vec<&dyn Bind> = vec![irradiance];
+    own.extend(shafts.map(|shafts| shafts.flux as &dyn Bind));
+    Ok(picture.stage(resources, shared, (&INFO, &defs), &own, [4, 1])?.image())
 }

@@ -114,35 +114,6 @@ fn is_seen_with_its_shadow(scene: &Scene, place: DVec3, ground_m: f64) {
     }
 }
 
-/// Fig. 2 needs planes: all that the camera sees of the basin's inside lies on x = ±2, z = ±2 or y = −2.
-#[test]
-fn the_planar_pool_is_a_box_of_five_planes() {
-    let scene = load("planar_pool");
-    let [basin] = &scene.objects[..] else { panic!("one object") };
-    let half = DVec3::new(2.0, scene.floor_depth_m, 2.0);
-    let inside = |p: &DVec3| p.x.abs() <= half.x && p.z.abs() <= half.z && p.y >= -half.y;
-    let mut planes = BTreeMap::new();
-    for t in 0..basin.mesh.triangle_count() {
-        let corners = basin.mesh.triangle(t);
-        if corners.iter().all(inside) {
-            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
-            let offset = normal.dot(corners[0]);
-            *planes.entry(normal.as_ivec3().to_array()).or_insert(0.0) += offset;
-            assert!(normal.abs().max_element() == 1.0, "{normal}");
-        }
-    }
-    // Two triangles each, the normals towards the middle.
-    let expected = [
-        ([-1, 0, 0], -4.0),
-        ([0, 0, -1], -4.0),
-        ([0, 0, 1], -4.0),
-        ([0, 1, 0], -4.0),
-        ([1, 0, 0], -4.0),
-    ];
-    assert_eq!(planes, BTreeMap::from(expected));
-    assert_eq!(scene.water.half_size_m, [half.x, half.z]);
-}
-
 /// SPT Fig. 10: only the top of the bunny stands out of the water, and the camera looks down on it from above.
 #[test]
 fn the_bunny_in_the_cornell_box_is_half_under_water() {

@@ -1,5 +1,4 @@
 // The mean of the square around each pixel; beyond the border its nearest texels repeat.
-#import fathom::screen
 
 struct Blur {
     radius_px: u32,
@@ -7,11 +6,6 @@ struct Blur {
 
 @group(0) @binding(0) var<storage, read> settings: Blur;
 @group(0) @binding(1) var source: texture_2d<f32>;
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
 
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {

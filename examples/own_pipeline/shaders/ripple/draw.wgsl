@@ -1,5 +1,4 @@
 // Rings of ripples about the middle of the picture, added up.
-#import fathom::screen
 
 struct Ripples {
     size_px: vec2<f32>,
@@ -8,11 +7,6 @@ struct Ripples {
 }
 
 @group(0) @binding(0) var<storage, read> settings: Ripples;
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return screen::corner(index);
-}
 
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
