@@ -18,7 +18,7 @@ use fathom_stages::photon::Photons;
 use fathom_stages::picture::Shafts;
 use fathom_stages::refraction::surface::{self, Dry};
 use fathom_stages::scene;
-use fathom_stages::screen_ray::{Layers, Rays, WalkUniforms, Walking, walk_uniforms};
+use fathom_stages::screen_ray::{Layers, Rays, WalkUniforms, walk_uniforms};
 use fathom_stages::shafts::blur;
 use fathom_stages::shafts::lines;
 use fathom_stages::sprites::compose::{self, Composed};
@@ -64,14 +64,12 @@ impl Pipeline for PhotonTracing {
         let peel = peel::new(of_layers, shared, scene, solid, size_px, params.ldi.layers)?;
         let layers = of_layers.push(peel);
 
+        let ways = (params.ways(), params.sprites.max_hits);
         let traced = Rays {
             transfers: &map.transfers,
             layers: &layers,
             bounds: under_water(scene),
-            walking: Walking {
-                max_hits: params.sprites.max_hits,
-                ..params.rays.walking(resources.gpu, params.ways())
-            },
+            walking: params.rays.walking(resources.gpu, ways),
         };
         let of_grid = &resources.sized_by("transfer.grid");
         let photons = screen_tracing::trace(of_grid, shared, &traced, params.rays.method)?;

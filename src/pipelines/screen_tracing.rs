@@ -82,8 +82,8 @@ pub(super) const ROWS: u32 = 8192;
 pub(super) const MOST_TILES: u64 = 1024;
 
 impl RaySettings {
-    /// For photons of so many ways.
-    pub fn walking(&self, gpu: &Gpu, ways: u32) -> Walking {
+    /// For photons of so many ways, of which so many intersections are kept.
+    pub fn walking(&self, gpu: &Gpu, (ways, max_hits): (u32, u32)) -> Walking {
         let most_rows = gpu.limits.max_texture_dimension_2d;
         Walking {
             test: self.test,
@@ -93,7 +93,7 @@ impl RaySettings {
             least: self.least_px,
             rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
             ways,
-            max_hits: 1,
+            max_hits,
             within_px: None,
         }
     }

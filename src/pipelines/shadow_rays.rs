@@ -82,7 +82,7 @@ impl Pipeline for ShadowRays {
             transfers: &starts,
             layers: &layers,
             bounds: scene.solid_bounds(),
-            walking: params.rays.walking(resources.gpu, 1),
+            walking: params.rays.walking(resources.gpu, (1, 1)),
         };
         let photons = screen_tracing::trace(of_view, shared, &traced, params.rays.method)?;
         let exposure = params.compose.exposure;

@@ -261,7 +261,7 @@ pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64) -> Tested {
             in_ms(fit.fixed)
         );
     }
-    name += &format!("slope over {:.2} decades, {} cells,", fit.decades, fit.slope.n);
+    name += &format!("slope over {:.2} decades ({} cells)", fit.decades, fit.slope.n);
     // Sweeps end at round numbers: a hair below a decade is a decade.
     if fit.decades < 1.0 - 1e-6 {
         return Err(format!("{name} {:.3}: x must span a factor of 10 at least", fit.slope.slope));

@@ -254,7 +254,7 @@ fn groups_are_ruled_apart_and_the_worst_decides() {
     }
     let (verdict, reason) = ruled(LINEAR, &cells, true);
     assert_eq!(verdict, Contradicted);
-    assert!(reason.contains("model=b: slope over 2.48 decades, 6 cells, 1.5"), "{reason}");
+    assert!(reason.contains("model=b: slope over 2.48 decades (6 cells) 1.5"), "{reason}");
     assert!(reason.ends_with("(1 of 2 comparisons)"), "{reason}");
 }
 
