@@ -1,7 +1,6 @@
 //! A history as a document: what changed where, and on a page a small chart for each series.
 
 use itertools::Itertools;
-use maud::{Markup, PreEscaped, html};
 
 use super::findings::{Certainty, Change, Findings};
 use super::run::FRAME;
@@ -12,8 +11,7 @@ use fathom_judge::change_points::LEAST_RUNS;
 use fathom_report::axis::Scale;
 use fathom_report::charts::points::{self, ChangeLine, PointChart};
 use fathom_report::charts::style::{self, Marker};
-use fathom_report::document::{Field, Part, Span, Table};
-use fathom_report::page::Tone;
+use fathom_report::document::{Field, Line, Part, Span, Table, Tone};
 
 /// Charts of a page. A page of as many charts of as many points stays below 5 MB.
 const MOST_CHARTS: usize = 60;
@@ -54,9 +52,7 @@ pub fn on_page(stored: &StoredRuns, findings: &Findings) -> Vec<Part> {
         "A point is the median of a run, a bar its 95 % interval. Runs stand in the order of their commits' dates, equally far apart. \
          A dashed line is a change, named below the chart. The vertical axis does not begin at 0.",
     ));
-    let charts =
-        html! { div.multiples { @for place in shown { (chart(stored, findings, place)) } } };
-    parts.push(Part::Chart(charts.into_string()));
+    parts.push(Part::Grid(shown.map(|place| chart(stored, findings, place)).collect()));
     if not_shown > 0 {
         parts.push(Part::paragraph(format!(
             "{not_shown} more series are not drawn; fathom history show FILTER --out DIR draws those whose names hold FILTER."
@@ -116,7 +112,7 @@ struct Mark {
     told: String,
 }
 
-fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> Markup {
+fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> Vec<Part> {
     let series = &stored.series[place];
     let earlier = series.points.len().saturating_sub(MOST_POINTS);
     let points = &series.points[earlier..];
@@ -129,22 +125,24 @@ fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> Markup {
     let marks: Vec<Mark> = marks.collect();
     let (name, unit) = (name(series), tables::unit(series));
     let about = format!("{name} ({unit}) over {} runs", points.len());
-    html! {
-        figure.multiple {
-            figcaption { b { (name) } br; span.faint { (series.key.place()) } }
-            @match drawing(stored, series, points, &marks) {
-                Some(chart) => (PreEscaped(chart.svg(SIZE_PX, &about))),
-                None => { p.faint { "No value can be drawn." } }
-            }
-            @if earlier > 0 { p.faint { (earlier) " earlier runs are not drawn." } }
-            @if series.points.len() < LEAST_RUNS {
-                p.faint { "Too short to be searched: " (points.len()) " runs, and " (LEAST_RUNS) " are needed." }
-            }
-            @if !marks.is_empty() {
-                ul.fits { @for mark in &marks { li { span.(mark.tone.class()) { "┆ " } (mark.told) } } }
-            }
-        }
+    let place = Span::Faint(format!(" {}", series.key.place()));
+    let drawn = match drawing(stored, series, points, &marks) {
+        Some(chart) => Part::Chart(chart.svg(SIZE_PX, &about)),
+        None => Part::paragraph("No value can be drawn."),
+    };
+    let mut parts = vec![Part::paragraph(Line::from(Span::Bold(name)).and(place)), drawn];
+    if earlier > 0 {
+        parts.push(Part::paragraph(format!("{earlier} earlier runs are not drawn.")));
     }
+    if series.points.len() < LEAST_RUNS {
+        parts.push(Part::paragraph(format!(
+            "Too short to be searched: {} runs, and {LEAST_RUNS} are needed.",
+            points.len()
+        )));
+    }
+    let line = |mark: Mark| Span::Chip(mark.tone, mark.told);
+    parts.push(Part::list(marks.into_iter().map(line)));
+    parts
 }
 
 /// None where no value is finite.

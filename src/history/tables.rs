@@ -9,6 +9,7 @@ use super::stored::{Series, StoredRun, StoredRuns};
 use fathom_base::text;
 use fathom_judge::change_points::{LEAST_RUNS, LEVEL};
 use fathom_record::Estimate;
+use fathom_report::document::{self, Part, Table};
 use fathom_report::format::{interval, three, trim_zeros};
 
 /// Unit in records of errors that have none.
@@ -22,15 +23,14 @@ pub fn runs(runs: &[StoredRun]) -> String {
             run.short_digest(),
             run.short_commit(),
             run.day(),
-            text::line(&run.branch),
-            text::line(&run.machine),
+            run.branch.clone(),
+            run.machine.clone(),
             run.cells.to_string(),
             run.figures.to_string(),
-            text::line(&format!("{}, {}", run.adapter, run.driver)),
+            format!("{}, {}", run.adapter, run.driver),
         ]
     });
-    let rows: Vec<[String; 8]> = std::iter::once(head.map(str::to_owned)).chain(rows).collect();
-    text::columns(&rows).join("\n")
+    document::terminal(&[Part::Table(Table::new("Runs", head).with_rows(rows))]).trim().to_owned()
 }
 
 /// What was searched and what was found, in one or two sentences.

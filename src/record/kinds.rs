@@ -4,7 +4,7 @@ use std::fmt;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use strum::Display;
+use strum::{Display, EnumMessage};
 
 use fathom_base::private;
 
@@ -115,7 +115,10 @@ impl Note {
 }
 
 /// What a note is about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+// The page shows these comments.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, EnumMessage,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum NoteKind {
     /// The adapter lacks a feature, or the environment changes how it works.

@@ -7,9 +7,8 @@ use indexmap::IndexMap;
 use itertools::{Itertools, chain};
 
 use crate::comparison::rows;
-use crate::document::{self, Part, Span, Table};
+use crate::document::{self, Part, Span, Table, Tone};
 use crate::format::{NS_PER_MS, interval, percent, three};
-use crate::page::Tone;
 use crate::{ReportView, facts, noise, run_conditions, shown_file};
 use fathom_experiments::Ruling;
 use fathom_experiments::schema::Claim;

@@ -2,8 +2,51 @@
 
 use maud::{Markup, PreEscaped, html};
 
-use crate::page::{Tone, parts};
 use fathom_base::text;
+use fathom_experiments::Verdict;
+
+/// How a reader takes a word: by a colour and a mark beside it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tone {
+    Bad,
+    Open,
+    Neutral,
+    Good,
+}
+
+impl Tone {
+    /// Its class of CSS, and its mark.
+    fn look(self) -> [&'static str; 2] {
+        match self {
+            Tone::Bad => ["bad", "✕"],
+            Tone::Open => ["open", "?"],
+            Tone::Neutral => ["none", "–"],
+            Tone::Good => ["good", "✓"],
+        }
+    }
+
+    pub fn of(verdict: Verdict) -> Tone {
+        match verdict {
+            Verdict::Contradicted => Tone::Bad,
+            Verdict::NearBound | Verdict::Inconclusive => Tone::Open,
+            Verdict::NotRun => Tone::Neutral,
+            Verdict::Supported => Tone::Good,
+        }
+    }
+
+    pub fn mark(self) -> &'static str {
+        self.look()[1]
+    }
+
+    pub fn class(self) -> &'static str {
+        self.look()[0]
+    }
+
+    pub fn chip(self, word: &str) -> Markup {
+        let [class, mark] = self.look();
+        html! { span.chip.(class) { span aria-hidden="true" { (mark) " " } (word) } }
+    }
+}
 
 /// Words with their look.
 #[derive(Clone)]
@@ -109,7 +152,7 @@ impl Line {
 }
 
 /// Words with what stands between backticks as code.
-pub fn with_code(words: &str) -> Markup {
+fn with_code(words: &str) -> Markup {
     let pieces: Vec<&str> = words.split('`').collect();
     let is_code = |index: usize| index % 2 == 1 && index + 1 < pieces.len();
     html! {
@@ -132,6 +175,10 @@ pub enum Part {
     Chart(String),
     /// What a reader of a page opens.
     Fold(Line, Vec<Part>),
+    /// The same of a page's main matter, which links lead to by its id.
+    Topic(String, Line, Vec<Part>),
+    /// Side by side, as many as there is room for.
+    Grid(Vec<Vec<Part>>),
 }
 
 impl Part {
@@ -152,7 +199,7 @@ impl Part {
                 lines.extend((more > 0).then(|| more_on(more)));
                 vec![Part::List(lines)]
             }
-            Part::Fold(line, _) => {
+            Part::Fold(line, _) | Part::Topic(_, line, _) => {
                 vec![Part::Paragraph(line.and(": on the ").and(place.clone()))]
             }
             part => vec![part],
@@ -262,21 +309,21 @@ impl Table {
     }
 
     fn html(&self) -> Markup {
-        let heads = html! {
-            @for (title, kind) in &self.columns {
-                th class=[kind.class()] scope="col" { (title) }
-            }
-        };
-        let rows = html! {
-            @for row in &self.rows {
-                tr {
-                    @for (field, (_, kind)) in row.iter().zip(&self.columns) {
-                        td class=[kind.class()] data-v=[field.value] { (field.line.html()) }
-                    }
+        let class = Some(self.class).filter(|class| !class.is_empty());
+        html! {
+            div.scroll tabindex="0" role="region" aria-label=(self.about) {
+                table class=[class] {
+                    thead { tr { @for (title, kind) in &self.columns {
+                        th class=[kind.class()] scope="col" { (title) }
+                    } } }
+                    tbody { @for row in &self.rows { tr {
+                        @for (field, (_, kind)) in row.iter().zip(&self.columns) {
+                            td class=[kind.class()] data-v=[field.value] { (field.line.html()) }
+                        }
+                    } } }
                 }
             }
-        };
-        parts::table(&self.about, self.class, &heads, &rows)
+        }
     }
 }
 
@@ -294,7 +341,8 @@ pub fn terminal(parts: &[Part]) -> String {
             format!("\n{}\n", text::columns(&table.texts(Line::plain)).join("\n"))
         }
         Part::Chart(_) => String::new(),
-        Part::Fold(_, parts) => terminal(parts),
+        Part::Fold(_, parts) | Part::Topic(_, _, parts) => terminal(parts),
+        Part::Grid(cells) => cells.iter().map(|parts| terminal(parts)).collect(),
     };
     parts.iter().map(write).collect()
 }
@@ -311,7 +359,8 @@ pub fn markdown(parts: &[Part]) -> String {
         }
         Part::Table(table) => table.markdown(),
         Part::Chart(_) => String::new(),
-        Part::Fold(line, parts) => format!(
+        Part::Grid(cells) => cells.iter().map(|parts| markdown(parts)).collect(),
+        Part::Fold(line, parts) | Part::Topic(_, line, parts) => format!(
             "<details><summary>{}</summary>\n\n{}</details>\n\n",
             line.markdown(),
             markdown(parts)
@@ -335,6 +384,8 @@ pub fn html(parts: &[Part]) -> Markup {
                 Part::Table(table) => (table.html()),
                 Part::Chart(svg) => div.scroll tabindex="0" role="region" aria-label="Chart" { (PreEscaped(svg)) },
                 Part::Fold(line, parts) => details { summary { (line.html()) } (html(parts)) },
+                Part::Topic(id, line, parts) => details.plot #(id) { summary { (line.html()) } (html(parts)) },
+                Part::Grid(cells) => div.multiples { @for parts in cells { div { (html(parts)) } } },
             }
         }
     }

@@ -367,65 +367,43 @@ mod tests {
         assert!([0, 1, 4].into_iter().all(some), "{counts:?}");
     }
 
-    /// What the page and the summary say of the runs behind the cells, beside what they say of the fixture's run.
+    /// Cells of the second half are of another run.
     #[test]
-    fn joined_cut_and_unfinished_runs_are_named() {
-        type Change = fn(&mut Vec<Record>);
-        fn joined(records: &mut Vec<Record>, change: fn(&mut Run)) {
-            let mut run = fixtures::header(Profile::Quick);
+    fn a_report_of_unlike_runs_says_in_what_they_differ() {
+        let cases: [(fn(&mut Run), &str); 4] = [
+            (|_| (), ""),
+            (|run| run.adapter.name = "a".to_owned(), ", Mesa 22.3.6; a, Mesa 22.3.6). Do not"),
+            (|run| run.fathom_version = "9".to_owned(), "2 builds (fathom 0.1.0; fathom 9). Do"),
+            (|run| run.profile = Profile::Paper, "of 2 profiles (quick; paper). Do not compare"),
+        ];
+        for (change, expected) in cases {
+            let (mut records, mut run) = (fixtures::run(), fixtures::header(Profile::Quick));
             change(&mut run);
             records.insert(records.len() / 2, Record::Run(Box::new(run)));
+            let text = document::terminal(&overview::doubts(&ReportView::new(&records, None)));
+            assert!(text.contains(expected), "{text}");
+            assert_eq!(text.contains("Do not compare"), !expected.is_empty(), "{text}");
         }
+    }
+
+    #[test]
+    fn a_run_that_goes_on_has_not_ended_early_and_its_cell_under_way_is_not_measured() {
         let going = Standing { used_s: 5.0, budget_s: 60.0, reached: 1, cells: 9 };
-        let cases: [(&str, Change, Option<Standing>, &str); 8] = [
-            ("one run", |_| (), None, "0 not run"),
-            ("resumed", |records| joined(records, |_| ()), None, "0 not run"),
-            (
-                "other adapter",
-                |records| joined(records, |run| run.adapter.name = "SwiftShader".to_owned()),
-                None,
-                "of 2 adapters (llvmpipe (LLVM 15.0.6, 256 bits), Mesa 22.3.6; SwiftShader, Mesa 22.3.6)",
-            ),
-            (
-                "other driver and version",
-                |records| {
-                    joined(records, |run| {
-                        run.adapter.driver_info = "Mesa 24".to_owned();
-                        run.fathom_version = "0.2.0".to_owned();
-                    });
-                },
-                None,
-                "Mesa 24), 2 builds (fathom 0.1.0; fathom 0.2.0). Do not",
-            ),
-            (
-                "other profile",
-                |records| joined(records, |run| run.profile = Profile::Paper),
-                None,
-                "2 profiles (quick; paper)",
-            ),
-            (
-                "a cell is not finished",
-                |records| {
-                    let note = Note::new(NoteKind::Unfinished, "it goes on");
-                    fixtures::cells(records).find_map(Cell::measured_mut).unwrap().notes.push(note);
-                },
-                None,
-                "1 not run",
-            ),
-            ("cut", |records| _ = records.pop(), None, "ended early"),
-            ("goes on", |records| _ = records.pop(), Some(going), "8 of 9 cells are not reached"),
-        ];
-        for (name, change, standing, expected) in cases {
+        for (standing, is_whole) in [(None, true), (None, false), (Some(going), false)] {
             let mut records = fixtures::run();
-            change(&mut records);
+            if !is_whole {
+                records.pop();
+                let note = Note::new(NoteKind::Unfinished, "it goes on");
+                let mut cells = fixtures::cells(&mut records);
+                cells.find_map(Cell::measured_mut).unwrap().notes.push(note);
+            }
             let view = ReportView { standing, ..ReportView::new(&records, None) };
-            let mut parts = overview::doubts(&view);
-            parts.extend(overview::identity(&view).map(document::Part::Table));
-            let text = document::terminal(&parts) + &ended_early(&view).unwrap_or_default();
-            assert!(text.contains(expected), "{name}: {text}");
-            let [is_cut, is_mixed] = ["cut", "other"].map(|word| name.starts_with(word));
-            assert_eq!(text.contains("ended early"), is_cut, "{name}: {text}");
-            assert_eq!(text.contains("Do not compare"), is_mixed, "{name}: {text}");
+            assert_eq!(ended_early(&view).is_some(), !is_whole && standing.is_none());
+            let parts = overview::identity(&view).map(document::Part::Table);
+            let text = document::terminal(&Vec::from_iter(parts));
+            assert!(text.contains(if is_whole { " 0 not run" } else { " 1 not run" }), "{text}");
+            let open = still_open(&view).join(" ");
+            assert_eq!(open.contains("8 of 9 cells are not reached"), standing.is_some(), "{open}");
         }
     }
 

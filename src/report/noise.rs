@@ -1,7 +1,7 @@
 //! How noisy a run or a comparison was, in words.
 
+use super::document::Tone;
 use super::format::{percent, three, trim_zeros};
-use super::page::Tone;
 use fathom_judge::noise::TimeNoise;
 use fathom_judge::run::{Advice, Drift, MeanLoad, Noise, RunVerdict};
 use fathom_judge::verdict::Verdicts;

@@ -85,9 +85,7 @@ fn notes(view: &ReportView<'_>) -> IndexSet<String> {
     let stand_ins = view.entries().flat_map(|entry| &entry.cell.stand_ins);
     let mut all: IndexSet<String> = of_runs.chain(stand_ins).cloned().collect();
     let left_out = view.left_out.iter();
-    all.extend(
-        left_out.map(|left_out| format!("left out: {}: {}", left_out.what, left_out.reason)),
-    );
+    all.extend(left_out.map(|left_out| format!("left out: {}", left_out.line())));
     all.extend(view.sections.iter().flat_map(left_out_of));
     all.extend(facts::ended_early(view));
     all

@@ -53,6 +53,10 @@ impl LeftOut {
         LeftOut { what: what.to_string(), reason: reason.to_string() }
     }
 
+    pub fn line(&self) -> String {
+        format!("{}: {}", self.what, self.reason)
+    }
+
     /// The damaged lines of a file.
     pub fn lines(path: &Path, damaged: &Damaged) -> Option<LeftOut> {
         (!damaged.is_empty()).then(|| LeftOut::new(path.display(), damaged))

@@ -12,7 +12,7 @@ use super::{
     generators, read, toml_text,
 };
 use fathom_base::embedded::{Folders, SCENES};
-use fathom_base::{choices, input, settings};
+use fathom_base::{choices, settings};
 
 /// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
 /// `without` (names of the base's objects to leave out) are resolved while it is read.
@@ -137,7 +137,7 @@ impl SceneFile {
 
     /// The file of a scene of these folders by name, or one by path.
     pub fn load_from(folders: &Folders, name_or_path: &str) -> Result<SceneFile, SceneError> {
-        let (origin, text) = find(folders, name_or_path)?;
+        let (origin, text) = toml_text::find(folders, name_or_path)?;
         SceneFile::read(folders, origin, &text)
     }
 
@@ -147,7 +147,7 @@ impl SceneFile {
     }
 
     fn read(folders: &Folders, origin: String, text: &str) -> Result<SceneFile, SceneError> {
-        let mut file = toml_text::read(folders, &origin, text)?;
+        let mut file: SceneFile = toml_text::read(folders, &origin, text)?;
         file.folder = Path::new(&origin).parent().unwrap_or(Path::new("")).into();
         file.validate().map_err(|message| SceneError::Parse { origin, message })?;
         Ok(file)
@@ -242,23 +242,4 @@ impl ObjectFile {
         stand_ins.push(asset.stand_in_note(&format!("{} triangles", mesh.triangle_count())));
         Ok(mesh)
     }
-}
-
-/// The text of a scene of these folders, or of a path, and where it is from.
-pub(super) fn find(folders: &Folders, name_or_path: &str) -> Result<(String, String), SceneError> {
-    let file = format!("{name_or_path}.toml");
-    if let Some((folder, text)) = folders.text(&file) {
-        return Ok((format!("{folder}/{file}"), text));
-    }
-    let path = Path::new(name_or_path);
-    if path.extension().is_none() && !path.exists() {
-        let scenes = folders.texts(".toml");
-        return Err(SceneError::Unknown {
-            name: name_or_path.to_owned(),
-            hint: check::hint(name_or_path, scenes.iter().map(|(name, _)| name.as_str())),
-        });
-    }
-    let text = input::text(path, input::MAX_TEXT)
-        .map_err(|source| SceneError::Read { path: path.to_owned(), source })?;
-    Ok((name_or_path.to_owned(), text))
 }

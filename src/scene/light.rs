@@ -3,35 +3,21 @@
 use glam::dcamera::rh::proj::directx;
 use glam::dcamera::rh::view;
 use glam::{DMat4, DVec2, DVec3, DVec4};
-use serde::{Deserialize, Serialize};
 
 use super::bounds::Bounds;
 use super::camera::Camera;
 use super::check::within_ranges;
 use super::frustum::{Rectangle, clip, surface_within, visible_points};
+use super::light_frame::{LEAST_DEPTH, LightFrame, LightKind, POINT_MAX_TANGENT, tangent};
 use super::photon_start::{PhotonStart, Refraction, hull};
 use super::water::Water;
-use fathom_base::{choices, settings};
+use fathom_base::settings;
 
 /// Slack of the near and far planes around the bounds, as a share of their diagonal: 25 cm in scene tank.
 const DEPTH_SLACK: f64 = 0.014_145_4;
 
 /// Nearest depth of a point light's frustum, as a share of the same: 5 cm in scene tank.
 const POINT_NEAR: f64 = 0.002_829_1;
-
-/// Largest tangent of a point light's frustum (79° off its axis).
-const POINT_MAX_TANGENT: f64 = 5.0;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum LightKind {
-    /// Parallel rays; the position tracks the camera (UW 3.1).
-    Directional,
-    /// Rays from a fixed point.
-    Point,
-}
-
-choices!(LightKind);
 
 settings! {
     /// The one light of a scene (UW §4.1: directional, 9.2 W/sr).
@@ -51,31 +37,6 @@ settings! {
         /// what the camera sees, and photons to the water in view.
         half_extent_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
     }
-}
-
-/// The light's frustum for one view: the space in which photons start and the shadow map lies.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LightFrame {
-    pub kind: LightKind,
-    /// Metres.
-    pub position: DVec3,
-    /// Unit vector `l = p_mid − p_light` (UW 3.1).
-    pub forward: DVec3,
-    /// World to light space (right-handed, looking along −z).
-    pub view: DMat4,
-    /// Light to clip space, depth 0 … 1: orthographic (directional) or perspective (point), in
-    /// general not centred on the axis.
-    pub projection: DMat4,
-    /// World to clip space.
-    pub view_projection: DMat4,
-    pub inverse: DMat4,
-    /// From places of the photon grid, −1 … 1 along each side, and a depth to the world: all of the frustum, or the part of it that is
-    /// fitted to the water in view.
-    pub photon_grid: DMat4,
-    /// Area of the photon grid: m² across a directional light's rays, m²/m² on the plane at unit distance from a point light.
-    pub grid_area: f64,
-    /// Flux through the photon grid, watts: irradiance × area (directional) or intensity × solid angle (point).
-    pub emitted_w: f64,
 }
 
 impl Light {
@@ -243,26 +204,6 @@ impl Light {
     }
 }
 
-impl LightFrame {
-    /// Origin on the near plane and unit direction of the ray through normalized device coordinates.
-    pub fn ray(&self, ndc_x: f64, ndc_y: f64) -> (DVec3, DVec3) {
-        self.ray_from(self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, 0.0)))
-    }
-
-    /// Origin on the near plane and unit direction of a photon at a place of the grid, −1 … 1 along each side.
-    pub fn photon_ray(&self, place: [f64; 2]) -> (DVec3, DVec3) {
-        self.ray_from(self.photon_grid.project_point3(DVec2::from(place).extend(0.0)))
-    }
-
-    fn ray_from(&self, origin: DVec3) -> (DVec3, DVec3) {
-        let direction = match self.kind {
-            LightKind::Directional => self.forward,
-            LightKind::Point => (origin - self.position).normalize(),
-        };
-        (origin, direction)
-    }
-}
-
 /// An up vector that is never parallel to `forward`.
 fn up_for(forward: DVec3) -> DVec3 {
     if forward.z.abs() < 0.9 { DVec3::Z } else { DVec3::X }
@@ -288,15 +229,6 @@ fn lit_within(bounds: &Bounds, view: &DMat4, r: &Rectangle) -> Vec<DVec3> {
     let light = view.inverse().transform_point3(DVec3::ZERO);
     points.extend(bounds.contains(light).then_some(light));
     if points.is_empty() { bounds.corners().to_vec() } else { points }
-}
-
-/// Least depth of a view-space point.
-const LEAST_DEPTH: f64 = 1e-9;
-
-/// Tangents of a view-space point's angles off the axis, limited to [`POINT_MAX_TANGENT`].
-pub(super) fn tangent(p: DVec3) -> DVec2 {
-    let depth = (-p.z).max(LEAST_DEPTH);
-    (p.truncate() / depth).clamp(DVec2::splat(-POINT_MAX_TANGENT), DVec2::splat(POINT_MAX_TANGENT))
 }
 
 /// Smallest and largest tangent along a side of what of the points' hull, in view space, lies before a light: where the hull passes beside

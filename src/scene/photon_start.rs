@@ -8,7 +8,7 @@ use itertools::iproduct;
 use super::bounds::Bounds;
 use super::camera::Camera;
 use super::frustum::{Rectangle, clip, visible_points};
-use super::light::{LightFrame, LightKind, tangent};
+use super::light_frame::{LightFrame, LightKind, tangent};
 use super::water::Water;
 
 /// A rectangle across the light's axis, turned about it: metres across a directional light's rays, tangents of a point light's angles.

@@ -1,12 +1,9 @@
-//! Meshes from files, and what all readers share.
+//! What all readers of files share.
 
-use std::collections::BTreeSet;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
 
-use super::{Mesh, check, obj, ply};
-use fathom_base::{input, tell};
+use fathom_base::input;
 
 /// What some editors put before text.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
@@ -24,45 +21,8 @@ pub const MAX_VERTICES: usize = 3_600_000;
 /// A file's content as it is read, decompressed.
 pub type Source = BufReader<Box<dyn Read>>;
 
-impl Mesh {
-    /// Reads a mesh by the ending of its name: `.obj` or `.ply` (ASCII), each plain or compressed by gzip with `.gz` after it.
-    pub fn read(path: &Path) -> Result<Mesh, String> {
-        Mesh::read_within(path, MAX_TRIANGLES)
-    }
-
-    /// The same of no more than so many triangles.
-    pub(super) fn read_within(path: &Path, triangles: usize) -> Result<Mesh, String> {
-        let malformed = |what| format!("mesh {}: {what}", path.display());
-        let name = path.to_string_lossy().to_ascii_lowercase();
-        let plain = name.strip_suffix(".gz").unwrap_or(&name);
-        let read: fn(Source, usize, &mut Vec<String>) -> Result<Mesh, String> =
-            match plain.rsplit_once('.') {
-                Some((_, "obj")) => obj::read,
-                Some((_, "ply")) => ply::read,
-                _ => {
-                    let what = "its name must end in .obj or .ply, or in one of them and .gz";
-                    return Err(malformed(what.to_owned()));
-                }
-            };
-        let source = open(path).and_then(text_of);
-        let source = source.map_err(|e| format!("cannot read the mesh {}: {e}", path.display()))?;
-        let mut notes = Vec::new();
-        let mesh = read(source, triangles, &mut notes).and_then(checked).map_err(malformed)?;
-        notes.into_iter().map(malformed).for_each(note_once);
-        Ok(mesh)
-    }
-}
-
-/// Prints a note, if this process has not done so before: a scene's files are read more than once.
-fn note_once(note: String) {
-    static KNOWN: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
-    if KNOWN.lock().unwrap_or_else(PoisonError::into_inner).insert(note.clone()) {
-        tell::note(note);
-    }
-}
-
 /// Text of UTF-8 without the byte order mark, its lines ended by a line feed alone.
-fn text_of(file: Box<dyn Read>) -> io::Result<Source> {
+pub fn text_of(file: Box<dyn Read>) -> io::Result<Source> {
     let mut source = BufReader::new(file);
     if source.fill_buf()?.starts_with(BYTE_ORDER_MARK) {
         source.consume(BYTE_ORDER_MARK.len());
@@ -117,18 +77,4 @@ pub fn too_many_triangles(most: usize) -> String {
 /// Enough of a word to know it by.
 pub fn clipped(word: &str) -> String {
     word.chars().take(24).collect()
-}
-
-/// The mesh, if it can be used.
-fn checked(mesh: Mesh) -> Result<Mesh, String> {
-    let far = check::FAR_M as f32;
-    let bad = |p: &[f32; 3]| !p.iter().all(|c| c.abs() <= far);
-    if let Some(i) = mesh.positions.iter().position(bad) {
-        let vertex = mesh.positions[i];
-        return Err(format!(
-            "vertex {i} is {vertex:?}; coordinates must be finite and within ±{far}"
-        ));
-    }
-    mesh.validate()?;
-    Ok(mesh)
 }

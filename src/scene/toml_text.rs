@@ -2,20 +2,45 @@
 
 use std::path::Path;
 
+use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-use super::{SceneError, SceneFile, check, file};
+use super::{SceneError, check};
 use fathom_base::embedded::Folders;
+use fathom_base::input;
 
 /// How far a chain of `base` scenes may go.
 const MAX_BASES: usize = 4;
 
-/// Keys that are resolved here and do not reach [`SceneFile`].
+/// Keys that are resolved here and do not reach the scene's file.
 const BASE: &str = "base";
 const WITHOUT: &str = "without";
 
+/// The text of a scene of these folders, or of a path, and where it is from.
+pub fn find(folders: &Folders, name_or_path: &str) -> Result<(String, String), SceneError> {
+    let file = format!("{name_or_path}.toml");
+    if let Some((folder, text)) = folders.text(&file) {
+        return Ok((format!("{folder}/{file}"), text));
+    }
+    let path = Path::new(name_or_path);
+    if path.extension().is_none() && !path.exists() {
+        let scenes = folders.texts(".toml");
+        return Err(SceneError::Unknown {
+            name: name_or_path.to_owned(),
+            hint: check::hint(name_or_path, scenes.iter().map(|(name, _)| name.as_str())),
+        });
+    }
+    let text = input::text(path, input::MAX_TEXT)
+        .map_err(|source| SceneError::Read { path: path.to_owned(), source })?;
+    Ok((name_or_path.to_owned(), text))
+}
+
 /// Reads a scene file's text, with what it takes from its base.
-pub fn read(folders: &Folders, origin: &str, text: &str) -> Result<SceneFile, SceneError> {
+pub fn read<T: DeserializeOwned>(
+    folders: &Folders,
+    origin: &str,
+    text: &str,
+) -> Result<T, SceneError> {
     let table = parse(origin, text)?;
     if !table.contains_key(BASE) && !table.contains_key(WITHOUT) {
         return toml::from_str(text).map_err(|e| fault(origin, text, &e));
@@ -48,7 +73,7 @@ fn with_base(
     if left == 0 {
         return Err(wrong(&format!("more than {MAX_BASES} bases in a chain")));
     }
-    let (base_origin, text) = file::find(folders, &beside(origin, &base))?;
+    let (base_origin, text) = find(folders, &beside(origin, &base))?;
     let base = parse(&base_origin, &text)?;
     let mut merged = with_base(folders, &base_origin, base, left - 1)?;
     leave_out(&mut merged, &without).map_err(|message| wrong(&message))?;
@@ -128,6 +153,7 @@ fn named(message: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::SceneFile;
     use super::*;
     use fathom_base::embedded::SCENES;
 

@@ -1,6 +1,5 @@
 //! How a ray finds where it enters the water: host twin of `meet_water` in `shaders/shared/photon.wgsl`.
 
-use super::uniforms::water_turns;
 use fathom_scene::{LightFrame, Water, WaterModel, shortest_wave_m};
 
 /// Largest slope of the water times the tangent of the ray's angle to the vertical at which a ray is taken to meet the waves once: its height
@@ -49,6 +48,14 @@ impl EntrySearch {
         }
         let steps = (2.0 * self.bound_m * slant / self.step_m).ceil() as u64;
         height + steps.clamp(1, self.steps) * step_turns(water) + 1 + REFINEMENTS * height + 1
+    }
+}
+
+/// Turns of loops that a height of the water takes.
+pub fn water_turns(water: &Water) -> u64 {
+    match water.model {
+        WaterModel::Circular | WaterModel::Directional => 0,
+        WaterModel::Waves => water.waves.len() as u64 + 1,
     }
 }
 

@@ -47,8 +47,8 @@ pub struct PhotonEnergy {
 }
 
 impl PhotonEnergy {
-    /// Of a view's light and water, with the paper's rule that all photons are alike.
-    pub fn new(view: &View) -> Self {
+    /// Of a view's light and water, by the rule of `conserving` intensity, or by the paper's, that all photons are alike.
+    pub fn new(view: &View, solid_angle: bool) -> Self {
         let frame = view.light_frame();
         Self {
             kind: frame.kind,
@@ -56,14 +56,8 @@ impl PhotonEnergy {
             forward: frame.forward,
             refractive_index: view.water.refractive_index,
             fresnel: view.water.fresnel,
-            solid_angle: false,
+            solid_angle,
         }
-    }
-
-    /// The same by the rule of `conserving` intensity, or by the paper's.
-    #[must_use]
-    pub fn conserving(&self, solid_angle: bool) -> Self {
-        Self { solid_angle, ..self.clone() }
     }
 
     /// 0 for a photon that never enters the water.
@@ -258,7 +252,8 @@ pub fn tracing(
     };
     // The search ends where a photon has landed.
     let least = Work { texel_fetches: 0, ..work };
-    let (energy, tolerance_m) = (shared.photon_energy.conserving(conserving), settings.tolerance_m);
+    let energy = PhotonEnergy::new(&shared.view, conserving);
+    let tolerance_m = settings.tolerance_m;
     let rows = (&*photons.buffer, size_of::<Photon>() / 4, photons.count);
     let row = move |floats: &[f32]| row(floats, &energy, tolerance_m);
     let output = Output::rows("photons", "traced photons, cell by cell", columns(), rows, row);

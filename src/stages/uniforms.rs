@@ -3,9 +3,8 @@
 use encase::ShaderType;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 
-use super::entry::EntrySearch;
+use super::entry::{EntrySearch, water_turns};
 use super::kit::host_bytes;
-use super::photon::PhotonEnergy;
 use crate::prelude::*;
 use fathom_scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
 
@@ -178,15 +177,11 @@ impl View {
 pub struct Shared {
     pub group: Group,
     uniforms: Buffer,
-    /// Value of WATER in shaders that import `fathom::water`.
-    water: i32,
+    pub view: View,
     /// Turns of loops that a height of the water takes.
     pub water_turns: u64,
     /// Turns of loops in which a photon of the light finds its entry into the water, at most.
     pub entry_turns: u64,
-    fresnel: bool,
-    /// How much of its share of the light's flux a photon carries.
-    pub photon_energy: PhotonEnergy,
 }
 
 impl Shared {
@@ -196,30 +191,20 @@ impl Shared {
         Self {
             group: Group::new(&[&uniforms, &texels]),
             uniforms,
-            water: i32::from(view.water.model == WaterModel::Waves),
+            view: view.clone(),
             water_turns: water_turns(&view.water),
             entry_turns: EntrySearch::new(&view.water).turns(&view.water, &view.light_frame()),
-            fresnel: view.water.fresnel,
-            photon_energy: PhotonEnergy::new(view),
         }
     }
 
     /// What shaders that import `fathom::water` are compiled with.
     pub fn water_def(&self) -> (&'static str, i32) {
-        ("WATER", self.water)
+        ("WATER", i32::from(self.view.water.model == WaterModel::Waves))
     }
 
     /// What shaders that weigh photons are compiled with.
     pub fn fresnel_def(&self) -> (&'static str, i32) {
-        ("FRESNEL", i32::from(self.fresnel))
-    }
-}
-
-/// Turns of loops that a height of the water takes.
-pub(super) fn water_turns(water: &Water) -> u64 {
-    match water.model {
-        WaterModel::Circular | WaterModel::Directional => 0,
-        WaterModel::Waves => water.waves.len() as u64 + 1,
+        ("FRESNEL", i32::from(self.view.water.fresnel))
     }
 }
 

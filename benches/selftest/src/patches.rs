@@ -1,14 +1,9 @@
 //! Changes to the sources: what a variant is built of.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use fathom::compare::store::StoredComparison;
 use serde::Deserialize;
-
-use crate::slowed::{self, TRIED};
-use crate::trials::{Variant, stages};
 
 /// An entry of `benches/selftest/patches.toml`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -17,7 +12,7 @@ pub struct Patch {
     pub kind: String,
     /// What a gate must name, a stage or what the host does. Without it nothing that is measured changes.
     pub stage: Option<String>,
-    file: String,
+    pub file: String,
     /// Its one place in the file.
     find: String,
     replace: String,
@@ -30,7 +25,7 @@ impl Patch {
         file.remove("patch").context("there are no patches")
     }
 
-    fn applied(&self, text: &str) -> Result<String> {
+    pub fn applied(&self, text: &str) -> Result<String> {
         match text.matches(&self.find).count() {
             1 => Ok(text.replace(&self.find, &self.replace)),
             n => bail!("{}: {} holds `{}` {n} times", self.kind, self.file, self.find),
@@ -38,43 +33,15 @@ impl Patch {
     }
 }
 
-/// Changed files with their new text.
-pub type Changes = BTreeMap<String, String>;
-
-/// The files of a checkout that a variant changes. `tried` is what [`Variant::Tried`] gave.
-pub fn changes(
-    checkout: &Path,
-    variant: &Variant,
-    tried: Option<&StoredComparison>,
-) -> Result<Changes> {
-    let read = |file: &str| std::fs::read_to_string(checkout.join(file)).context(file.to_owned());
-    let mut changes = Changes::new();
-    let mut slow = |stage: &str, iterations: u32| -> Result<()> {
-        let (file, condition) = slowed::shader(stage);
-        let text = changes.remove(&file).map_or_else(|| read(&file), Ok)?;
-        let looped = slowed::with_loop(&text, iterations, condition.as_deref());
-        changes.insert(file, looped.with_context(|| format!("{stage} has no entry point"))?);
-        Ok(())
-    };
-    match variant {
-        Variant::Again => {}
-        Variant::Tried => stages().iter().try_for_each(|stage| slow(stage, TRIED))?,
-        Variant::Slowed(stage, share) => {
-            let measured = tried.and_then(|tried| slowed::iterations(tried, stage, *share));
-            slow(stage, measured.with_context(|| format!("{stage} was not tried"))?)?;
-        }
-        Variant::Patched(patch) => {
-            changes.insert(patch.file.clone(), patch.applied(&read(&patch.file)?)?);
-        }
-    }
-    Ok(changes)
-}
-
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use fathom::compare::cells::Gates;
 
     use super::*;
+    use crate::trials::Variant;
+    use crate::workshop::changes;
 
     #[test]
     fn every_patch_fits_one_place_of_these_sources_and_is_of_a_cell_of_the_gates() {

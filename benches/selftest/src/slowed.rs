@@ -82,8 +82,8 @@ mod tests {
     use fathom::gpu::link;
     use itertools::Itertools;
 
-    use crate::patches::changes;
     use crate::trials::{Variant, stages};
+    use crate::workshop::changes;
 
     /// Each axis has a stage of its own.
     #[test]

@@ -1,5 +1,6 @@
 //! Two checkouts of HEAD, built once each. Their programs read shaders from the checkouts, so most variants need no build.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -11,8 +12,8 @@ use fathom::record::comparison::Side;
 use fathom::{process, tell};
 
 use crate::INTERRUPT;
-use crate::patches::changes;
-use crate::trials::{Trial, Variant};
+use crate::slowed::{self, TRIED};
+use crate::trials::{Trial, Variant, stages};
 
 /// `rust_embed` reads folders from disk where these two crates are compiled with debug assertions.
 const FROM_DISK: [&str; 4] = [
@@ -96,4 +97,36 @@ impl Workshop {
         build::keep(&built, &program)?;
         Ok(program)
     }
+}
+
+/// Changed files with their new text.
+pub type Changes = BTreeMap<String, String>;
+
+/// The files of a checkout that a variant changes. `tried` is what [`Variant::Tried`] gave.
+pub fn changes(
+    checkout: &Path,
+    variant: &Variant,
+    tried: Option<&StoredComparison>,
+) -> Result<Changes> {
+    let read = |file: &str| std::fs::read_to_string(checkout.join(file)).context(file.to_owned());
+    let mut changes = Changes::new();
+    let mut slow = |stage: &str, iterations: u32| -> Result<()> {
+        let (file, condition) = slowed::shader(stage);
+        let text = changes.remove(&file).map_or_else(|| read(&file), Ok)?;
+        let looped = slowed::with_loop(&text, iterations, condition.as_deref());
+        changes.insert(file, looped.with_context(|| format!("{stage} has no entry point"))?);
+        Ok(())
+    };
+    match variant {
+        Variant::Again => {}
+        Variant::Tried => stages().iter().try_for_each(|stage| slow(stage, TRIED))?,
+        Variant::Slowed(stage, share) => {
+            let measured = tried.and_then(|tried| slowed::iterations(tried, stage, *share));
+            slow(stage, measured.with_context(|| format!("{stage} was not tried"))?)?;
+        }
+        Variant::Patched(patch) => {
+            changes.insert(patch.file.clone(), patch.applied(&read(&patch.file)?)?);
+        }
+    }
+    Ok(changes)
 }

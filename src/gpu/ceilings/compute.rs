@@ -1,167 +1,40 @@
-//! Kernels whose work and results are known, one for each limit.
+//! Kernels that compute, load and clear.
 
-use super::raster;
-use crate::readback::{read_buffer, read_texture};
+use super::kernel::{Kernel, MAX_TURNS, Output, READ_BYTES};
 use crate::shader::compilation_options;
-use crate::{Gpu, GpuError, MOST_LOOP_TURNS, StageScope, TimedStage};
+use crate::{Gpu, GpuError, MOST_LOOP_TURNS, StageScope};
 use fathom_record::PassKind;
-use fathom_record::ceilings::{CACHED_SET_BYTES, Limit, MEMORY_SET_BYTES};
 
 const GROUP_SIZE: u32 = 64;
 /// Invocations of a compute pass: enough to hide latencies.
 const SOFTWARE_INVOCATIONS: u32 = 1 << 14;
 const GPU_INVOCATIONS: u32 = 1 << 20;
 /// Loads and adds of an invocation in a turn.
-const OPERATIONS: u32 = 8;
+pub(super) const OPERATIONS: u32 = 8;
 /// Multiply-adds of an invocation in a turn. Their sum is exact in 32-bit floats for as many turns as there may be.
-const CHAINED: u32 = 64;
-/// Bytes of one read: four words.
-const READ_BYTES: u64 = 16;
+pub(super) const CHAINED: u32 = 64;
 /// Four words each that add up to 1, over and over in a buffer that is read.
 const BLOCK_READS: u32 = 1 << 10;
 /// Edge of the textures in texels, as in the shader: small enough for the first caches.
-const EDGE: u32 = 64;
-/// Sums of fragments may be off by this share.
-const TOLERANCE: f64 = 1e-6;
-
-/// Encodes so many turns.
-type Encode = Box<dyn Fn(&mut StageScope<'_>, u32)>;
-
-/// Passes whose work is known.
-pub(super) struct Kernel {
-    /// Work of a turn, in units of the limit.
-    pub work_per_turn: f64,
-    /// Beyond so many turns the result is not exact, or a loop is too long.
-    pub max_turns: u32,
-    /// Timed as a frame of many passes of this kind, less the cost of its submission; else as a stage's pass.
-    pub frame_of: Option<PassKind>,
-    /// Holds the number of turns.
-    pub uniform: Option<wgpu::Buffer>,
-    pub output: Output,
-    /// What every value of the output is after so many turns.
-    pub expected: Box<dyn Fn(u32) -> f64>,
-    pub encode: Encode,
-}
-
-/// What a kernel writes.
-pub(super) enum Output {
-    /// Added to from zero on.
-    Words(wgpu::Buffer),
-    Cleared(wgpu::Buffer),
-    Texels(wgpu::Texture),
-}
-
-impl Kernel {
-    /// The kernel of a limit.
-    pub(super) fn new(gpu: &Gpu, limit: Limit) -> Result<Self, GpuError> {
-        use wgpu::TextureFormat::{R8Unorm, R32Float};
-        gpu.scoped(|| match limit {
-            Limit::ReadCached => read(gpu, CACHED_SET_BYTES),
-            Limit::ReadMemory => read(gpu, MEMORY_SET_BYTES),
-            Limit::WriteCached => Ok(clear(gpu, CACHED_SET_BYTES)),
-            Limit::WriteMemory => Ok(clear(gpu, MEMORY_SET_BYTES)),
-            Limit::FillUnorm8 => raster::fill(gpu, R8Unorm, false),
-            Limit::FillFloat32 => raster::fill(gpu, R32Float, false),
-            Limit::BlendUnorm8 => raster::fill(gpu, R8Unorm, true),
-            Limit::BlendFloat32 => raster::fill(gpu, R32Float, true),
-            Limit::SmallTriangles => raster::small_triangles(gpu),
-            Limit::Loads2d => load(gpu, "load_2d", (3, 1)),
-            Limit::Loads3d => load(gpu, "load_3d", (4, EDGE)),
-            Limit::AtomicAdds => compute(gpu, Code::new("add", OPERATIONS, OPERATIONS)),
-            Limit::MultiplyAdds => compute(gpu, Code::new("multiply_add", CHAINED, CHAINED)),
-            Limit::EmptyPasses => compute(gpu, Code { is_empty: true, ..Code::new("count", 1, 1) }),
-        })
-    }
-
-    /// Sets the number of turns, and the ones that the compiler must not know.
-    pub(super) fn prepare(&self, gpu: &Gpu, turns: u32) {
-        if let Some(uniform) = &self.uniform {
-            let words = [turns, 1f32.to_bits(), 1f32.to_bits(), 0].map(u32::to_le_bytes);
-            gpu.queue.write_buffer(uniform, 0, words.as_flattened());
-        }
-    }
-
-    /// Clears what a run leaves, where the run itself does not.
-    pub(super) fn reset(&self, gpu: &Gpu) {
-        match &self.output {
-            Output::Words(buffer) => {
-                let mut encoder = gpu.device.create_command_encoder(&Default::default());
-                encoder.clear_buffer(buffer, 0, None);
-                gpu.queue.submit([encoder.finish()]);
-            }
-            Output::Cleared(buffer) => {
-                let end = buffer.size() - READ_BYTES;
-                gpu.queue.write_buffer(buffer, end, &[1; READ_BYTES as usize]);
-            }
-            Output::Texels(_) => {}
-        }
-    }
-
-    /// Runs it once more and compares its result. The inner error says how it differs.
-    pub(super) fn check(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
-        self.reset(gpu);
-        self.prepare(gpu, turns);
-        gpu.run(&[&Turns { kernel: self, turns }])?;
-        self.compare(gpu, turns)
-    }
-
-    /// Compares what a run of so many turns has left after a reset with the CPU's answer.
-    pub(super) fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
-        let expected = (self.expected)(turns);
-        let is_wrong = |value: &f64| (value - expected).abs() > TOLERANCE * expected;
-        let wrong = match &self.output {
-            Output::Words(buffer) | Output::Cleared(buffer) => {
-                let bytes = read_buffer(gpu, buffer)?;
-                let word = (expected as u32).to_le_bytes();
-                let wrong = bytes.as_chunks().0.iter().find(|found| **found != word);
-                wrong.map(|found| f64::from(u32::from_le_bytes(*found)))
-            }
-            Output::Texels(texture) => {
-                let texels = read_texture(gpu, texture)?.data;
-                texels.into_iter().map(f64::from).find(is_wrong)
-            }
-        };
-        Ok(wrong.map_or(Ok(()), |value| {
-            Err(format!(
-                "the adapter's result is {value}, the CPU's {expected}: its work is not done"
-            ))
-        }))
-    }
-}
-
-/// A kernel with its number of turns.
-pub(super) struct Turns<'a> {
-    pub kernel: &'a Kernel,
-    pub turns: u32,
-}
-
-impl TimedStage for Turns<'_> {
-    fn name(&self) -> &'static str {
-        "ceiling"
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        (self.kernel.encode)(scope, self.turns);
-    }
-}
+pub(super) const EDGE: u32 = 64;
 
 /// An entry point of `shaders/ceilings/compute.wgsl`.
-struct Code<'a> {
-    entry: &'a str,
+pub(super) struct Code<'a> {
+    pub entry: &'a str,
     /// Work of an invocation in a turn, in units of the limit.
-    work: u32,
+    pub work: u32,
     /// What a turn adds to its result.
-    result: u32,
+    pub result: u32,
     /// What it reads beside its work, by binding.
-    reads: Vec<(u32, wgpu::BindingResource<'a>)>,
+    pub reads: Vec<(u32, wgpu::BindingResource<'a>)>,
     /// Iterations of loops within a turn.
-    inner_loops: u64,
+    pub inner_loops: u64,
     /// One invocation in a pass, and a pass a turn.
-    is_empty: bool,
+    pub is_empty: bool,
 }
 
 impl<'a> Code<'a> {
-    fn new(entry: &'a str, work: u32, result: u32) -> Self {
+    pub(super) fn new(entry: &'a str, work: u32, result: u32) -> Self {
         Self { entry, work, result, reads: vec![], inner_loops: 0, is_empty: false }
     }
 }
@@ -171,7 +44,7 @@ fn invocations(gpu: &Gpu) -> u32 {
     if gpu.adapter.software { SOFTWARE_INVOCATIONS } else { GPU_INVOCATIONS }
 }
 
-fn compute(gpu: &Gpu, code: Code<'_>) -> Result<Kernel, GpuError> {
+pub(super) fn compute(gpu: &Gpu, code: Code<'_>) -> Result<Kernel, GpuError> {
     use wgpu::BufferUsages as Usage;
     let shader = gpu.shader("ceilings/compute", &[])?;
     let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -215,7 +88,7 @@ fn compute(gpu: &Gpu, code: Code<'_>) -> Result<Kernel, GpuError> {
     })
 }
 
-fn read(gpu: &Gpu, bytes: u64) -> Result<Kernel, GpuError> {
+pub(super) fn read(gpu: &Gpu, bytes: u64) -> Result<Kernel, GpuError> {
     let data = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("ceiling"),
         size: bytes,
@@ -240,7 +113,11 @@ fn read(gpu: &Gpu, bytes: u64) -> Result<Kernel, GpuError> {
 }
 
 /// Loads from a texture of so many slices, at this binding.
-fn load(gpu: &Gpu, entry: &str, (binding, slices): (u32, u32)) -> Result<Kernel, GpuError> {
+pub(super) fn load(
+    gpu: &Gpu,
+    entry: &str,
+    (binding, slices): (u32, u32),
+) -> Result<Kernel, GpuError> {
     use wgpu::util::DeviceExt as _;
     // The fastest: lavapipe has code of its own for four bytes.
     let (format, channels) = if gpu.adapter.software {
@@ -269,7 +146,7 @@ fn load(gpu: &Gpu, entry: &str, (binding, slices): (u32, u32)) -> Result<Kernel,
     compute(gpu, Code { reads, ..Code::new(entry, OPERATIONS, OPERATIONS / 2) })
 }
 
-fn clear(gpu: &Gpu, bytes: u64) -> Kernel {
+pub(super) fn clear(gpu: &Gpu, bytes: u64) -> Kernel {
     let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
     let buffer = gpu.buffer("ceiling", bytes, usage);
     let cleared = buffer.clone();
@@ -278,7 +155,7 @@ fn clear(gpu: &Gpu, bytes: u64) -> Kernel {
     };
     Kernel {
         work_per_turn: bytes as f64,
-        max_turns: raster::MAX_TURNS,
+        max_turns: MAX_TURNS,
         frame_of: None,
         uniform: None,
         output: Output::Cleared(buffer),

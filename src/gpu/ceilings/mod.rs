@@ -5,6 +5,7 @@
 //! used.
 
 mod compute;
+mod kernel;
 mod raster;
 #[cfg(test)]
 mod tests;
@@ -12,10 +13,10 @@ mod waker;
 
 pub use waker::Waker;
 
-use self::compute::{Kernel, Turns};
+use self::kernel::{Kernel, Turns};
 use super::{ClockPlan, FrameTimer, Gpu, GpuError};
 use fathom_base::statistics::{estimate, median};
-use fathom_record::ceilings::{Ceiling, Limit, MEMORY_SET_BYTES};
+use fathom_record::ceilings::{CACHED_SET_BYTES, Ceiling, Limit, MEMORY_SET_BYTES};
 use strum::IntoEnumIterator as _;
 
 /// Length of a pass with N work: on a software adapter, and on a GPU. Long beside the jitter of a submission.
@@ -64,7 +65,7 @@ pub fn ceilings(gpu: &Gpu, plan: ClockPlan) -> Result<Vec<Ceiling>, GpuError> {
 /// # Errors
 /// As of [`ceilings`].
 pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuError> {
-    let kernel = Kernel::new(gpu, limit)?;
+    let kernel = kernel_of(gpu, limit)?;
     let mut bench = TestBench::new(gpu, plan, &kernel)?;
     let most = kernel.max_turns / 2;
     let turns = bench.calibrate(most)?;
@@ -72,6 +73,28 @@ pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuE
     let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
     kernel.check(gpu, 2 * turns)?.map_err(wrong)?;
     Ok(ceiling)
+}
+
+/// The kernel of a limit.
+fn kernel_of(gpu: &Gpu, limit: Limit) -> Result<Kernel, GpuError> {
+    use compute::{CHAINED, Code, EDGE, OPERATIONS, clear, compute, load, read};
+    use wgpu::TextureFormat::{R8Unorm, R32Float};
+    gpu.scoped(|| match limit {
+        Limit::ReadCached => read(gpu, CACHED_SET_BYTES),
+        Limit::ReadMemory => read(gpu, MEMORY_SET_BYTES),
+        Limit::WriteCached => Ok(clear(gpu, CACHED_SET_BYTES)),
+        Limit::WriteMemory => Ok(clear(gpu, MEMORY_SET_BYTES)),
+        Limit::FillUnorm8 => raster::fill(gpu, R8Unorm, false),
+        Limit::FillFloat32 => raster::fill(gpu, R32Float, false),
+        Limit::BlendUnorm8 => raster::fill(gpu, R8Unorm, true),
+        Limit::BlendFloat32 => raster::fill(gpu, R32Float, true),
+        Limit::SmallTriangles => raster::small_triangles(gpu),
+        Limit::Loads2d => load(gpu, "load_2d", (3, 1)),
+        Limit::Loads3d => load(gpu, "load_3d", (4, EDGE)),
+        Limit::AtomicAdds => compute(gpu, Code::new("add", OPERATIONS, OPERATIONS)),
+        Limit::MultiplyAdds => compute(gpu, Code::new("multiply_add", CHAINED, CHAINED)),
+        Limit::EmptyPasses => compute(gpu, Code { is_empty: true, ..Code::new("count", 1, 1) }),
+    })
 }
 
 /// A sound measurement or the last of some, and its turns.

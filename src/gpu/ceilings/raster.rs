@@ -1,11 +1,9 @@
 //! Kernels that draw: fill and small triangles.
 
-use super::compute::{Kernel, Output};
+use super::kernel::{Kernel, MAX_TURNS, Output};
 use crate::shader::compilation_options;
 use crate::{ColorTarget, Gpu, GpuError, StageScope, Targets};
 
-/// Sums of ones are exact in 32-bit floats up to here.
-pub(super) const MAX_TURNS: u32 = 1 << 24;
 /// Edge of the target of fill in pixels: a pass takes much longer than its beginning and end.
 const SOFTWARE_EDGE: u32 = 512;
 const GPU_EDGE: u32 = 2048;

@@ -27,7 +27,7 @@ fn kernels_give_the_results_of_the_cpu_and_skipped_work_is_noticed() {
     // The same kernels with larger buffers.
     let large = [Limit::ReadMemory, Limit::WriteMemory];
     for limit in limits(&gpu).into_iter().filter(|limit| !large.contains(limit)) {
-        let kernel = Kernel::new(&gpu, limit).unwrap();
+        let kernel = kernel_of(&gpu, limit).unwrap();
         let name = limit.name();
         assert_eq!(
             [skips(&gpu, &kernel, 0, 4), skips(&gpu, &kernel, 3, 4)],

@@ -5,7 +5,7 @@
 
 use std::time::Instant;
 
-use super::{Kernel, TestBench};
+use super::{TestBench, kernel_of};
 use crate::{ClockPlan, Gpu, GpuError, SubmitCost};
 use fathom_record::ceilings::Limit;
 
@@ -33,7 +33,7 @@ impl Waker {
         if gpu.adapter.software {
             return Ok(());
         }
-        let kernel = Kernel::new(gpu, Limit::MultiplyAdds)?;
+        let kernel = kernel_of(gpu, Limit::MultiplyAdds)?;
         let plan = ClockPlan::fenced(SubmitCost::default());
         let mut bench = TestBench::new(gpu, plan, &kernel)?;
         if self.turns == 0 {

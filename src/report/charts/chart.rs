@@ -28,12 +28,9 @@ pub fn mesh<'a, 'b, 'm, Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
     mesh
 }
 
-/// What stands before a tip in a drawing: plotters knows no titles, so [`style::titled`] makes one of it.
-pub const TIP: char = '\u{1}';
-
 /// Gives the shape that was drawn last a title, which a reader sees under the pointer.
 pub fn tip(area: &Area<'_>, words: &str) -> Drawn {
-    area.draw_text(&format!("{TIP}{words}"), &style::small(), (0, 0))
+    area.draw_text(&format!("{}{words}", style::TIP), &style::small(), (0, 0))
 }
 
 /// A chart of horizontal rows, such as bars.

@@ -22,7 +22,7 @@ use plotters::prelude::*;
 use self::{lines::Lines, map::Map};
 pub use self::{stacked::shares, strip::strip};
 use super::colors::StageColors;
-use super::page::Tone;
+use super::document::Tone;
 use super::{Artifact, Exporter, OfRun, ReportView, RunExporter, Section, Written};
 use fathom_base::text;
 use fathom_experiments as experiments;

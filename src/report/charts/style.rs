@@ -5,9 +5,8 @@ use maud::html;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::chart::TIP;
 use crate::colors::Color as StageColor;
-use crate::page::Tone;
+use crate::document::Tone;
 
 /// Colours that are told apart with any colour vision (Okabe & Ito, *Color Universal Design* (2008)), without the yellow, which is
 /// faint on white.
@@ -81,6 +80,9 @@ const DEFAULTS: [&str; 5] = [
     " text-anchor=\"start\"",
     " font-family=\"sans-serif\"",
 ];
+
+/// What stands before a tip in a drawing: plotters knows no titles, so [`titled`] makes one of it.
+pub const TIP: char = '\u{1}';
 
 /// The picture with its class, with what it shows in words, and with titles where the drawing has tips.
 pub fn titled(svg: &str, about: &str) -> String {

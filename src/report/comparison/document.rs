@@ -4,9 +4,9 @@ use itertools::{Itertools, chain};
 
 use super::rows;
 use crate::charts::strip;
-use crate::document::{self, ColumnKind, Field, Line, Part, Span, Table};
+use crate::document::{self, ColumnKind, Field, Line, Part, Span, Table, Tone};
 use crate::noise;
-use crate::page::{ComparisonOnPage, Page, Tone};
+use crate::page::{ComparisonOnPage, Page};
 use fathom_judge::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
 use fathom_record::Interval;
 

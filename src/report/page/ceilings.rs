@@ -18,21 +18,10 @@ pub const SECTION: PageSection = PageSection {
     write: |page| document::of(parts(page)),
 };
 
-/// None where no limits were measured.
 fn parts(page: &Page<'_>) -> Vec<Part> {
-    let mut parts = Vec::new();
-    for run in page.runs.iter().filter(|run| are_measured(run.view)) {
-        if parts.is_empty() {
-            parts.push(Part::paragraph(
-                "Each stage's best share of the hardware limit. A stage at 100 % can only become faster by doing less work. A small \
-                 share means that something else limits the stage, such as arithmetic, latency or work that it does not declare.",
-            ));
-        }
-        parts.extend(page.heading(run));
-        parts.extend(shares(run.view));
-        parts.push(Part::Fold("The limits".into(), vec![Part::Table(limits(run.view))]));
-    }
-    parts
+    let lead = "Each stage's best share of the hardware limit. A stage at 100 % can only become faster by doing less work. A small \
+                share means that something else limits the stage, such as arithmetic, latency or work that it does not declare.";
+    page.each_run(lead, |run| if are_measured(run.view) { shares(run.view) } else { Vec::new() })
 }
 
 fn shares(view: &ReportView<'_>) -> Vec<Part> {
@@ -51,7 +40,8 @@ fn shares(view: &ReportView<'_>) -> Vec<Part> {
             "Unknown, because no limit bounds what they declare or the clock does not resolve them: {unknown}."
         ))
     });
-    std::iter::once(Part::Table(table)).chain(unknown).collect()
+    let limits = Part::Fold("The limits".into(), vec![Part::Table(limits(view))]);
+    std::iter::once(Part::Table(table)).chain(unknown).chain([limits]).collect()
 }
 
 fn row(Bound { cell, stage, share }: &Bound<'_>) -> [Line; 6] {

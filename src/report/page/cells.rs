@@ -3,7 +3,7 @@
 use itertools::Itertools;
 use maud::{Markup, html};
 
-use super::parts::{numbers, setting_words, words};
+use super::setting_words;
 use super::{Fold, Page, PageRun, PageSection};
 use crate::Entry;
 use crate::format::{NS_PER_MS, percent, three};
@@ -43,11 +43,11 @@ fn write(page: &Page<'_>) -> Option<Markup> {
         div.scroll tabindex="0" role="region" aria-label="Cells" {
             table #cell-table {
                 thead { tr {
-                    (page.run_head())
-                    (words(&["Experiment", "Cell"]))
-                    (numbers(&["Frame (ms)", "± %", "n", "Cost of timing"]))
-                    (words(&["Slowest stage"]))
-                    (numbers(&["Its share"]))
+                    @if page.is_overlay() { th scope="col" { "Run" } }
+                    @for title in ["Experiment", "Cell"] { th scope="col" { (title) } }
+                    @for title in ["Frame (ms)", "± %", "n", "Cost of timing"] { th.number scope="col" { (title) } }
+                    th scope="col" { "Slowest stage" }
+                    th.number scope="col" { "Its share" }
                     th.script-only scope="col" { "Look closer" }
                 } }
                 tbody {

@@ -2,14 +2,13 @@
 
 use indexmap::IndexMap;
 use itertools::Itertools;
-use maud::{Markup, html};
+use maud::Markup;
 
-use super::parts::Tone;
 use super::{Fold, Page, PageSection};
 use crate::Section;
 use crate::charts::strip;
 use crate::claims::{balance, in_words};
-use crate::document::{self, ColumnKind, Line, Part, Span, Table};
+use crate::document::{self, ColumnKind, Line, Part, Span, Table, Tone};
 use crate::format::three;
 use fathom_experiments::schema::Claim;
 use fathom_experiments::{LOOKS, RuledFigure, Ruling, Verdict, Whose};
@@ -144,9 +143,9 @@ fn fields(page: &Page<'_>, row: &Row<'_>) -> Vec<[Line; 6]> {
         if page.is_overlay() {
             told = told.and(Span::Faint(format!(" {}", page.runs[*place].label)));
         }
-        let why = html! {
-            details { summary { "why" } p { (document::with_code(&ruling.reason)) } @if let Some(all) = comparisons(ruling) { (all) } (grounds(claim, ruling)) }
-        };
+        let reason = Part::paragraph(ruling.reason.as_str());
+        let why = [Some(reason), comparisons(ruling), Some(grounds(claim, ruling))];
+        let why = Part::Fold("why".into(), why.into_iter().flatten().collect());
         let [measured, drawn, asked] = match ruling.deciding.first() {
             Some(figure) => {
                 let n = figure.n.map_or_else(String::new, |n| format!(", n = {n}"));
@@ -157,8 +156,8 @@ fn fields(page: &Page<'_>, row: &Row<'_>) -> Vec<[Line; 6]> {
             None => [ruling.reason.as_str().into(), Line::default(), "–".into()],
         };
         [
-            Span::Chip(Tone::of(ruling.verdict), ruling.marked()).into(),
-            told.and(Span::Drawn(why)),
+            ruled(ruling).into(),
+            told.and(Span::Drawn(document::html(&[why]))),
             measured,
             drawn,
             asked,
@@ -169,7 +168,7 @@ fn fields(page: &Page<'_>, row: &Row<'_>) -> Vec<[Line; 6]> {
 }
 
 /// Whose sentence it is, at which sizes it was tested, and what else could make it true.
-fn grounds(claim: &Claim, ruling: &Ruling) -> Markup {
+fn grounds(claim: &Claim, ruling: &Ruling) -> Part {
     let rows = [
         ("Source", claim.source.clone()),
         ("Printed", claim.printed.clone()),
@@ -177,14 +176,15 @@ fn grounds(claim: &Claim, ruling: &Ruling) -> Markup {
         ("Balance", balance(claim, ruling)),
         ("What else could make it true", Some(claim.otherwise.clone())),
     ];
-    let rows = rows
-        .into_iter()
-        .filter_map(|(about, words)| Some((about, words.filter(|w| !w.is_empty())?)));
-    html! { dl.grounds { @for (about, words) in rows { dt { (about) } dd { (document::with_code(&words)) } } } }
+    let line = |(about, words): (&str, Option<String>)| {
+        let words = words.filter(|words| !words.is_empty())?;
+        Some(Line::from(Span::Faint(format!("{about}: "))).and(words))
+    };
+    Part::list(rows.into_iter().filter_map(line))
 }
 
 /// Every comparison of a claim that has several.
-fn comparisons(ruling: &Ruling) -> Option<Markup> {
+fn comparisons(ruling: &Ruling) -> Option<Part> {
     let all = || ruling.deciding.iter().chain(&ruling.others);
     let columns = ["Verdict", "Comparison", "Measured (interval for the claim)", "Band"];
     let row = |figure: &RuledFigure| -> [Line; 4] {
@@ -193,19 +193,14 @@ fn comparisons(ruling: &Ruling) -> Option<Markup> {
     };
     let table = || {
         let table = Table::new("Comparisons", columns).with(ColumnKind::Numbers, &columns[2..]);
-        document::html(&[Part::Table(table.with_rows(all().map(row)))])
+        Part::Table(table.with_rows(all().map(row)))
     };
     (all().count() > 1).then(table)
 }
 
-/// A verdict, told by a word, a mark and a colour.
-pub fn chip(verdict: Verdict) -> Markup {
-    Tone::of(verdict).chip(&verdict.to_string())
-}
-
-/// The same with its mark.
-pub fn ruled(ruling: &Ruling) -> Markup {
-    Tone::of(ruling.verdict).chip(&ruling.marked())
+/// A verdict, told by a word, a mark and a colour, with its remark.
+pub fn ruled(ruling: &Ruling) -> Span {
+    Span::Chip(Tone::of(ruling.verdict), ruling.marked())
 }
 
 /// Of one axis for a claim's figures of all runs, so that they can be compared by eye.
@@ -243,7 +238,7 @@ mod tests {
         let mixed = rulings.filter(|ruling| !ruling.others.is_empty()).collect::<Vec<_>>();
         assert!(!mixed.is_empty());
         for ruling in mixed {
-            let html = comparisons(ruling).unwrap().into_string();
+            let html = document::html(&[comparisons(ruling).unwrap()]).into_string();
             let rows = ruling.deciding.len() + ruling.others.len();
             assert_eq!(html.matches("<tr>").count(), rows + 1, "{html}");
             assert!(ruling.deciding.iter().all(|figure| figure.verdict == ruling.verdict));

@@ -27,21 +27,14 @@ fn costs<'a>(run: &PageRun<'a>) -> Vec<(&'a Cell, &'a HostCosts)> {
 }
 
 fn parts(page: &Page<'_>) -> Vec<Part> {
-    let runs = page.runs.iter().map(|run| (run, costs(run))).filter(|(_, costs)| !costs.is_empty());
-    let mut parts = Vec::new();
-    for (run, costs) in runs {
-        if parts.is_empty() {
-            parts.push(Part::paragraph(
-                "One cell per pipeline. Encoding and submission are CPU time of the thread that does them (on Linux), with the interval at 95 %. \
-                 A software driver may do a frame's work within the submission. The driver's cache on disk may know pipelines from earlier runs; \
-                 a driver may compile a part of their code in the first frame, which is not in these figures.",
-            ));
-        }
-        parts.extend(page.heading(run));
-        parts.push(Part::Table(frames(&costs)));
-        parts.extend(costs.iter().map(|(cell, host)| stages(cell, host)));
-    }
-    parts
+    let lead = "One cell per pipeline. Encoding and submission are CPU time of the thread that does them (on Linux), with the interval at 95 %. \
+                A software driver may do a frame's work within the submission. The driver's cache on disk may know pipelines from earlier runs; \
+                a driver may compile a part of their code in the first frame, which is not in these figures.";
+    page.each_run(lead, |run| {
+        let costs = costs(run);
+        let table = (!costs.is_empty()).then(|| Part::Table(frames(&costs)));
+        table.into_iter().chain(costs.iter().map(|(cell, host)| stages(cell, host))).collect()
+    })
 }
 
 fn frames(costs: &[(&Cell, &HostCosts)]) -> Table {

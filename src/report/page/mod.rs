@@ -9,17 +9,15 @@ pub(crate) mod claims;
 mod data;
 mod host;
 pub(crate) mod overview;
-pub mod parts;
 mod pictures;
 mod plots;
 mod published;
 pub(crate) mod scaling;
+mod settings;
 pub(crate) mod time;
 mod trust;
 
-pub use parts::Tone;
-
-pub(crate) use parts::setting_words;
+pub(crate) use settings::setting_words;
 
 use std::path::Path;
 
@@ -214,14 +212,19 @@ impl<'a> Page<'a> {
         label.into_iter().chain(fields)
     }
 
+    /// Some words, and below them what there is of each run.
+    fn each_run(&self, lead: &str, of_run: impl Fn(&PageRun<'_>) -> Vec<Part>) -> Vec<Part> {
+        let runs = self.runs.iter().map(|run| (run, of_run(run)));
+        let runs = runs.filter(|(_, parts)| !parts.is_empty());
+        let parts = runs.flat_map(|(run, parts)| self.heading(run).into_iter().chain(parts));
+        let parts = parts.collect_vec();
+        let lead = (!parts.is_empty()).then(|| Part::paragraph(lead));
+        lead.into_iter().chain(parts).collect()
+    }
+
     /// Above the part of a run, where there are several.
     fn heading(&self, run: &PageRun<'_>) -> Option<Part> {
         self.is_overlay().then(|| Part::Heading(run.label.as_str().into()))
-    }
-
-    /// The head of the column that names the run, where there are several.
-    fn run_head(&self) -> Markup {
-        html! { @if self.is_overlay() { (parts::words(&["Run"])) } }
     }
 
     pub fn file(&self) -> Artifact {

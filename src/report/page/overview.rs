@@ -7,12 +7,11 @@ use maud::{Markup, PreEscaped, html};
 use super::{Fold, Page, PageRun, PageSection};
 use crate::ceilings::{are_measured, bounds};
 use crate::charts;
-use crate::document::{self, Line, Part, Span, Table};
+use crate::document::{self, Line, Part, Span, Table, Tone};
 use crate::facts::{self, SlowStage};
 use crate::format::{NS_PER_MS, percent, three};
 use crate::noise;
-use crate::page::Tone;
-use crate::{ReportView, Section, trust};
+use crate::{LeftOut, ReportView, Section, trust};
 use fathom_experiments::{Ruling, Whose};
 use fathom_record::{OVER_BUDGET, OutcomeCounts, Run};
 
@@ -35,7 +34,9 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     }
     Some(html! {
         @for run in &page.runs { (of_run(page, run)) }
-        @if !page.left_out.is_empty() { (left_out(page)) }
+        @if !page.left_out.is_empty() {
+            (document::html(&[open("not shown", ""), Part::list(page.left_out.iter().map(LeftOut::line))]))
+        }
     })
 }
 
@@ -90,24 +91,26 @@ fn drawings(page: &Page<'_>, view: &ReportView<'_>) -> Markup {
     html! { @for svg in drawn { div.scroll { (PreEscaped(svg)) } } }
 }
 
+fn open(word: &str, words: &str) -> Part {
+    let chip = Span::Chip(Tone::Open, word.to_owned());
+    Part::paragraph(Line::from(chip).and(format!(": {words}")))
+}
+
 /// What a reader must know before any figure.
 pub fn doubts(view: &ReportView<'_>) -> Vec<Part> {
-    let open = |word: &str, words: String| {
-        let chip = Span::Chip(Tone::Open, word.to_owned());
-        Part::Paragraph(Line::from(chip).and(format!(": {words}")))
-    };
     let mut doubts = Vec::new();
     if view.run().is_some_and(|run| run.adapter.software) {
         let words = "Absolute times and frame rates say little about a GPU; ratios, exponents and shares are what to read.";
-        doubts.push(open("software driver", words.to_owned()));
+        doubts.push(open("software driver", words));
     }
     let absent = facts::absent_shards(view);
     if !absent.is_empty() {
         let words = "is not there. Put the records of all shards into one file, and report that.";
-        doubts.push(open("part of a run", format!("shard {} {words}", absent.iter().join(", "))));
+        let words = format!("shard {} {words}", absent.iter().join(", "));
+        doubts.push(open("part of a run", &words));
     }
-    doubts.extend(facts::still_open(view).into_iter().map(|words| open("open", words)));
-    doubts.extend(facts::mixed(view).map(|words| open("several runs", words)));
+    doubts.extend(facts::still_open(view).into_iter().map(|words| open("open", &words)));
+    doubts.extend(facts::mixed(view).map(|words| open("several runs", &words)));
     doubts
 }
 
@@ -243,13 +246,4 @@ fn outcomes(view: &ReportView<'_>) -> String {
     let OutcomeCounts { measured, skipped, failed, over_budget } =
         OutcomeCounts::of(view.entries().map(|entry| entry.cell));
     format!("{measured} measured, {skipped} skipped, {failed} failed, {over_budget} {OVER_BUDGET}")
-}
-
-fn left_out(page: &Page<'_>) -> Markup {
-    html! {
-        div.warning role="note" {
-            p { b { "Not shown" } }
-            ul { @for left_out in &page.left_out { li { (left_out.what) ": " (left_out.reason) } } }
-        }
-    }
 }

@@ -10,6 +10,7 @@ use serde_json::Value;
 use self::embed::{Embedded, Embedder};
 use super::{Fold, LeftOut, Page, PageRun, PageSection};
 use crate::Section;
+use crate::document::{self, Part};
 use crate::format::three;
 use fathom_experiments::words;
 use fathom_experiments::{Experiment, label_text};
@@ -219,15 +220,12 @@ fn scale(picture: &Picture) -> Option<String> {
 }
 
 fn missing(left_out: &[LeftOut]) -> Markup {
-    html! {
-        details.warning {
-            summary { (left_out.len()) @if left_out.len() == 1 { " picture is" } @else { " pictures are" } " not shown" }
-            ul {
-                @for LeftOut { what, reason } in left_out.iter().take(MOST_NAMED) { li { (what) ": " (reason) } }
-                @if left_out.len() > MOST_NAMED { li { "and " (left_out.len() - MOST_NAMED) " more" } }
-            }
-        }
-    }
+    let words = if left_out.len() == 1 { "picture is" } else { "pictures are" };
+    let more = left_out.len().saturating_sub(MOST_NAMED);
+    let named = left_out.iter().take(MOST_NAMED).map(LeftOut::line);
+    let list = Part::list(named.chain((more > 0).then(|| format!("and {more} more"))));
+    let words = format!("{} {words} not shown", left_out.len());
+    document::html(&[Part::Fold(words.into(), vec![list])])
 }
 
 #[cfg(test)]

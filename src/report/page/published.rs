@@ -5,7 +5,7 @@
 use indexmap::IndexSet;
 use serde_json::Value;
 
-use super::parts::setting_words;
+use super::setting_words;
 use super::{Fold, Page, PageRun, PageSection};
 use crate::Section;
 use crate::document::{self, ColumnKind, Field, Line, Part, Span, Table};

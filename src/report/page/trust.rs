@@ -1,11 +1,11 @@
 //! How far the run can be trusted: its clocks, the cost and precision of its times, and how they moved while it ran.
 
-use super::{Fold, Page, PageSection, Tone};
+use super::{Fold, Page, PageSection};
 use crate::ReportView;
 use crate::axis::{Scale, ScaleKind};
 use crate::charts::points::{Point, PointChart, Series};
 use crate::charts::style::{self, Marker};
-use crate::document::{self, ColumnKind, Line, Part, Span, Table};
+use crate::document::{self, ColumnKind, Line, Part, Span, Table, Tone};
 use crate::facts;
 use crate::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::noise;

@@ -1,0 +1,112 @@
+//! Passes whose work and results are known.
+
+use crate::readback::{read_buffer, read_texture};
+use crate::{Gpu, GpuError, StageScope, TimedStage};
+use fathom_record::PassKind;
+
+/// Sums of ones are exact in 32-bit floats up to here.
+pub(super) const MAX_TURNS: u32 = 1 << 24;
+/// Bytes of one read: four words.
+pub(super) const READ_BYTES: u64 = 16;
+/// Sums of fragments may be off by this share.
+const TOLERANCE: f64 = 1e-6;
+
+/// Encodes so many turns.
+type Encode = Box<dyn Fn(&mut StageScope<'_>, u32)>;
+
+/// Passes whose work is known.
+pub(super) struct Kernel {
+    /// Work of a turn, in units of the limit.
+    pub work_per_turn: f64,
+    /// Beyond so many turns the result is not exact, or a loop is too long.
+    pub max_turns: u32,
+    /// Timed as a frame of many passes of this kind, less the cost of its submission; else as a stage's pass.
+    pub frame_of: Option<PassKind>,
+    /// Holds the number of turns.
+    pub uniform: Option<wgpu::Buffer>,
+    pub output: Output,
+    /// What every value of the output is after so many turns.
+    pub expected: Box<dyn Fn(u32) -> f64>,
+    pub encode: Encode,
+}
+
+/// What a kernel writes.
+pub(super) enum Output {
+    /// Added to from zero on.
+    Words(wgpu::Buffer),
+    Cleared(wgpu::Buffer),
+    Texels(wgpu::Texture),
+}
+
+impl Kernel {
+    /// Sets the number of turns, and the ones that the compiler must not know.
+    pub(super) fn prepare(&self, gpu: &Gpu, turns: u32) {
+        if let Some(uniform) = &self.uniform {
+            let words = [turns, 1f32.to_bits(), 1f32.to_bits(), 0].map(u32::to_le_bytes);
+            gpu.queue.write_buffer(uniform, 0, words.as_flattened());
+        }
+    }
+
+    /// Clears what a run leaves, where the run itself does not.
+    pub(super) fn reset(&self, gpu: &Gpu) {
+        match &self.output {
+            Output::Words(buffer) => {
+                let mut encoder = gpu.device.create_command_encoder(&Default::default());
+                encoder.clear_buffer(buffer, 0, None);
+                gpu.queue.submit([encoder.finish()]);
+            }
+            Output::Cleared(buffer) => {
+                let end = buffer.size() - READ_BYTES;
+                gpu.queue.write_buffer(buffer, end, &[1; READ_BYTES as usize]);
+            }
+            Output::Texels(_) => {}
+        }
+    }
+
+    /// Runs it once more and compares its result. The inner error says how it differs.
+    pub(super) fn check(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
+        self.reset(gpu);
+        self.prepare(gpu, turns);
+        gpu.run(&[&Turns { kernel: self, turns }])?;
+        self.compare(gpu, turns)
+    }
+
+    /// Compares what a run of so many turns has left after a reset with the CPU's answer.
+    pub(super) fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
+        let expected = (self.expected)(turns);
+        let is_wrong = |value: &f64| (value - expected).abs() > TOLERANCE * expected;
+        let wrong = match &self.output {
+            Output::Words(buffer) | Output::Cleared(buffer) => {
+                let bytes = read_buffer(gpu, buffer)?;
+                let word = (expected as u32).to_le_bytes();
+                let wrong = bytes.as_chunks().0.iter().find(|found| **found != word);
+                wrong.map(|found| f64::from(u32::from_le_bytes(*found)))
+            }
+            Output::Texels(texture) => {
+                let texels = read_texture(gpu, texture)?.data;
+                texels.into_iter().map(f64::from).find(is_wrong)
+            }
+        };
+        Ok(wrong.map_or(Ok(()), |value| {
+            Err(format!(
+                "the adapter's result is {value}, the CPU's {expected}: its work is not done"
+            ))
+        }))
+    }
+}
+
+/// A kernel with its number of turns.
+pub(super) struct Turns<'a> {
+    pub kernel: &'a Kernel,
+    pub turns: u32,
+}
+
+impl TimedStage for Turns<'_> {
+    fn name(&self) -> &'static str {
+        "ceiling"
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        (self.kernel.encode)(scope, self.turns);
+    }
+}
