@@ -41,5 +41,5 @@ fn landed(ray: Transfer, at_m: f32) -> Photon {
     if at_m >= NO_HIT {
         return Photon(ray.position_m, OUTSIDE, ray.position_m, 0.0);
     }
-    return Photon(ray.position_m, 0.0, ray.position_m + at_m * ray.direction, ray.path_m + at_m);
+    return Photon(ray.position_m, 0u, ray.position_m + at_m * ray.direction, ray.path_m + at_m);
 }

@@ -3,6 +3,17 @@
 use super::splatting::Sums;
 use crate::prelude::*;
 
+pub const CAUSTICS: StageInfo = low_pass("caustics/filter");
+pub const GODRAYS: StageInfo = low_pass("godrays/filter");
+
+const fn low_pass(name: &'static str) -> StageInfo {
+    StageInfo {
+        name,
+        about: "multi-tap low-pass with a kernel rotated per pixel",
+        source: "UW §3.5",
+    }
+}
+
 shader_struct! {
     /// `Filter` in `shaders/godrays/filter.wgsl`.
     pub struct FilterUniforms {

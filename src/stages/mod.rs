@@ -1,4 +1,5 @@
-//! Stages: the units that are timed. Each has a file with the same stem as its shader.
+//! Stages: the units that are timed. Each has a file with the same stem as its shader; stages of two families that are the same stand in
+//! the file that they share.
 //!
 //! A stage is made from the typed resources of earlier stages. It encodes its passes through the
 //! [`StageScope`](fathom_gpu::StageScope), which writes the timestamps, and declares its work.
@@ -40,7 +41,6 @@ pub mod transfer;
 pub mod uniforms;
 pub mod voxel;
 pub mod voxels;
-pub mod water;
 
 pub use fathom_gpu::{Column, Output, OutputData, ReadRow, Stage, StageInfo};
 
@@ -64,19 +64,19 @@ pub const REGISTRY: &[StageInfo] = &[
     scene::gbuffer::INFO,
     ao::march::INFO,
     ao::query::INFO,
-    ao::bilateral::INFO,
+    bilateral::AO,
     ao::compose::INFO,
     ao::glass::INFO,
     hsao::march::INFO,
-    hsao::filter::INFO,
-    water::reflection::INFO,
-    water::refraction::INFO,
-    caustics::trace::INFO,
+    bilateral::HSAO,
+    lit_scene::REFLECTION,
+    lit_scene::REFRACTION,
+    photon::CAUSTICS,
     caustics::splat::INFO,
-    caustics::filter::INFO,
-    godrays::trace::INFO,
+    low_pass::CAUSTICS,
+    photon::GODRAYS,
     godrays::lines::INFO,
-    godrays::filter::INFO,
+    low_pass::GODRAYS,
     compose::INFO,
     transfer::map::INFO,
     transfer::shadow::INFO,
@@ -158,7 +158,7 @@ mod tests {
         let source = Path::new(env!("CARGO_MANIFEST_DIR"));
         let folders = entries(source).into_iter().filter(|path| path.is_dir());
         let families: Vec<PathBuf> = folders.filter(|path| !SHARED.contains(&name(path))).collect();
-        assert!(families.len() >= 15, "{families:?}");
+        assert!(families.len() >= 14, "{families:?}");
         for family in &families {
             for file in entries(family) {
                 let imported = imported(&fs::read_to_string(&file).unwrap());

@@ -9,14 +9,14 @@ use crate::caustics_image::{Compared, FoundCaustics, channel};
 use crate::off_frustum::Frustum;
 use crate::{Drawing, Judge, JudgeError, Judged};
 use crate::{exact_of, judged_view, named, objects_of, share};
-use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
+use fathom_gpu::{Gpu, GpuError, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
-use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
+use fathom_reference::quantities::quantile;
 use fathom_reference::rays::Tracer;
 use fathom_reference::specular::{End, Surfaces};
 use fathom_scene::{Optics, Scene};
 use fathom_stages::geometry::Part;
-use fathom_stages::photon::{MISSED, ON_ITS_WAY, OUTSIDE};
+use fathom_stages::photon::{Fate, Photon};
 use fathom_stages::sprites;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
@@ -61,9 +61,9 @@ struct Exact {
 }
 
 impl Ends {
-    fn add(&mut self, found: &StoredPhoton, exact: DVec3, in_view: bool) {
-        match (in_view, found.landed()) {
-            (true, true) => self.errors_m.push(found.hit.distance(exact)),
+    fn add(&mut self, found: &Photon, exact: DVec3, in_view: bool) {
+        match (in_view, found.has_landed()) {
+            (true, true) => self.errors_m.push(found.hit().distance(exact)),
             (true, false) => self.lost += 1,
             (false, landed) => {
                 self.off_frustum += 1;
@@ -73,16 +73,17 @@ impl Ends {
     }
 
     /// Of a photon that ends in view on what stands before another object.
-    fn add_occluded(&mut self, found: &StoredPhoton, exact: DVec3, wrong_m: f64) {
-        let way_m = |end: DVec3| end.distance(found.entry);
+    fn add_occluded(&mut self, found: &Photon, exact: DVec3, wrong_m: f64) {
+        let way_m = |end: DVec3| end.distance(found.entry());
         self.occluded += 1;
-        self.passed += usize::from(found.landed() && way_m(found.hit) > way_m(exact) + wrong_m);
+        self.passed +=
+            usize::from(found.has_landed() && way_m(found.hit()) > way_m(exact) + wrong_m);
     }
 
     /// Of a photon that ends in view behind a mirror or glass.
-    fn add_specular(&mut self, found: &StoredPhoton, exact: DVec3) {
+    fn add_specular(&mut self, found: &Photon, exact: DVec3) {
         self.specular += 1;
-        self.specular_errors_m.extend(found.landed().then(|| found.hit.distance(exact)));
+        self.specular_errors_m.extend(found.has_landed().then(|| found.hit().distance(exact)));
     }
 }
 
@@ -94,9 +95,9 @@ impl Drawing for PhotonTracing {
     /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass. Of the layers
     /// what SPT §2.2 counts in a pass of its own: the most surfaces behind a pixel, and the share of all that lie behind the eighth.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let photons = self.stored(gpu)?;
-        let rate = |residual_m: f32| {
-            let alike = photons.iter().filter(|p| p.residual_m == f64::from(residual_m));
+        let photons = self.photons.read(gpu)?;
+        let rate = |fate: Fate| {
+            let alike = photons.iter().filter(|p| p.fate() == fate);
             share(alike.count(), photons.len())
         };
         let depths = read_volume(gpu, &self.layers.depths, 0)?.data;
@@ -108,9 +109,9 @@ impl Drawing for PhotonTracing {
         Ok(named([
             ("depth_complexity", deepest as f64),
             ("fragments_behind_8_rate", share(behind_8, fragments.iter().sum())),
-            ("missed_water_rate", rate(MISSED)),
-            ("photon_no_hit_rate", rate(OUTSIDE)),
-            ("photon_on_its_way_rate", rate(ON_ITS_WAY)),
+            ("missed_water_rate", rate(Fate::MissedWater)),
+            ("photon_no_hit_rate", rate(Fate::LeftLight)),
+            ("photon_on_its_way_rate", rate(Fate::StillBouncing)),
         ]))
     }
 
@@ -127,10 +128,6 @@ impl Drawing for PhotonTracing {
 }
 
 impl PhotonTracing {
-    fn stored(&self, gpu: &Gpu) -> Result<Vec<StoredPhoton>, GpuError> {
-        Ok(stored_photons(&read_buffer(gpu, &self.photons.buffer)?))
-    }
-
     /// Errors of the last frame's photons: `photon_error_median_m`, `photon_error_p99_m`, `photon_wrong_surface_rate` of those that
     /// end in view by both, and `photon_miss_rate` of those that end in view. The quantities `photon_off_frustum_rate` and
     /// `photon_false_hit_rate` are shares of all photons that end anywhere; `photon_occluded_rate` is the share of those in view that end
@@ -142,7 +139,7 @@ impl PhotonTracing {
     /// `caustics_photon_error_median_m` and `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names: the second is a share of all photons that
     /// end anywhere, in view or not. Of large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
-        let found = self.stored(gpu)?;
+        let found = self.photons.read(gpu)?;
         let ends = self.ends(&found, scene)?;
         let Ends {
             mut errors_m,
@@ -188,7 +185,7 @@ impl PhotonTracing {
         Ok(judged)
     }
 
-    fn ends(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Ends, JudgeError> {
+    fn ends(&self, found: &[Photon], scene: &Scene) -> Result<Ends, JudgeError> {
         let objects = objects_of(scene, Part::Solid);
         let tracer = &Tracer::new(&objects);
         let view = judged_view(&self.view, scene);
@@ -242,29 +239,28 @@ impl PhotonTracing {
 
 #[cfg(test)]
 mod tests {
+    use fathom_stages::photon::OUTSIDE;
+    use glam::Vec3;
+
     use super::*;
 
     #[test]
     fn photons_out_of_view_are_told_apart_from_errors() {
-        let found = |residual_m: f64| StoredPhoton {
-            entry: DVec3::ZERO,
-            residual_m,
-            hit: DVec3::NEG_Y,
-            distance_m: 1.0,
-        };
+        let found =
+            |fate: u32| Photon { entry_m: Vec3::ZERO, fate, hit_m: Vec3::NEG_Y, distance_m: 1.0 };
         let mut ends = Ends::default();
-        ends.add(&found(0.0), DVec3::new(0.0, -1.5, 0.0), true);
-        ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, true);
-        ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, false);
-        ends.add(&found(0.0), DVec3::NEG_Y, false);
+        ends.add(&found(0), DVec3::new(0.0, -1.5, 0.0), true);
+        ends.add(&found(OUTSIDE), DVec3::NEG_Y, true);
+        ends.add(&found(OUTSIDE), DVec3::NEG_Y, false);
+        ends.add(&found(0), DVec3::NEG_Y, false);
         // Before another object: one that stops there, and one that goes through.
-        ends.add_occluded(&found(0.0), DVec3::NEG_Y, WRONG_M);
-        ends.add_occluded(&found(0.0), DVec3::new(0.0, -0.5, 0.0), WRONG_M);
+        ends.add_occluded(&found(0), DVec3::NEG_Y, WRONG_M);
+        ends.add_occluded(&found(0), DVec3::new(0.0, -0.5, 0.0), WRONG_M);
         let (occluded, passed) = (2, 1);
         let errors_m = vec![0.5];
         // Behind a mirror: one that is found, and one that is not.
-        ends.add_specular(&found(0.0), DVec3::new(0.0, -1.0, 0.25));
-        ends.add_specular(&found(f64::from(OUTSIDE)), DVec3::NEG_Y);
+        ends.add_specular(&found(0), DVec3::new(0.0, -1.0, 0.25));
+        ends.add_specular(&found(OUTSIDE), DVec3::NEG_Y);
         let (specular, specular_errors_m) = (2, vec![0.25]);
         let of_all = Ends { errors_m, lost: 1, off_frustum: 2, false_hits: 1, ..Ends::default() };
         assert_eq!(ends, Ends { occluded, passed, specular, specular_errors_m, ..of_all });

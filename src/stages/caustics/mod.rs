@@ -1,3 +1,1 @@
-pub mod filter;
 pub mod splat;
-pub mod trace;

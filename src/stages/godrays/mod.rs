@@ -1,3 +1,1 @@
-pub mod filter;
 pub mod lines;
-pub mod trace;
