@@ -34,7 +34,7 @@ struct Trace {
     search_turns: u32,
 }
 
-// Host twin: PhotonEstimator in src/stages/photon.rs.
+// Host twin: PhotonEstimator in src/stages/shared/photon.rs.
 const PAPER: u32 = 1u;
 // Crossings of a ray that are refined, however long its path; each before the last was a silhouette that the ray passes behind. The turns of
 // an invocation are bounded, for lavapipe ends one after 65,535: photons that share a cell with many others take longer steps.

@@ -1,4 +1,4 @@
-// What becomes of light at a surface: a number beside each normal of the layers. Host twin: `optics` in src/stages/geometry.rs.
+// What becomes of light at a surface: a number beside each normal of the layers. Host twin: `optics` in src/stages/shared/geometry.rs.
 // 1: it ends there. 1.5: the same, on a receiver of shadows. −1: it is reflected. 2 and more: glass, of the refractive index that is 1 less.
 #define_import_path fathom::optics
 

@@ -13,7 +13,7 @@ struct Photon {
     distance_m: f32,
 }
 
-// Fates of photons that do not land. Host twins: src/stages/photon.rs.
+// Fates of photons that do not land. Host twins: src/stages/shared/photon.rs.
 // It never enters the water.
 const MISSED: u32 = 0xbf800000u;
 // It left the light's frustum, or meets nothing.
@@ -25,7 +25,7 @@ fn has_landed(photon: Photon) -> bool {
     return photon.fate < MISSED;
 }
 
-// Most steps of safeguarded Newton. Host twin: src/stages/entry.rs.
+// Most steps of safeguarded Newton. Host twin: src/stages/shared/entry.rs.
 const REFINEMENTS: i32 = 8;
 // A step less than this, relative to the way along the ray, is the last: Newton's method squares the error, and 32-bit floats end there.
 const LAST_STEP: f32 = 1e-6;

@@ -1,5 +1,5 @@
 // Photons between their last specular surface and their end: a texel of SPT's transfer map, and what is stored of the end.
-// Host twin: src/stages/screen_ray.rs.
+// Host twin: src/stages/shared/screen_ray.rs.
 #define_import_path fathom::transfer
 
 #import fathom::photon::{Photon, MISSED, OUTSIDE}

@@ -1,7 +1,7 @@
 //! What `caustics/filter` and `godrays/filter` are: a multi-tap low-pass with a kernel rotated per pixel. UW §3.5.
 
-use super::splatting::Sums;
 use crate::prelude::*;
+use crate::splatting::Sums;
 
 pub const CAUSTICS: StageInfo = low_pass("caustics/filter");
 pub const GODRAYS: StageInfo = low_pass("godrays/filter");

@@ -1,6 +1,6 @@
 //! What `water/reflection` and `water/refraction` are: the scene lit without photons.
 
-use super::geometry::Geometry;
+use crate::geometry::Geometry;
 use crate::prelude::*;
 
 pub const REFLECTION: StageInfo = StageInfo {

@@ -1,6 +1,6 @@
 //! How a ray finds where it enters the water: host twin of `meet_water` in `shaders/shared/photon.wgsl`.
 
-use super::uniforms::water_turns;
+use crate::uniforms::water_turns;
 use fathom_scene::{LightFrame, Water, WaterModel, shortest_wave_m};
 
 /// Largest slope of the water times the tangent of the ray's angle to the vertical at which a ray is taken to meet the waves once: its height

@@ -1,3 +1,0 @@
-//! Horizon-split ambient occlusion, the screen-space method that VAO §6 compares with.
-
-pub mod march;
