@@ -1,7 +1,7 @@
 // defs: CONSERVING=0, FRESNEL=0, WATER=0
 // A wide line from water entry to hit for each photon, added up: UW §3.4.
 #import fathom::uniforms::{frame}
-#import fathom::photon::{Photon, angular_weight, entered}
+#import fathom::photon::{Photon, angular_weight, entered, has_landed}
 #import fathom::screen
 
 struct Lines {
@@ -43,7 +43,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
         return NOWHERE;
     }
     let photon = photons[index];
-    if photon.residual_m < 0.0 || photon.distance_m <= 0.0 {
+    if !has_landed(photon) || photon.distance_m <= 0.0 {
         return NOWHERE;
     }
     let start = frame.camera_view_projection * vec4(photon.entry_m, 1.0);

@@ -8,7 +8,7 @@
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{NO_SURFACE, surface_at, surface_near}
 #import fathom::optics
-#import fathom::photon::{Photon}
+#import fathom::photon::{Photon, has_landed}
 #import fathom::refraction::{Exit, NO_EXIT}
 #import fathom::screen_ray::{Segment, Walk, distance_at, place_px, segment, smoothed}
 #import fathom::surface_texel::{Surface}
@@ -50,7 +50,7 @@ fn texel_in(place: vec2<f32>) -> vec2<i32> {
 fn end_of(ray: Transfer, inside: bool, pixel: vec2<u32>) -> End {
     let at = pixel - settings.first;
     let end = ends[at.x + at.y * settings.count.x];
-    if end.residual_m < 0.0 {
+    if !has_landed(end) {
         return NOWHERE;
     }
     let clip = frame.camera_view_projection * vec4(end.hit_m, 1.0);

@@ -1,7 +1,7 @@
 // defs: WATER=0
 // The picture: what the camera sees, lit where its ray to the light meets nothing, and by the sky.
 #import fathom::uniforms::{frame}
-#import fathom::photon::{MISSED, Photon}
+#import fathom::photon::{MISSED, Photon, has_landed}
 #import fathom::picture::{display, lambert, normal_at, seen_at, picture}
 #import fathom::shading::{SKY_SHARE, sky, to_light}
 
@@ -9,8 +9,8 @@
 
 // Whether something lies between a place and the light, the place's own triangle included.
 fn shadowed(photon: Photon, place: vec3<f32>) -> bool {
-    if photon.residual_m < 0.0 {
-        return photon.residual_m == MISSED;
+    if !has_landed(photon) {
+        return photon.fate == MISSED;
     }
     return frame.light_is_point == 0u || photon.distance_m < distance(place, frame.light_position_m);
 }

@@ -34,7 +34,7 @@ struct Trace {
     search_turns: u32,
 }
 
-// Host twin: PhotonEstimator in src/stages/photon.rs.
+// Host twin: PhotonEstimator in src/stages/shared/photon.rs.
 const PAPER: u32 = 1u;
 // Crossings of a ray that are refined, however long its path; each before the last was a silhouette that the ray passes behind. The turns of
 // an invocation are bounded, for lavapipe ends one after 65,535: photons that share a cell with many others take longer steps.
@@ -128,7 +128,7 @@ fn fixed_point(
         residual = distance(estimate, seen);
         d = distance(entry, seen);
     }
-    return Photon(entry, residual, entry + d * refracted, d);
+    return Photon(entry, bitcast<u32>(residual), entry + d * refracted, d);
 }
 
 // A ray under water in the light's canonical screen space, where it is straight too, and planes are planes: from its entry, or
@@ -199,7 +199,8 @@ fn landed(way: Path, place: Place) -> Photon {
     if seen_z >= 1.0 {
         return Photon(way.entry_m, OUTSIDE, hit, d);
     }
-    return Photon(way.entry_m, distance(hit, unproject(vec3(ndc.xy, seen_z))), hit, d);
+    let residual = distance(hit, unproject(vec3(ndc.xy, seen_z)));
+    return Photon(way.entry_m, bitcast<u32>(residual), hit, d);
 }
 
 // The crossing between a place before and one behind what the light sees: regula falsi, of which the end that stays is halved

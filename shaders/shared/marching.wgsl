@@ -1,4 +1,4 @@
-// Occlusion of a surface point by marching rays through a volume. VAO §3 step 3, §5.1. Host twin: src/stages/marching.rs.
+// Occlusion of a surface point by marching rays through a volume. VAO §3 step 3, §5.1. Host twin: src/stages/shared/marching.rs.
 //
 // Lengths are in voxels, places are in voxels from the grid's origin. Definitions choose the code:
 //   UNIFORM   1: directions uniform over the hemisphere, weighted by the cosine; 2: by twice the cosine; 0: cosine-distributed, not weighted

@@ -1,4 +1,4 @@
-// What becomes of light at a surface: a number beside each normal of the layers. Host twin: `optics` in src/stages/geometry.rs.
+// What becomes of light at a surface: a number beside each normal of the layers. Host twin: `optics` in src/stages/shared/geometry.rs.
 // It ends there (1), the same on a RECEIVER of shadows, it is reflected (−1), or, from GLASS on, the number is glass's refractive index and 1.
 #define_import_path fathom::optics
 

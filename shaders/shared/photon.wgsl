@@ -6,18 +6,26 @@
 
 struct Photon {
     entry_m: vec3<f32>,
-    // Distance between where it lands and what the light sees there; −1: never enters the water; −2: left the light frustum or meets nothing;
-    // −3: still between mirrors or glass after the most bounces.
-    residual_m: f32,
+    // One of those below; of a photon that lands the bits of the distance between where it lands and what the light sees there.
+    fate: u32,
     hit_m: vec3<f32>,
     // From entry to hit.
     distance_m: f32,
 }
 
-const MISSED: f32 = -1.0;
-const OUTSIDE: f32 = -2.0;
-const ON_ITS_WAY: f32 = -3.0;
-// Most steps of safeguarded Newton. Host twin: src/stages/entry.rs.
+// Fates of photons that do not land. Host twins: src/stages/shared/photon.rs.
+// It never enters the water.
+const MISSED: u32 = 0xbf800000u;
+// It left the light's frustum, or meets nothing.
+const OUTSIDE: u32 = 0xc0000000u;
+// It is still between mirrors or glass after the most bounces.
+const STILL_BOUNCING: u32 = 0xc0400000u;
+
+fn has_landed(photon: Photon) -> bool {
+    return photon.fate < MISSED;
+}
+
+// Most steps of safeguarded Newton. Host twin: src/stages/shared/entry.rs.
 const REFINEMENTS: i32 = 8;
 // A step less than this, relative to the way along the ray, is the last: Newton's method squares the error, and 32-bit floats end there.
 const LAST_STEP: f32 = 1e-6;

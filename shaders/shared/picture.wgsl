@@ -1,4 +1,4 @@
-// What stages that compose a picture share: the G-buffer, and what a radiance is shown as. Host twin: src/stages/picture.rs.
+// What stages that compose a picture share: the G-buffer, and what a radiance is shown as. Host twin: src/stages/shared/picture.rs.
 #define_import_path fathom::picture
 
 #import fathom::uniforms::{frame, world_at}

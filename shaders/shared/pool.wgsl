@@ -1,6 +1,6 @@
 // A rectangular pool: a floor and four walls around the water's rectangle, and their illumination map. SPT §1.1.
 // The map is an atlas: the faces stand side by side, the floor first, then the walls at −x, +x, −z and +z. Row 0 of the floor lies
-// at −z, row 0 of a wall at its upper border. Host twin: src/stages/pool.rs.
+// at −z, row 0 of a wall at its upper border. Host twin: src/stages/shared/pool.rs.
 #define_import_path fathom::pool
 
 #import fathom::uniforms::{frame}

@@ -1,4 +1,4 @@
-// What the stages that cast view rays through a scalar field share: settings, rays, look. Host twin: src/stages/ray_cast.rs.
+// What the stages that cast view rays through a scalar field share: settings, rays, look. Host twin: src/stages/shared/ray_cast.rs.
 #define_import_path fathom::ray_cast
 
 #import fathom::uniforms::{frame}

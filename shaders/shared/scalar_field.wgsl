@@ -1,4 +1,4 @@
-// A scalar field in a box of the world. Host twin: src/stages/scalar_field.rs.
+// A scalar field in a box of the world. Host twin: src/stages/shared/scalar_field.rs.
 #define_import_path fathom::scalar_field
 
 struct Field {

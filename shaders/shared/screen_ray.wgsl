@@ -1,5 +1,5 @@
 // Photon rays in the camera's screen space against layered depths: Krüger, Bürger and Westermann (SPT) §2.
-// Host twin: src/stages/screen_ray.rs.
+// Host twin: src/stages/shared/screen_ray.rs.
 //
 // A ray is cut to the scene's bounds and to the camera's frustum. What is left is walked in steps of a pixel, as a line would be
 // rasterized. At each step it is held against all layers at its pixel.

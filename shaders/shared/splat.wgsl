@@ -2,7 +2,7 @@
 #define_import_path fathom::splat
 
 #import fathom::uniforms::{frame}
-#import fathom::photon::{Photon, angular_weight, entered}
+#import fathom::photon::{Photon, angular_weight, entered, has_landed}
 #if SURFACE == 1
 #import fathom::uniforms::{view_depth_m}
 #import fathom::surface_plane::{depth_texel, plane_at}
@@ -59,7 +59,7 @@ fn surface_slope(settings: Splat, scene_depth: texture_depth_2d, place_px: vec2<
 fn square(settings: Splat, photon: Photon, scene_depth: texture_depth_2d) -> Square {
     var splat: Square;
     let clip = frame.camera_view_projection * vec4(photon.hit_m, 1.0);
-    if photon.residual_m < 0.0 || clip.w < frame.z_near_m {
+    if !has_landed(photon) || clip.w < frame.z_near_m {
         return splat;
     }
     let to_viewer = frame.camera_position_m - photon.hit_m;

@@ -1,4 +1,4 @@
-// Materials of the scene, and the scene's vertex as every raster stage reads it. Host twin: src/stages/geometry.rs.
+// Materials of the scene, and the scene's vertex as every raster stage reads it. Host twin: src/stages/shared/geometry.rs.
 #define_import_path fathom::surface
 
 struct Material {

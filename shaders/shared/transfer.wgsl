@@ -1,5 +1,5 @@
 // Photons between their last specular surface and their end: a texel of SPT's transfer map, and what is stored of the end.
-// Host twin: src/stages/screen_ray.rs.
+// Host twin: src/stages/shared/screen_ray.rs.
 #define_import_path fathom::transfer
 
 #import fathom::photon::{Photon, MISSED, OUTSIDE}
@@ -41,5 +41,5 @@ fn landed(ray: Transfer, at_m: f32) -> Photon {
     if at_m >= NO_HIT {
         return Photon(ray.position_m, OUTSIDE, ray.position_m, 0.0);
     }
-    return Photon(ray.position_m, 0.0, ray.position_m + at_m * ray.direction, ray.path_m + at_m);
+    return Photon(ray.position_m, 0u, ray.position_m + at_m * ray.direction, ray.path_m + at_m);
 }

@@ -1,4 +1,4 @@
-// Grids of cubic voxels. Host twin: src/stages/voxels.rs.
+// Grids of cubic voxels. Host twin: src/stages/shared/voxels.rs.
 #define_import_path fathom::voxels
 
 struct Grid {

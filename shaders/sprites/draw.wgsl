@@ -3,7 +3,7 @@
 // point sprites lie: SPT Fig. 6, left.
 #import fathom::uniforms::{frame, world_at}
 #import fathom::layers::{surface_near, texel_of}
-#import fathom::photon::{Photon}
+#import fathom::photon::{Photon, has_landed}
 
 struct Sprites {
     size_px: vec2<f32>,
@@ -61,7 +61,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     }
     let photon = photons[index];
     let clip = frame.camera_view_projection * vec4(photon.hit_m, 1.0);
-    if photon.residual_m < 0.0 || clip.w <= frame.z_near_m {
+    if !has_landed(photon) || clip.w <= frame.z_near_m {
         return NOWHERE;
     }
     let ndc = clip.xy / clip.w;

@@ -3,7 +3,7 @@
 #import fathom::uniforms::{frame}
 #import fathom::layers::{NO_SURFACE}
 #import fathom::optics
-#import fathom::photon::{Photon, ON_ITS_WAY}
+#import fathom::photon::{Photon, STILL_BOUNCING, has_landed}
 #import fathom::screen_ray::{Walk, smoothed, surface_hit}
 #import fathom::surface_texel::{Surface}
 #import fathom::transfer::{AGAIN, ENDED, INSIDE, Transfer, is_on_its_way}
@@ -53,7 +53,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     let photon = photons[index];
     var surface = NO_SURFACE;
-    if photon.residual_m >= 0.0 {
+    if has_landed(photon) {
         surface = surface_hit(walk, depths, surfaces, ray, photon.distance_m - ray.path_m);
     }
     if !optics::passes(surface.optics) {
@@ -62,7 +62,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     if turn.last == 1u {
         transfers[index].state = ENDED;
-        photons[index].residual_m = ON_ITS_WAY;
+        photons[index].fate = STILL_BOUNCING;
         return;
     }
     transfers[index] = onward(ray, photon, surface);

@@ -10,8 +10,8 @@ use super::occlusion::{Model, OcclusionBuffers};
 use super::{Drawing, Pipeline, named, settings};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
+use fathom_stages::bilateral;
 use fathom_stages::geometry::Geometry;
-use fathom_stages::hsao;
 use fathom_stages::hsao::march::{self, HorizonUniforms};
 use fathom_stages::kit::Resources;
 
@@ -49,7 +49,7 @@ impl Pipeline for Hsao {
         let textures = &seen.gbuffer;
         let march = march::new(&of_buffer, &seen.shared, textures, &uniforms, hard)?;
         let march = of_buffer.push(march);
-        let filter = params.hsao.filter.then_some((&hsao::filter::INFO, &params.filter));
+        let filter = params.hsao.filter.then_some((&bilateral::HSAO, &params.filter));
         let composed =
             Composed::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {

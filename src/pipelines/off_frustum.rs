@@ -2,8 +2,8 @@
 
 use glam::{DMat4, DVec3};
 
-use fathom_reference::quantities::StoredPhoton;
 use fathom_reference::rays::{Hit, Tracer};
+use fathom_stages::photon::Photon;
 use fathom_stages::uniforms::View;
 
 /// A ray goes on this far behind a surface, so as not to meet it again, metres in scene tank.
@@ -47,8 +47,8 @@ impl<'a> Frustum<'a> {
     }
 
     /// Whether a photon that ends out of view was found in view, behind that.
-    pub fn leaks(&self, found: &StoredPhoton, exact: DVec3) -> bool {
-        let way_m = |end: DVec3| end.distance(found.entry);
-        found.landed() && self.holds(found.hit) && way_m(found.hit) > way_m(exact)
+    pub fn leaks(&self, found: &Photon, exact: DVec3) -> bool {
+        let way_m = |end: DVec3| end.distance(found.entry());
+        found.has_landed() && self.holds(found.hit()) && way_m(found.hit()) > way_m(exact)
     }
 }

@@ -10,13 +10,12 @@ use super::{Drawing, Judge, JudgeError, Judged, Parameters, Pipeline};
 use super::{exact_of, judged_view, named, objects_of, share};
 use fathom_base::parameter::ParamError;
 use fathom_base::settings;
-use fathom_gpu::{Gpu, GpuError, read_buffer};
-use fathom_reference::quantities::{StoredPhoton, stored_photons};
+use fathom_gpu::{Gpu, GpuError};
 use fathom_reference::rays::{PixelRays, Tracer};
 use fathom_scene::{Camera, Light, LightKind, Scene, SceneFile};
 use fathom_stages::geometry::{Geometry, Part};
 use fathom_stages::kit::Resources;
-use fathom_stages::photon::{MISSED, Photons};
+use fathom_stages::photon::{Fate, Photon, Photons};
 use fathom_stages::screen_ray::Rays;
 use fathom_stages::uniforms::View;
 use fathom_stages::{ldi, scene, shadow, transfer};
@@ -99,8 +98,8 @@ impl Drawing for ShadowRays {
 
     /// Share of the pixels that face the light, and of these that are in shadow.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let ends = self.stored(gpu)?;
-        let facing = ends.iter().filter(|end| end.residual_m != f64::from(MISSED)).count();
+        let ends = self.photons.read(gpu)?;
+        let facing = ends.iter().filter(|end| end.fate() != Fate::MissedWater).count();
         let shadowed = ends.iter().filter(|end| self.shadowed(end)).count();
         Ok(named([
             ("facing_light_rate", share(facing, ends.len())),
@@ -109,7 +108,7 @@ impl Drawing for ShadowRays {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        let found = self.stored(judge.gpu)?;
+        let found = self.photons.read(judge.gpu)?;
         let errors = shadow_errors(&self.compared(&found, judge.scene)?);
         Ok(Judged::of(self.params.rays.method.info().name, errors, []))
     }
@@ -128,20 +127,12 @@ fn shadow_errors(pixels: &[(bool, bool)]) -> [(&'static str, f64, &'static str);
 }
 
 impl ShadowRays {
-    fn stored(&self, gpu: &Gpu) -> Result<Vec<StoredPhoton>, GpuError> {
-        Ok(stored_photons(&read_buffer(gpu, &self.photons.buffer)?))
-    }
-
-    fn shadowed(&self, end: &StoredPhoton) -> bool {
-        end.landed() && end.distance_m < light_m(&self.view, end.entry)
+    fn shadowed(&self, end: &Photon) -> bool {
+        end.has_landed() && f64::from(end.distance_m) < light_m(&self.view, end.entry())
     }
 
     /// Of an even selection of pixels that face the light, whether each was found in shadow, and whether it is by ray casting.
-    fn compared(
-        &self,
-        found: &[StoredPhoton],
-        scene: &Scene,
-    ) -> Result<Vec<(bool, bool)>, JudgeError> {
+    fn compared(&self, found: &[Photon], scene: &Scene) -> Result<Vec<(bool, bool)>, JudgeError> {
         let tracer = Tracer::new(&objects_of(scene, Part::Opaque));
         let view = &judged_view(&self.view, scene);
         let [width, height] = view.size_px.to_array();
@@ -154,7 +145,7 @@ impl ShadowRays {
             let to_light = to_light(view, sun, place);
             Some(tracer.cast(place, to_light, off_m, light_m(view, place)).is_some())
         });
-        let faces = |pixel: usize| found[pixel].residual_m != f64::from(MISSED);
+        let faces = |pixel: usize| found[pixel].fate() != Fate::MissedWater;
         let compared = exact.into_iter().filter(|(pixel, _)| faces(*pixel));
         Ok(compared.map(|(pixel, exact)| (self.shadowed(&found[pixel]), exact)).collect())
     }

@@ -28,10 +28,9 @@ use fathom_stages::photon::{self, Photons, TraceUniforms};
 use fathom_stages::picture::Picture;
 use fathom_stages::splatting::{PHOTONS_PER_INSTANCE, Sums};
 use fathom_stages::uniforms::{Shared, View};
-use fathom_stages::{Stage, caustics, godrays, scene, shadow, water};
+use fathom_stages::{Stage, godrays, scene, shadow};
 
 pub use grid::PhotonGrid;
-pub use measure::read_photons;
 use parameters::PhotonPath;
 pub use parameters::{Intensity, Params, Splatting, SubdivisionMode};
 
@@ -90,8 +89,8 @@ impl Pipeline for Underwater {
         let of_surface = &resources.sized_by("view × surface.scale");
         let surface_px = scaled(size_px, params.surface.scale);
         let lit = |info| lit_scene::new(of_surface, info, shared, geometry, surface_px);
-        let reflection = of_surface.push(lit(&water::reflection::INFO)?);
-        let refraction = of_surface.push(lit(&water::refraction::INFO)?);
+        let reflection = of_surface.push(lit(&lit_scene::REFLECTION)?);
+        let refraction = of_surface.push(lit(&lit_scene::REFRACTION)?);
 
         let seen = &gbuffer.depth;
         let [caustics, godrays] = photon_grids(resources, shared, light, seen, params, &plan)?;
@@ -149,7 +148,7 @@ fn photon_grids(
         depth_share: params.caustics.filter_depth_share as f32,
     };
     let filter = |of: &Resources<'_>, drawn: &Sums| {
-        low_pass::guided(of, &caustics::filter::INFO, drawn, (shared, seen), &guide)
+        low_pass::guided(of, &low_pass::CAUSTICS, drawn, (shared, seen), &guide)
     };
     let caustics = photon_stages(
         resources,
@@ -171,9 +170,8 @@ fn photon_grids(
         taps: params.godrays.filter_taps,
         radius_px: params.godrays.filter_radius_px as f32,
     };
-    let filter = |of: &Resources<'_>, drawn: &Sums| {
-        low_pass::new(of, &godrays::filter::INFO, drawn, &settings)
-    };
+    let filter =
+        |of: &Resources<'_>, drawn: &Sums| low_pass::new(of, &low_pass::GODRAYS, drawn, &settings);
     let godrays = photon_stages(
         resources,
         shared,

@@ -13,6 +13,7 @@ use super::voxelization;
 use fathom_gpu::GpuError;
 use fathom_scene::Scene;
 use fathom_stages::ao;
+use fathom_stages::bilateral;
 use fathom_stages::geometry::Geometry;
 use fathom_stages::kit::Resources;
 use fathom_stages::marching::Marching;
@@ -59,7 +60,7 @@ impl Pipeline for VolumeAo {
             params.buffer_px(),
         )?;
         let march = of_buffer.push(march);
-        let filter = params.ao.filter.then_some((&ao::bilateral::INFO, &params.filter));
+        let filter = params.ao.filter.then_some((&bilateral::AO, &params.filter));
         let composed =
             Composed::new(resources, &seen, (scene, &geometry), &march, filter, &params.compose)?;
         let buffers = OcclusionBuffers {

@@ -13,14 +13,14 @@ settings! {
         position_m: [f64; 3] => -1e5 ..= 1e5, "m";
         /// The point in the middle of the picture.
         target_m: [f64; 3] => -1e5 ..= 1e5, "m";
-        /// Direction that points up in the picture.
+        /// Direction that points up in the picture, not parallel to the view.
         #[serde(default = "up")]
         up: [f64; 3] => -1e5 ..= 1e5, "1";
         /// Vertical opening angle.
         fov_y_deg: f64 => 1.0 ..= 170.0, "°";
         /// Distance of the near clipping plane.
         z_near_m: f64 => 1e-4 ..= 1e5, "m";
-        /// Distance of the far clipping plane. With the near plane it sets the point at which the light looks (UW §3.1), so
+        /// Distance of the far clipping plane, more than `z_near_m`. With the near plane it sets the point at which the light looks (UW §3.1), so
         /// keep it at the scene's depth.
         z_far_m: f64 => 1e-4 ..= 1e5, "m";
     }

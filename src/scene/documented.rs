@@ -1,44 +1,52 @@
-//! `docs/scenes.md` names every key of a scene file and every generator, and no other.
+//! `docs/scenes.md`: tables of keys and generators are written from their declarations, by `FATHOM_BLESS=1`; of types that are no settings
+//! the keys are checked.
+
+use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::generators::{self, Param, fields};
 use super::{Camera, Light, Material, ObjectFile, SceneFile, Transform, VolumeFile, Water, Wave};
-use fathom_base::parameter::names_of;
+use fathom_base::parameter::{self, Allowed, Field, Setting, names_of};
 
-const DOCS: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/scenes.md"));
+const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/scenes.md");
+/// Resolved while a file is read: they never reach the type.
+const RESOLVED: [&str; 2] = ["base", "without"];
 
 /// The keys of the table under a heading.
-fn documented(heading: &str) -> Vec<&'static str> {
-    let (_, section) = DOCS
-        .split_once(&format!("\n## {heading}\n"))
-        .unwrap_or_else(|| panic!("no section {heading}"));
+fn documented<'d>(docs: &'d str, heading: &str) -> Vec<&'d str> {
+    let (_, section) = docs.split_once(&format!("\n## {heading}\n")).expect(heading);
     let section = section.split("\n## ").next().unwrap_or_default();
     let rows = section.lines().filter_map(|line| line.strip_prefix("| `"));
-    rows.filter_map(|row| Some(row.split_once('`')?.0)).collect()
+    let keys = rows.filter_map(|row| Some(row.split_once('`')?.0));
+    keys.filter(|key| !RESOLVED.contains(key)).collect()
 }
 
-#[test]
-fn every_key_is_documented_and_every_documented_key_is_one() {
-    let sections = [
-        ("Top level", names_of::<SceneFile>()),
-        ("`[camera]`", names_of::<Camera>()),
-        ("`[light]`", names_of::<Light>()),
-        ("`[water]`", names_of::<Water>()),
-        ("`[[water.waves]]`", names_of::<Wave>()),
-        ("`[[object]]`", names_of::<ObjectFile>()),
-        ("`[object.transform]`", names_of::<Transform>()),
-        ("`[object.material]`", names_of::<Material>()),
-        ("`[volume]`", names_of::<VolumeFile>()),
-    ];
-    for (heading, keys) in sections {
-        let mut documented = documented(heading);
-        // Resolved while the file is read: they never reach the type.
-        if heading == "Top level" {
-            documented.retain(|key| !["base", "without"].contains(key));
-        }
-        assert_eq!(documented, keys, "{heading}");
-    }
-    let count = DOCS.matches("\n## ").count();
-    assert_eq!(count, sections.len() + 2, "a section that no type stands for");
+/// A group's rows. What has no default is required.
+fn rows<T: Setting>(defaults: &impl Serialize) -> String {
+    // By text, so that 32-bit floats are as short as they are written.
+    let text = serde_json::to_string(defaults).expect("plain values");
+    let defaults: Value = serde_json::from_str(&text).expect("what was written");
+    let row = |Field { path, allowed, unit, about }: Field| {
+        let range = match allowed {
+            Allowed::Numbers(range) => format!("{} to {}", range.low, range.high),
+            Allowed::Names(names) => format!("`{}`", names.join("`, `")),
+            Allowed::Flag => "`true`, `false`".to_owned(),
+            Allowed::Free => String::new(),
+        };
+        let default = defaults.get(&path);
+        let default = default.map_or("required".to_owned(), |value| format!("`{value}`"));
+        format!("| `{path}` | {unit} | {range} | {default} | {} |\n", about.replace('|', "\\|"))
+    };
+    parameter::fields::<T>().into_iter().map(row).collect()
+}
+
+/// The text with these rows in the table under a heading.
+fn with_rows(docs: &str, heading: &str, rows: &str) -> String {
+    const HEADER: &str = "| key | unit | range | default | meaning |\n|---|---|---|---|---|\n";
+    let section = docs.find(&format!("\n## {heading}\n")).expect(heading);
+    let first = section + docs[section..].find(HEADER).expect("a table") + HEADER.len();
+    let end = docs[first..].find("\n\n").map_or(docs.len(), |end| first + end + 1);
+    format!("{}{rows}{}", &docs[..first], &docs[end..])
 }
 
 /// The sections on generators as the program's own declarations have them.
@@ -64,11 +72,36 @@ fn generator_rows(name: &str, about: &str, params: &[Param]) -> String {
 }
 
 #[test]
-fn generators_are_documented_as_they_are_declared() {
-    let expected = generator_sections();
-    let found = DOCS.find("## Generators of objects").map_or("", |at| &DOCS[at..]);
-    for (expected, found) in expected.lines().zip(found.lines()) {
-        assert_eq!(found, expected, "docs/scenes.md");
+fn keys_and_generators_are_documented_as_they_are_declared() {
+    let found = std::fs::read_to_string(PATH).unwrap();
+    let up = json!({ "up": Camera::new([0.0; 3], [1.0; 3], 60.0, [0.1, 1.0]).up });
+    let tables = [
+        ("`[camera]`", rows::<Camera>(&up)),
+        ("`[light]`", rows::<Light>(&Light::default())),
+        ("`[water]`", rows::<Water>(&Water::default())),
+        ("`[[water.waves]]`", rows::<Wave>(&json!({ "phase_rad": 0.0 }))),
+        ("`[object.transform]`", rows::<Transform>(&Transform::default())),
+        ("`[object.material]`", rows::<Material>(&Material::default())),
+    ];
+    let start = found.find("## Generators of objects").expect("a section on generators");
+    let mut expected = format!("{}{}", &found[..start], generator_sections());
+    for (heading, rows) in &tables {
+        expected = with_rows(&expected, heading, rows);
     }
-    assert!(found.trim_end() == expected.trim_end(), "docs/scenes.md should end with:\n{expected}");
+    if std::env::var_os("FATHOM_BLESS").is_some() {
+        std::fs::write(PATH, &expected).unwrap();
+    }
+    let differs = found.lines().zip(expected.lines()).find(|(found, expected)| found != expected);
+    assert_eq!(differs, None, "docs/scenes.md: FATHOM_BLESS=1 writes it");
+    assert_eq!(found, expected, "docs/scenes.md: FATHOM_BLESS=1 writes it");
+    let keys = [
+        ("Top level", names_of::<SceneFile>()),
+        ("`[[object]]`", names_of::<ObjectFile>()),
+        ("`[volume]`", names_of::<VolumeFile>()),
+    ];
+    for (heading, keys) in keys {
+        assert_eq!(documented(&found, heading), keys, "{heading}");
+    }
+    let sections = tables.len() + 3 + 2;
+    assert_eq!(found.matches("\n## ").count(), sections, "a section that no type stands for");
 }

@@ -84,9 +84,9 @@ settings! {
         scale: f64 = 1.0 => 1e-6 ..= 1e6, "1";
         /// Turns about x, then y, then z.
         rotate_deg: [f64; 3] = [0.0; 3];
-        /// y from `on`.
+        /// Where it is moved, y from `on`.
         translate_m: [f64; 3] = [0.0; 3];
-        /// What y is measured from.
+        /// What y is measured from: the floor, or the water at rest.
         on: Stand = Stand::Floor;
     }
 }

@@ -24,9 +24,9 @@ settings! {
     pub struct Light {
         /// Parallel rays or rays from a point.
         kind: LightKind = LightKind::Directional;
-        /// The way a directional light's rays travel; need not have unit length.
+        /// The way a directional light's rays travel: downwards, of any length.
         direction: [f64; 3] = [0.25, -1.0, -0.15] => -1e5 ..= 1e5, "1";
-        /// Where a point light stands.
+        /// Where a point light stands, above the water.
         position_m: [f64; 3] = [0.0, 10.0, 0.0] => -1e5 ..= 1e5, "m";
         /// Radiant intensity of a point light. For a directional light the same number is read as irradiance at normal
         /// incidence, W/m².

@@ -93,17 +93,18 @@ settings! {
     pub struct Material {
         /// Diffuse reflectance, linear RGB, 0 … 1.
         albedo: [f32; 3] = [0.7; 3];
-        /// Colour of the joints or checks of the pattern.
+        /// Colour of the joints between tiles, 0 … 1.
         accent: [f32; 3] = [0.5; 3];
-        /// Size of the world-space pattern; 0 = plain.
+        /// Side of a world-space tile; 0: plain.
         tile_m: f32 = 0.0 => 0.0 ..= 1000.0, "m";
-        /// Opacity: what max-alpha voxelization stores. VAO Fig. 6.
+        /// Opacity, which max-alpha voxelization stores (VAO Fig. 6).
         alpha: f32 = 1.0 => 0.0 ..= 1.0, "1";
-        /// Reflectance of the glossy lobe. VAO §6.
+        /// Reflectance of the glossy lobe (VAO §6).
         specular: f32 = 0.0 => 0.0 ..= 1.0, "1";
-        /// What becomes of photons and of lines of sight that meet it. SPT §2.3.
+        /// What becomes of photons and of lines of sight that meet it, in pipelines `photon_tracing` and `refraction`: they end, are reflected,
+        /// or refracted; `glass` needs an `alpha` below 1. SPT §2.3.
         optics: Optics = Optics::Diffuse;
-        /// Whether it is a receiver of shadows, on which SPT §5 starts rays to the light.
+        /// Whether rays of pipeline `shadow_rays` start here where its `receivers_only` is set. SPT §5.
         receiver: bool = false;
         /// Of glass, against air.
         refractive_index: f32 = 1.5 => 1.0 ..= 4.0, "1";

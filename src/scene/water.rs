@@ -31,10 +31,11 @@ pub enum WaterModel {
 choices!(WaterModel);
 
 settings! {
-    /// Surface and medium. Amplitude, wavelength, noise, seed, time and period are those of the models `circular` and
-    /// `directional`: with `amplitude_m = 0` their surface is flat, with `noise = 0` a pure cosine.
+    /// Surface and medium. With `amplitude_m = 0` the surface of the models `circular` and `directional` is flat, with `noise = 0` a pure
+    /// cosine.
     pub struct Water {
-        /// What shapes the surface.
+        /// What shapes the surface: rings about the centre or crests along z (UW §4.1), or the list `waves`. Amplitude, wavelength, noise,
+        /// seed, time and period are of the first two.
         model: WaterModel = WaterModel::Circular;
         /// Bound of the elevation's magnitude.
         amplitude_m: f64 = 0.08 => 0.0 ..= 100.0, "m";
@@ -61,7 +62,7 @@ settings! {
         /// Whether a photon's energy is multiplied by the share of unpolarised light that the surface lets through (Fresnel).
         /// UW has none.
         fresnel: bool = false;
-        /// The waves of the model `waves`.
+        /// The waves of the model `waves`, at most 1024.
         waves: Vec<Wave> = Vec::new();
     }
 }

@@ -4,7 +4,6 @@ use std::iter::successors;
 
 use crate::prelude::*;
 use fathom_stages::lit_scene;
-use fathom_stages::water;
 
 /// Scene with columns, curved objects and walls.
 const SCENE: &str = "tank";
@@ -102,7 +101,7 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
 }
 
 fn reflection(rig: &Rig<'_>) -> Result<Check> {
-    let shore = Shore::new(rig, &water::reflection::INFO)?;
+    let shore = Shore::new(rig, &lit_scene::REFLECTION)?;
     // The picture of the world mirrored about `level`, kept on the camera's own side.
     let unlike = |level: f64| {
         let mirror = |v: DVec3, level: f64| DVec3::new(v.x, 2.0 * level - v.y, v.z);
@@ -118,7 +117,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Check> {
 }
 
 fn refraction(rig: &Rig<'_>) -> Result<Check> {
-    let shore = Shore::new(rig, &water::refraction::INFO)?;
+    let shore = Shore::new(rig, &lit_scene::REFRACTION)?;
     let unlike = |level: f64| shore.unlike(|ray| ray, |y| y <= level + shore.overlap_m());
     Ok(Check::of(rig, "share of pixels unlike exact rays")
         .within((0.01, "1"), unlike(0.0))

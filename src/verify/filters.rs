@@ -4,7 +4,6 @@ use crate::prelude::*;
 use fathom_gpu::Column;
 use fathom_stages::low_pass::{self, FilterUniforms, GuidedUniforms};
 use fathom_stages::splatting::Sums;
-use fathom_stages::{caustics, godrays};
 
 const SIZE: [u32; 2] = [96, 64];
 const TAPS: u32 = 16;
@@ -18,7 +17,7 @@ const APART_PX: u32 = 16;
 const MEAN: f64 = 0.50188;
 
 pub fn cases() -> Vec<Case> {
-    let [caustics, godrays] = [caustics::filter::INFO.name, godrays::filter::INFO.name];
+    let [caustics, godrays] = [low_pass::CAUSTICS.name, low_pass::GODRAYS.name];
     vec![
         Case::new(caustics, "points of light and noise", |rig| plain(rig, caustics_alone)),
         Case::new(godrays, "points of light and noise", |rig| plain(rig, godrays_alone)),
@@ -39,8 +38,7 @@ fn guided(
     let settings =
         GuidedUniforms { taps: TAPS, radius_px: radius_px as f32, depth_share: share as f32 };
     let guide = (&Shared::new(rig, view), depth);
-    let stage =
-        low_pass::guided(rig, &caustics::filter::INFO, &sums(rig, image), guide, &settings)?;
+    let stage = low_pass::guided(rig, &low_pass::CAUSTICS, &sums(rig, image), guide, &settings)?;
     rig.drawn(&[&stage], stage.texture(), 0)
 }
 
@@ -52,7 +50,7 @@ fn caustics_alone(rig: &Rig<'_>, image: &Image, radius_px: f64) -> Result<Image>
 
 fn godrays_alone(rig: &Rig<'_>, image: &Image, radius_px: f64) -> Result<Image> {
     let settings = FilterUniforms { taps: TAPS, radius_px: radius_px as f32 };
-    let stage = low_pass::new(rig, &godrays::filter::INFO, &sums(rig, image), &settings)?;
+    let stage = low_pass::new(rig, &low_pass::GODRAYS, &sums(rig, image), &settings)?;
     rig.drawn(&[&stage], stage.texture(), 0)
 }
 

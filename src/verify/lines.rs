@@ -191,7 +191,7 @@ fn scattered(rig: &Rig<'_>) -> Result<Check> {
         let (view, photon) = (&pipeline.view, &rig.read_photons(&pipeline.godrays.photons)?[0]);
         let matrix = params.camera.view_projection(view.aspect());
         let rays = PixelRays::of_matrix(matrix, buffer[0], buffer[1]);
-        let ends = [photon.entry, photon.hit];
+        let ends = [photon.entry(), photon.hit()];
         let line = Segment::new(ends, &rays).ok_or_else(|| rig.empty("scattered light"))?;
         let (way, pixel) = (ends[1] - ends[0], view.pixel_tangent(buffer).powi(2));
         let image = rig.channel(&pipeline.godrays.drawn.texture, 0)?;

@@ -13,7 +13,6 @@ use fathom_pipelines::{Built, Drawing, caustics_image};
 use fathom_reference::image::Image;
 use fathom_reference::optics::transmittance;
 use fathom_reference::photons::place_in_grid;
-use fathom_reference::quantities::{StoredPhoton, stored_photons};
 use fathom_reference::rays::{Hit, PixelRays, Tracer};
 use fathom_scene::{Camera, LightFrame, LightKind, Mesh, Object, Scene};
 use fathom_stages::gbuffer::GbufferTextures;
@@ -167,8 +166,8 @@ impl<'g> Rig<'g> {
         Ok(texels.map(vector).collect())
     }
 
-    pub fn read_photons(&self, photons: &Photons) -> Result<Vec<StoredPhoton>, GpuError> {
-        Ok(stored_photons(&read_buffer(self.gpu, &photons.buffer)?))
+    pub fn read_photons(&self, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
+        photons.read(self.gpu)
     }
 
     /// What a buffer holds.
@@ -339,7 +338,7 @@ pub fn synthetic_view(size_px: [u32; 2], gamma_per_m: f64) -> Result<View> {
 pub fn photon(entry: DVec3, hit: DVec3, distance_m: f64) -> Photon {
     Photon {
         entry_m: entry.as_vec3(),
-        residual_m: 0.0,
+        fate: 0,
         hit_m: hit.as_vec3(),
         distance_m: distance_m as f32,
     }

@@ -9,14 +9,14 @@ use crate::caustics_image::{Compared, FoundCaustics, channel};
 use crate::off_frustum::Frustum;
 use crate::{Drawing, Judge, JudgeError, Judged};
 use crate::{exact_of, judged_view, named, objects_of, share};
-use fathom_gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
+use fathom_gpu::{Gpu, GpuError, read_texture, read_volume};
 use fathom_reference::photons::{land, place_in_grid};
-use fathom_reference::quantities::{StoredPhoton, quantile, stored_photons};
+use fathom_reference::quantities::quantile;
 use fathom_reference::rays::{Hit, Tracer};
 use fathom_reference::specular::{End, Surfaces};
 use fathom_scene::{Optics, Scene};
 use fathom_stages::geometry::Part;
-use fathom_stages::photon::{MISSED, ON_ITS_WAY, OUTSIDE};
+use fathom_stages::photon::{Fate, Photon};
 use fathom_stages::sprites;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
@@ -76,9 +76,9 @@ impl Ends {
     }
 
     /// `found` is all that a photon lights: its end, or the first intersections of its ray.
-    fn add(&mut self, found: &[StoredPhoton], exact: &Exact, wrong_m: f64) {
+    fn add(&mut self, found: &[Photon], exact: &Exact, wrong_m: f64) {
         let Exact { in_view, position, .. } = *exact;
-        let landed = found[0].landed();
+        let landed = found[0].has_landed();
         self.count("photon_off_frustum_rate", [!in_view]);
         self.count("photon_false_hit_rate", [landed && !in_view]);
         self.count("caustics_photon_miss_rate", [!landed || !in_view]);
@@ -90,15 +90,18 @@ impl Ends {
         self.count("photon_occluded_rate", [exact.occluder]);
         self.count("photon_specular_rate", [exact.specular]);
         if exact.occluder {
-            let way_m = |end: DVec3| end.distance(found[0].entry);
-            let behind = |hit: &StoredPhoton| way_m(hit.hit) > way_m(position) + wrong_m;
-            self.count("photon_passed_rate", [found.iter().any(|hit| hit.landed() && behind(hit))]);
+            let way_m = |end: DVec3| end.distance(found[0].entry());
+            let behind = |hit: &Photon| way_m(hit.hit()) > way_m(position) + wrong_m;
+            self.count(
+                "photon_passed_rate",
+                [found.iter().any(|hit| hit.has_landed() && behind(hit))],
+            );
         }
         if exact.specular {
             self.count("photon_specular_miss_rate", [!landed]);
         }
         if landed {
-            let error_m = found[0].hit.distance(position);
+            let error_m = found[0].hit().distance(position);
             self.count("photon_wrong_surface_rate", [error_m > wrong_m]);
             self.errors_m.push(error_m);
             self.specular_errors_m.extend(exact.specular.then_some(error_m));
@@ -106,8 +109,9 @@ impl Ends {
     }
 
     /// Of a photon that lights all intersections of its ray.
-    fn add_along(&mut self, found: &[StoredPhoton], along: &[DVec3], wrong_m: f64) {
-        let lit: Vec<_> = found.iter().filter(|hit| hit.landed()).map(|hit| hit.hit).collect();
+    fn add_along(&mut self, found: &[Photon], along: &[DVec3], wrong_m: f64) {
+        let lit: Vec<_> =
+            found.iter().filter(|hit| hit.has_landed()).map(|hit| hit.hit()).collect();
         let is_far =
             |from: &[DVec3], place: DVec3| from.iter().all(|p| p.distance(place) > wrong_m);
         self.count("photons_full_rate", [lit.len() == found.len()]);
@@ -124,10 +128,10 @@ impl Drawing for PhotonTracing {
     /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass. Of the layers
     /// what SPT §2.2 counts in a pass of its own: the most surfaces behind a pixel, and the share of all that lie behind the eighth.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let stored = self.stored(gpu)?;
+        let stored = self.photons.read(gpu)?;
         let photons: Vec<_> = stored.chunks(self.photons.per_ray as usize).collect();
-        let rate = |residual_m: f32| {
-            let alike = photons.iter().filter(|p| p[0].residual_m == f64::from(residual_m));
+        let rate = |fate: Fate| {
+            let alike = photons.iter().filter(|p| p[0].fate() == fate);
             share(alike.count(), photons.len())
         };
         let depths = read_volume(gpu, &self.layers.depths, 0)?.data;
@@ -139,9 +143,9 @@ impl Drawing for PhotonTracing {
         Ok(named([
             ("depth_complexity", deepest as f64),
             ("fragments_behind_8_rate", share(behind_8, fragments.iter().sum())),
-            ("missed_water_rate", rate(MISSED)),
-            ("photon_no_hit_rate", rate(OUTSIDE)),
-            ("photon_on_its_way_rate", rate(ON_ITS_WAY)),
+            ("missed_water_rate", rate(Fate::MissedWater)),
+            ("photon_no_hit_rate", rate(Fate::LeftLight)),
+            ("photon_on_its_way_rate", rate(Fate::StillBouncing)),
         ]))
     }
 
@@ -158,14 +162,10 @@ impl Drawing for PhotonTracing {
 }
 
 impl PhotonTracing {
-    fn stored(&self, gpu: &Gpu) -> Result<Vec<StoredPhoton>, GpuError> {
-        Ok(stored_photons(&read_buffer(gpu, &self.photons.buffer)?))
-    }
-
     /// Errors of the last frame's photons. `src/experiments/words.rs` says what each rate counts; `caustics_photon_error_median_m` and
     /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names. Of large grids an even selection is compared.
     fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
-        let mut ends = self.ends(&self.stored(gpu)?, scene)?;
+        let mut ends = self.ends(&self.photons.read(gpu)?, scene)?;
         let median_m = quantile(&mut ends.errors_m, 0.5);
         let of_all = ["photon_miss_rate", "photon_wrong_surface_rate", "caustics_photon_miss_rate"];
         let errors = of_all.map(|rate| (rate, ends.rate(rate), "1"));
@@ -186,7 +186,7 @@ impl PhotonTracing {
         Ok(judged)
     }
 
-    fn ends(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Ends, JudgeError> {
+    fn ends(&self, found: &[Photon], scene: &Scene) -> Result<Ends, JudgeError> {
         let objects = objects_of(scene, Part::Solid);
         let tracer = &Tracer::new(&objects);
         let view = judged_view(&self.view, scene);
@@ -238,17 +238,16 @@ impl PhotonTracing {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
+    use fathom_stages::photon::OUTSIDE;
 
     #[test]
     fn photons_out_of_view_are_told_apart_from_errors() {
-        let found = |residual_m: f64| StoredPhoton {
-            entry: DVec3::ZERO,
-            residual_m,
-            hit: DVec3::NEG_Y,
-            distance_m: 1.0,
-        };
-        let (hit, lost) = (found(0.0), found(f64::from(OUTSIDE)));
+        let found =
+            |fate: u32| Photon { entry_m: Vec3::ZERO, fate, hit_m: Vec3::NEG_Y, distance_m: 1.0 };
+        let (hit, lost) = (found(0), found(OUTSIDE));
         let mut ends = Ends::default();
         let exact = |y, in_view| Exact { position: DVec3::Y * y, in_view, ..Exact::default() };
         ends.add(&[hit], &exact(-1.5, true), WRONG_M);

@@ -5,16 +5,40 @@ use std::collections::BTreeMap;
 use super::{PhotonGrid, Underwater};
 use crate::off_frustum::Frustum;
 use crate::{JudgeError, Judged, even_step, judged_view, share};
-use fathom_gpu::{Gpu, read_buffer};
+use fathom_gpu::Gpu;
 use fathom_record::ErrorFigure;
-use fathom_reference::photons::{PhotonGrid as ExactGrid, land_all};
-use fathom_reference::quantities::{StoredPhoton, photon_errors, stored_photons};
+use fathom_reference::photons::{Landing, PhotonGrid as ExactGrid, land_all};
+use fathom_reference::quantities::quantile;
 use fathom_reference::rays::Tracer;
 use fathom_scene::Scene;
-use fathom_stages::{caustics, godrays};
+use fathom_stages::photon::{self, Fate, Photon, Photons};
 
 /// At most this many photons of a grid are compared with the reference: enough for a 99th percentile.
 const MOST_PHOTONS: usize = 10_000;
+
+/// Photons held against exact ones.
+#[derive(Default)]
+struct Found {
+    /// Of those that land by both: distance from where they land exactly, metres.
+    errors_m: Vec<f64>,
+    /// Land exactly, lost on the GPU.
+    missed: usize,
+    /// Land on the GPU, not exactly.
+    false_hits: usize,
+}
+
+impl Found {
+    fn add(&mut self, photon: &Photon, exact: &Landing) {
+        match (photon.has_landed(), exact.landed()) {
+            (true, Some(landed)) => {
+                self.errors_m.push(photon.hit().distance(landed.hit.position));
+            }
+            (false, Some(_)) => self.missed += 1,
+            (true, None) => self.false_hits += 1,
+            (false, None) => {}
+        }
+    }
+}
 
 impl Underwater {
     /// Errors of the last frame's photons, of both grids: `caustics_photon_error_median_m`, `…_photon_error_p99_m`,
@@ -30,13 +54,16 @@ impl Underwater {
             let PhotonGrid { grid: cells, offset, jitter, .. } = settings;
             let grid = ExactGrid { cells, side: settings.side(), offset, jitter };
             let step = even_step(grid.count() as usize, MOST_PHOTONS);
-            let photons = stored_photons(&read_buffer(gpu, photons)?);
-            let tolerance_m = f64::from(settings.tolerance_m as f32);
-            let unconverged = photons.iter().filter(|p| p.residual_m > tolerance_m);
+            let photons = photons.read(gpu)?;
+            let tolerance_m = settings.tolerance_m as f32;
+            let unconverged = photons.iter().filter(
+                |p| matches!(p.fate(), Fate::Landed { residual_m } if residual_m > tolerance_m),
+            );
             let unconverged_rate = unconverged.count() as f64 / photons.len() as f64;
-            let judged: Vec<StoredPhoton> = photons.into_iter().step_by(step).collect();
+            let judged: Vec<Photon> = photons.into_iter().step_by(step).collect();
             let landings = land_all(&frame, &view.water, &tracer, grid, step);
-            let found = photon_errors(&judged, &landings);
+            let mut found = Found::default();
+            judged.iter().zip(&landings).for_each(|(photon, exact)| found.add(photon, exact));
             let exact = landings.iter().map(|exact| exact.landed());
             let pairs = judged.iter().zip(exact).filter_map(|(p, exact)| Some((p, exact?)));
             let kept_out = pairs.filter(|(_, at)| frustum.is_kept_out(&at.hit, at.direction));
@@ -45,10 +72,10 @@ impl Underwater {
             let leaked = leaks.iter().filter(|leaks| **leaks).count();
             quantities.insert(format!("{name}_photon_leak_rate"), share(leaked, leaks.len()));
             let figures = [
-                ("photon_error_median_m", found.median_m, "m"),
-                ("photon_error_p99_m", found.p99_m, "m"),
-                ("photon_miss_rate", found.miss_rate, "1"),
-                ("photon_false_hit_rate", found.false_hit_rate, "1"),
+                ("photon_error_median_m", quantile(&mut found.errors_m, 0.5), "m"),
+                ("photon_error_p99_m", quantile(&mut found.errors_m, 0.99), "m"),
+                ("photon_miss_rate", share(found.missed, found.missed + found.errors_m.len()), "1"),
+                ("photon_false_hit_rate", share(found.false_hits, judged.len()), "1"),
                 ("unconverged_rate", unconverged_rate, "1"),
             ];
             errors.extend(figures.map(|(figure, value, unit)| {
@@ -59,12 +86,12 @@ impl Underwater {
     }
 
     /// Both photon grids: name, stage that traces it, settings, photons.
-    pub(super) fn grids(&self) -> [(&'static str, &'static str, PhotonGrid, &wgpu::Buffer); 2] {
-        let caustics = (self.params.caustics.grid_settings(), &self.caustics.photons.buffer);
-        let godrays = (self.params.godrays.grid_settings(), &self.godrays.photons.buffer);
+    pub(super) fn grids(&self) -> [(&'static str, &'static str, PhotonGrid, &Photons); 2] {
+        let caustics = (self.params.caustics.grid_settings(), &self.caustics.photons);
+        let godrays = (self.params.godrays.grid_settings(), &self.godrays.photons);
         [
-            ("caustics", caustics::trace::INFO.name, caustics.0, caustics.1),
-            ("godrays", godrays::trace::INFO.name, godrays.0, godrays.1),
+            ("caustics", photon::CAUSTICS.name, caustics.0, caustics.1),
+            ("godrays", photon::GODRAYS.name, godrays.0, godrays.1),
         ]
     }
 }

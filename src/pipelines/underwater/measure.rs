@@ -6,9 +6,9 @@ use glam::{DVec2, DVec4};
 
 use super::Underwater;
 use super::grid::largest_contraction;
-use fathom_gpu::{Gpu, GpuError, read_buffer};
+use fathom_gpu::{Gpu, GpuError};
 use fathom_reference::godray::covered_px;
-use fathom_stages::photon::{MISSED, OUTSIDE, Photon, PhotonEstimator, Photons};
+use fathom_stages::photon::{Fate, Photon, PhotonEstimator};
 
 impl Underwater {
     /// Pixels that the lines of godrays cover in their buffer, each line's counted, hidden or not.
@@ -21,9 +21,9 @@ impl Underwater {
             let share = DVec2::new(ndc.x * 0.5 + 0.5, 0.5 - ndc.y * 0.5);
             share * size
         };
-        let drawn = photons.iter().filter(|p| p.residual_m >= 0.0 && p.distance_m > 0.0);
+        let drawn = photons.iter().filter(|p| p.has_landed() && p.distance_m > 0.0);
         let lines = drawn.filter_map(|photon| {
-            let ends = [photon.entry_m, photon.hit_m].map(|p| matrix * p.as_dvec3().extend(1.0));
+            let ends = [photon.entry(), photon.hit()].map(|p| matrix * p.extend(1.0));
             let [start, end] = ends;
             // The part in front of the near plane.
             let crossing = || start.lerp(end, (near_m - start.w) / (end.w - start.w));
@@ -37,9 +37,9 @@ impl Underwater {
     fn in_view(&self, photons: &[Photon]) -> f64 {
         let matrix = self.view.camera.view_projection(self.view.aspect());
         let lands = |photon: &&Photon| {
-            let clip = matrix * photon.hit_m.as_dvec3().extend(1.0);
+            let clip = matrix * photon.hit().extend(1.0);
             let across = clip.truncate().truncate().abs().max_element() <= clip.w;
-            photon.residual_m >= 0.0 && across && (0.0..=clip.w).contains(&clip.z)
+            photon.has_landed() && across && (0.0..=clip.w).contains(&clip.z)
         };
         photons.iter().filter(lands).count() as f64 / photons.len() as f64
     }
@@ -53,14 +53,14 @@ impl Underwater {
                 let factor = largest_contraction(&self.view);
                 quantities.insert(format!("{name}_contraction"), factor);
             }
-            let photons: Vec<Photon> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, photons)?);
-            let share = |residual_m: f32| {
-                let alike = photons.iter().filter(|p| p.residual_m == residual_m);
+            let photons = photons.read(gpu)?;
+            let share = |fate: Fate| {
+                let alike = photons.iter().filter(|p| p.fate() == fate);
                 alike.count() as f64 / photons.len() as f64
             };
             let figures = [
-                ("missed_water_rate", share(MISSED)),
-                ("left_frustum_rate", share(OUTSIDE)),
+                ("missed_water_rate", share(Fate::MissedWater)),
+                ("left_frustum_rate", share(Fate::LeftLight)),
                 ("in_view_rate", self.in_view(&photons)),
             ];
             quantities.extend(figures.map(|(figure, value)| (format!("{name}_{figure}"), value)));
@@ -71,9 +71,4 @@ impl Underwater {
         }
         Ok(quantities)
     }
-}
-
-/// Reads a photon buffer back.
-pub fn read_photons(gpu: &Gpu, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
-    Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &photons.buffer)?))
 }

@@ -6,12 +6,10 @@ use fathom::pipelines::Built;
 use fathom::pipelines::underwater::{Params, Underwater};
 use fathom::reference::optics::refract;
 use fathom::reference::photons::{Landing, PhotonGrid, land_all};
-use fathom::reference::quantities::StoredPhoton;
 use fathom::reference::rays::Tracer;
 use fathom::scene::{Bounds, Camera, LightFrame, LightKind, Mesh, Object};
 use fathom::scene::{Scene, SceneFile, Water, WaterModel, Wave};
-use fathom::stages::caustics::trace::INFO;
-use fathom::stages::photon::MISSED;
+use fathom::stages::photon::{CAUSTICS, Fate, Photon};
 use fathom::verify::rig::{Random, Rig};
 use glam::DVec3;
 
@@ -186,7 +184,7 @@ struct Traced {
     frame: LightFrame,
     grid: PhotonGrid,
     tracer: Tracer,
-    photons: Vec<StoredPhoton>,
+    photons: Vec<Photon>,
     landings: Vec<Landing>,
 }
 
@@ -201,9 +199,9 @@ impl Traced {
         (params.shadow.size, params.shadow.edge_m) = (shadow_px, 0.005);
         (params.caustics.grid, params.caustics.mask, params.godrays.grid) = (cells, false, 1);
         (params.caustics.jitter, params.caustics.step_px) = (0.0, step_px);
-        let (rig, grid) = (Rig::new(gpu, INFO.name), PhotonGrid::new(cells, 2));
+        let (rig, grid) = (Rig::new(gpu, CAUSTICS.name), PhotonGrid::new(cells, 2));
         let pipeline = Built::<Underwater>::new(gpu, scene, &params).unwrap();
-        rig.run_until(&pipeline, INFO.name).unwrap();
+        rig.run_until(&pipeline, CAUSTICS.name).unwrap();
         let (frame, tracer) = (pipeline.view.light_frame(), Tracer::new(&scene.objects));
         let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
         let photons = rig.read_photons(&pipeline.caustics.photons).unwrap();
@@ -243,8 +241,8 @@ fn photons_enter_the_water_where_their_rays_meet_it_first() {
                 Landing::Blocked | Landing::MissesWater => continue,
             };
             let off = |entry: DVec3| entry.distance(exact) / scene.water.bound_m();
-            let entered = photon.residual_m != f64::from(MISSED);
-            wrong += usize::from(!entered || off(photon.entry) > ENTRY);
+            let entered = photon.fate() != Fate::MissedWater;
+            wrong += usize::from(!entered || off(photon.entry()) > ENTRY);
             let ray = traced.frame.photon_ray(traced.grid.ndc(i as u64));
             count += 1;
             newtons += usize::from(off(three_newton_steps(&scene.water, ray)) > ENTRY);
@@ -302,7 +300,7 @@ fn photons_land_where_the_light_sees_them_land_behind_any_number_of_obstacles() 
                     Landing::Landed(exact) => exact.hit.position,
                     Landing::Leaves { .. } => {
                         sums[2] += 1;
-                        sums[3] += u32::from(photon.landed());
+                        sums[3] += u32::from(photon.has_landed());
                         continue;
                     }
                     Landing::Blocked | Landing::MissesWater => continue,
@@ -312,7 +310,8 @@ fn photons_land_where_the_light_sees_them_land_behind_any_number_of_obstacles() 
                 let seen = tracer.cast(origin, direction, 0.0, f64::MAX);
                 if within(ndc) && seen.is_some_and(|seen| seen.position.distance(exact) < 1e-6) {
                     sums[0] += 1;
-                    sums[1] += u32::from(!photon.landed() || photon.hit.distance(exact) > OFF_M);
+                    sums[1] +=
+                        u32::from(!photon.has_landed() || photon.hit().distance(exact) > OFF_M);
                 }
             }
         }

@@ -1,15 +1,14 @@
 //! Photons and shadows by rays through layers: none is lost on a level floor, lines and marching end them in the same place, and a mesh
 //! gives the same whether its faces share their corners.
 
-use fathom::gpu::{Gpu, read_buffer};
+use fathom::gpu::Gpu;
 use fathom::pipelines::photon_tracing::{Params, PhotonTracing};
 use fathom::pipelines::screen_tracing::Method;
 use fathom::pipelines::shadow_rays::ShadowRays;
 use fathom::reference::optics::refract;
-use fathom::reference::quantities::{StoredPhoton, stored_photons};
 use fathom::reference::rays::PixelRays;
 use fathom::scene::{Camera, Mesh, Object, Scene};
-use fathom::stages::photon::{MISSED, Photons};
+use fathom::stages::photon::{Fate, Photon, Photons};
 use fathom::stages::screen_ray::HitTest;
 use fathom::verify::rig::Random;
 use glam::{DMat4, DQuat, DVec3};
@@ -31,19 +30,20 @@ fn put(scene: &mut Scene, objects: Vec<Object>) {
     scene.bounds = of_objects.fold(scene.bounds, |all, one| all.union(one));
 }
 
-fn stored(gpu: &Gpu, photons: &Photons) -> Vec<StoredPhoton> {
-    stored_photons(&read_buffer(gpu, &photons.buffer).unwrap())
+fn stored(gpu: &Gpu, photons: &Photons) -> Vec<Photon> {
+    photons.read(gpu).unwrap()
 }
 
-fn photons(gpu: &Gpu, scene: &Scene, params: &Params) -> Vec<StoredPhoton> {
+fn photons(gpu: &Gpu, scene: &Scene, params: &Params) -> Vec<Photon> {
     stored(gpu, &built::<PhotonTracing>(gpu, scene, params).photons)
 }
 
 /// Share of the photons that end elsewhere: by more than a millimetre, or in another state.
-fn unlike(a: &[StoredPhoton], b: &[StoredPhoton]) -> f64 {
-    let off = a.iter().zip(b).filter(|(a, b)| {
-        a.residual_m != b.residual_m || (a.distance_m - b.distance_m).abs() > 1e-3
-    });
+fn unlike(a: &[Photon], b: &[Photon]) -> f64 {
+    let off = a
+        .iter()
+        .zip(b)
+        .filter(|(a, b)| a.fate != b.fate || (a.distance_m - b.distance_m).abs() > 1e-3);
     off.count() as f64 / a.len() as f64
 }
 
@@ -86,8 +86,8 @@ fn no_photon_on_a_level_floor_in_view_is_lost() {
         let pixel = 2.0 * (params.camera.fov_y_deg.to_radians() / 2.0).tan() / f64::from(height);
         let rays = PixelRays::new(&params.camera, width, height);
         // Where a photon ends exactly, and whether the middle of that pixel shows the floor.
-        let seen = |photon: &StoredPhoton| {
-            let end = photon.entry + along * ((FLOOR_Y - photon.entry.y) / along.y);
+        let seen = |photon: &Photon| {
+            let end = photon.entry() + along * ((FLOOR_Y - photon.entry().y) / along.y);
             let at = rays.project(end)?;
             let within = |by_px: f64| {
                 let inside = |px: f64, side: u32| px > by_px && px < f64::from(side) - by_px;
@@ -97,22 +97,22 @@ fn no_photon_on_a_level_floor_in_view_is_lost() {
             let (origin, sight, length) = rays.ray(at.x_px as u32, at.y_px as u32);
             let floor_m = (FLOOR_Y - origin.y) / sight.y;
             let is_shown = within(1.0) && floor_m > 0.0 && floor_m < 0.99 * length;
-            (in_view && photon.residual_m != f64::from(MISSED)).then_some((end, is_shown))
+            (in_view && photon.fate() != Fate::MissedWater).then_some((end, is_shown))
         };
         let told = format!("draw {seed}: {set} {:?} {:?}", params.camera, params.light.direction);
         for photon in photons(&gpu, &scene, &params) {
             let Some((end, is_shown)) = seen(&photon) else { continue };
             all += 1;
-            all_lost += usize::from(!photon.landed());
-            assert!(photon.landed() || !is_shown, "{told}: {photon:?}");
+            all_lost += usize::from(!photon.has_landed());
+            assert!(photon.has_landed() || !is_shown, "{told}: {photon:?}");
             let footprint_m = pixel * end.distance(params.camera.position());
-            let is_right = !photon.landed() || photon.hit.distance(end) < 0.1 * footprint_m;
+            let is_right = !photon.has_landed() || photon.hit().distance(end) < 0.1 * footprint_m;
             assert!(is_right, "{told}: {photon:?} instead of {end}");
         }
         // The paper's test loses many: the count can fail.
         params.rays.test = HitTest::Tolerance;
         params.rays.tolerance_m = 0.01 * scene.solid_bounds().times_tank();
-        let lost = |photon: &StoredPhoton| !photon.landed() && seen(photon).is_some();
+        let lost = |photon: &Photon| !photon.has_landed() && seen(photon).is_some();
         by_tolerance += photons(&gpu, &scene, &params).iter().filter(|photon| lost(photon)).count();
     }
     assert!(1000 * all_lost <= all && 10 * by_tolerance > all, "{all_lost} {by_tolerance} {all}");
@@ -203,7 +203,7 @@ fn lines_end_photons_where_marching_does() {
             photons(&gpu, &scene, &params)
         });
         assert_eq!(unlike(&found[0], &found[1]), 0.0, "draw {seed}: {set}");
-        landed += found[0].iter().filter(|photon| photon.landed()).count();
+        landed += found[0].iter().filter(|photon| photon.has_landed()).count();
     }
     assert!(landed > 10, "photons that land: the comparison can fail");
 }

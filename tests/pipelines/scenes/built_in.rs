@@ -1,7 +1,5 @@
 //! The built-in scenes, and scene files that cannot be used.
 
-use std::collections::BTreeMap;
-
 use fathom::scene::assets::ASSETS;
 use fathom::scene::{Bounds, Grid, LightKind, Scene, SceneFile};
 use glam::{DVec3, Vec3};

@@ -4,21 +4,29 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use super::kit::{Resource, square_workgroups};
-use super::uniforms::View;
+use crate::kit::{Resource, square_workgroups};
 use crate::prelude::*;
-use fathom_gpu::MOST_LOOP_TURNS;
+use crate::uniforms::View;
+use fathom_gpu::{Gpu, MOST_LOOP_TURNS, read_buffer};
 use fathom_scene::LightKind;
 
+pub const CAUSTICS: StageInfo = trace("caustics/trace", "UW §3.3");
+pub const GODRAYS: StageInfo = trace("godrays/trace", "UW §3.4");
+
+const fn trace(name: &'static str, source: &'static str) -> StageInfo {
+    let about = "photon grid: water intersection, refraction, image-space estimator";
+    StageInfo { name, about, source }
+}
+
 shader_struct! {
-    /// A traced photon: `Photon` in `shaders/shared/photon.wgsl`, metres.
+    /// A traced photon: `Photon` in `shaders/shared/photon.wgsl`.
     #[repr(C)]
     #[derive(Copy, Pod, Zeroable)]
     pub struct Photon {
         /// Where it meets the water.
         pub entry_m: glam::Vec3,
-        /// Distance between where it lands and what the light sees there, or [`MISSED`] or [`OUTSIDE`].
-        pub residual_m: f32,
+        /// See [`Photon::fate`].
+        pub fate: u32,
         /// Where it lands.
         pub hit_m: glam::Vec3,
         /// From entry to hit.
@@ -26,12 +34,46 @@ shader_struct! {
     }
 }
 
-/// Residual of a photon that never enters the water.
-pub const MISSED: f32 = -1.0;
-/// Residual of a photon that left the light's frustum, or looks past everything the light sees.
-pub const OUTSIDE: f32 = -2.0;
-/// Residual of a photon that is still between mirrors or glass after the most bounces.
-pub const ON_ITS_WAY: f32 = -3.0;
+/// Fates of photons that do not land, as in the shader. Dumps show their bits as −1, −2 and −3 m.
+pub const MISSED: u32 = 0xbf80_0000;
+pub const OUTSIDE: u32 = 0xc000_0000;
+pub const STILL_BOUNCING: u32 = 0xc040_0000;
+
+/// What becomes of a photon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Fate {
+    /// It lands so far from what the light sees there.
+    Landed { residual_m: f32 },
+    /// It never enters the water.
+    MissedWater,
+    /// It left the light's frustum, or meets nothing.
+    LeftLight,
+    /// It is still between mirrors or glass after the most bounces.
+    StillBouncing,
+}
+
+impl Photon {
+    pub fn fate(&self) -> Fate {
+        match self.fate {
+            MISSED => Fate::MissedWater,
+            OUTSIDE => Fate::LeftLight,
+            STILL_BOUNCING => Fate::StillBouncing,
+            bits => Fate::Landed { residual_m: f32::from_bits(bits) },
+        }
+    }
+
+    pub fn has_landed(&self) -> bool {
+        matches!(self.fate(), Fate::Landed { .. })
+    }
+
+    pub fn entry(&self) -> DVec3 {
+        self.entry_m.as_dvec3()
+    }
+
+    pub fn hit(&self) -> DVec3 {
+        self.hit_m.as_dvec3()
+    }
+}
 
 /// How much of its share of the light's flux a photon carries under water: host twin of `angular_weight` and `entered`
 /// in `shaders/shared/photon.wgsl`.
@@ -62,10 +104,10 @@ impl PhotonEnergy {
 
     /// 0 for a photon that never enters the water.
     pub fn weight(&self, photon: &Photon) -> f64 {
-        if photon.residual_m == MISSED {
+        if photon.fate() == Fate::MissedWater {
             return 0.0;
         }
-        let entry = photon.entry_m.as_dvec3();
+        let entry = photon.entry();
         let incident = match self.kind {
             LightKind::Directional => self.forward,
             LightKind::Point => (entry - self.position).normalize_or(self.forward),
@@ -92,7 +134,7 @@ impl PhotonEnergy {
 
 /// Unit direction from entry to hit; 0 where the two are one.
 fn direction(photon: &Photon) -> DVec3 {
-    (photon.hit_m.as_dvec3() - photon.entry_m.as_dvec3()).normalize_or_zero()
+    (photon.hit() - photon.entry()).normalize_or_zero()
 }
 
 /// Cells per side of a workgroup, as in the shaders.
@@ -120,6 +162,14 @@ impl Photons {
     pub fn of_rays(resources: &Resources<'_>, label: &str, (rays, per_ray): (u32, u32)) -> Self {
         let count = rays.saturating_mul(per_ray);
         Self { buffer: resources.room_for::<Photon>(label, count.into()), count, per_ray }
+    }
+
+    /// Those of the last frame.
+    ///
+    /// # Errors
+    /// What the GPU reports.
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<Photon>, GpuError> {
+        Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &self.buffer)?))
     }
 }
 
@@ -264,14 +314,15 @@ pub fn tracing(
 /// The columns of a stored photon: entry, direction, hit, distance, residual, converged, weight.
 fn row(stored: &[f32], energy: &PhotonEnergy, tolerance_m: f32) -> Vec<f32> {
     let photon: &Photon = bytemuck::from_bytes(bytemuck::cast_slice(stored));
-    let converged = (0.0..=tolerance_m).contains(&photon.residual_m);
+    let residual_m = f32::from_bits(photon.fate);
+    let converged = (0.0..=tolerance_m).contains(&residual_m);
     let mut row = Vec::with_capacity(13);
     for place in [photon.entry_m, direction(photon).as_vec3(), photon.hit_m] {
         row.extend(place.to_array());
     }
     row.extend([
         photon.distance_m,
-        photon.residual_m,
+        residual_m,
         f32::from(u8::from(converged)),
         energy.weight(photon) as f32,
     ]);
@@ -322,7 +373,7 @@ mod tests {
     fn a_row_holds_direction_convergence_and_weight() {
         let photon = Photon {
             entry_m: Vec3::new(1.0, 0.0, 0.0),
-            residual_m: 0.005,
+            fate: 0.005f32.to_bits(),
             hit_m: Vec3::new(1.0, -2.0, 0.0),
             distance_m: 2.0,
         };
@@ -341,7 +392,7 @@ mod tests {
         let down = DVec3::new(sin_t, -(1.0 - sin_t * sin_t).sqrt(), 0.0);
         let photon = Photon {
             entry_m: entry.as_vec3(),
-            residual_m: 0.0,
+            fate: 0,
             hit_m: (entry + down * 2.0).as_vec3(),
             distance_m: 2.0,
         };
@@ -352,8 +403,7 @@ mod tests {
 
     #[test]
     fn a_photon_beside_the_water_has_no_direction_or_weight_and_is_not_converged() {
-        let photon =
-            Photon { entry_m: Vec3::ONE, residual_m: MISSED, hit_m: Vec3::ONE, distance_m: 0.0 };
+        let photon = Photon { entry_m: Vec3::ONE, fate: MISSED, hit_m: Vec3::ONE, distance_m: 0.0 };
         let row = columns_of(&photon, &energy(true), 0.01);
         assert_eq!(row[3..6], [0.0; 3]);
         assert_eq!(row[11..], [0.0; 2]);

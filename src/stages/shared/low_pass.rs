@@ -1,7 +1,18 @@
 //! What `caustics/filter` and `godrays/filter` are: a multi-tap low-pass with a kernel rotated per pixel. UW §3.5.
 
-use super::splatting::Sums;
 use crate::prelude::*;
+use crate::splatting::Sums;
+
+pub const CAUSTICS: StageInfo = low_pass("caustics/filter");
+pub const GODRAYS: StageInfo = low_pass("godrays/filter");
+
+const fn low_pass(name: &'static str) -> StageInfo {
+    StageInfo {
+        name,
+        about: "multi-tap low-pass with a kernel rotated per pixel",
+        source: "UW §3.5",
+    }
+}
 
 shader_struct! {
     /// `Filter` in `shaders/godrays/filter.wgsl`.

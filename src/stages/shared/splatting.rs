@@ -1,8 +1,8 @@
 //! What `godrays/lines` is, and `caustics/splat` where the rasterizer draws it: quads pulled from the photon buffer, drawn over the
 //! camera's depth and added up.
 
-use super::kit::Raster;
-use super::photon::Photons;
+use crate::kit::Raster;
+use crate::photon::Photons;
 use crate::prelude::*;
 
 /// Photons drawn by one instance of the index pattern: 16,384 vertices, so that 16-bit indices do, and few instances
@@ -32,7 +32,7 @@ pub struct Sums {
 }
 
 /// The stage, which leaves sums of this column.
-pub(super) fn summing(stage: Stage<wgpu::Texture>, column: Column) -> Stage<Sums> {
+pub(crate) fn summing(stage: Stage<wgpu::Texture>, column: Column) -> Stage<Sums> {
     let meaning = "what the photons add up to, before the low-pass";
     let stage = stage.shown("intensity", meaning, vec![column.clone()]);
     let texture = stage.left.clone();
@@ -40,7 +40,7 @@ pub(super) fn summing(stage: Stage<wgpu::Texture>, column: Column) -> Stage<Sums
 }
 
 /// The stage `info`.
-pub(super) fn new(
+pub(crate) fn new(
     resources: &Resources<'_>,
     info: &'static StageInfo,
     shared: &Shared,
@@ -93,7 +93,7 @@ pub(super) fn new(
 }
 
 /// Draws a quad for each photon.
-pub(super) fn quads(
+pub(crate) fn quads(
     resources: &Resources<'_>,
     photons: u32,
 ) -> impl Fn(&mut wgpu::RenderPass<'_>) + 'static {

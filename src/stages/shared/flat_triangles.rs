@@ -4,8 +4,8 @@
 use bytemuck::{Pod, Zeroable, cast_slice};
 use glam::Vec3;
 
-use super::geometry::Part;
-use super::kit::{Buffer, Resources};
+use crate::geometry::Part;
+use crate::kit::{Buffer, Resources};
 use fathom_scene::{Mesh, Scene};
 
 /// Host twin of `Corner` in `shaders/ldi/peel.wgsl`.

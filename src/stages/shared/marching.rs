@@ -3,9 +3,9 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::slices::{Slice, most_turns, slices};
-use super::voxels::Voxels;
 use crate::prelude::*;
+use crate::slices::{Slice, most_turns, slices};
+use crate::voxels::Voxels;
 use fathom_base::{choices, settings};
 use fathom_scene::Grid;
 

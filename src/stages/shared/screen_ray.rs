@@ -3,8 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{UVec2, Vec2, Vec3};
 
-use super::kit::Resource;
-use super::photon::{Photon, Photons};
+use crate::kit::Resource;
+use crate::photon::{Photon, Photons};
 use crate::prelude::*;
 use fathom_scene::Bounds;
 

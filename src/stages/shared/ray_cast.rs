@@ -2,10 +2,10 @@
 
 use glam::{Vec2, Vec3};
 
-use super::kit::{Canvas, Raster};
-use super::scalar_field::ScalarField;
-use super::slices::{Slice, most_turns, slices};
+use crate::kit::{Canvas, Raster};
 use crate::prelude::*;
+use crate::scalar_field::ScalarField;
+use crate::slices::{Slice, most_turns, slices};
 
 shader_struct! {
     /// `March` in `shaders/shared/ray_cast.wgsl`.
@@ -62,7 +62,7 @@ pub struct Cast {
 }
 
 /// The stage `info` casts each pixel's ray through a field. `defs` are the shader's; `normals`: the shader writes them.
-pub(super) fn new(
+pub(crate) fn new(
     resources: &Resources<'_>,
     info: &'static StageInfo,
     (shared, field): (&Shared, &ScalarField),

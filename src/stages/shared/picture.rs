@@ -3,7 +3,7 @@
 
 use glam::Vec2;
 
-use super::gbuffer::GbufferTextures;
+use crate::gbuffer::GbufferTextures;
 use crate::prelude::*;
 
 /// Shafts of light over a picture.
@@ -44,7 +44,7 @@ impl<'a> Picture<'a> {
     }
 
     /// Bind group 1: what all of these stages bind, and then `own`.
-    pub(super) fn group(&self, resources: &Resources<'_>, label: &str, own: &[&dyn Bind]) -> Group {
+    pub(crate) fn group(&self, resources: &Resources<'_>, label: &str, own: &[&dyn Bind]) -> Group {
         let GbufferTextures { albedo, normal, depth } = self.gbuffer;
         let size_px = Vec2::from(self.size_px().map(|side| side as f32));
         let (exposure, scale) = (self.exposure as f32, self.scale as f32);
@@ -53,7 +53,7 @@ impl<'a> Picture<'a> {
     }
 
     /// The stage `info`, whose shader has its path. A pixel reads so many texels, and one of the background so many.
-    pub(super) fn stage(
+    pub(crate) fn stage(
         &self,
         resources: &Resources<'_>,
         shared: &Shared,

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use super::kit::{Buffer, Resources};
+use crate::kit::{Buffer, Resources};
 use crate::shader_struct;
 use fathom_scene::{Material, Object, Optics, Scene};
 

@@ -1,7 +1,0 @@
-//! Volume ambient occlusion. VAO §5.1, §6.
-
-pub mod bilateral;
-pub mod compose;
-pub mod glass;
-pub mod march;
-pub mod query;

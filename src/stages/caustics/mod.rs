@@ -1,3 +1,0 @@
-pub mod filter;
-pub mod splat;
-pub mod trace;

@@ -1,3 +1,0 @@
-pub mod filter;
-pub mod lines;
-pub mod trace;

@@ -1,9 +1,0 @@
-//! `hsao/filter`: the [bilateral filter](crate::bilateral::new) of screen-space occlusion. VAO §6.
-
-use crate::StageInfo;
-
-pub const INFO: StageInfo = StageInfo {
-    name: "hsao/filter",
-    about: "joint bilateral filter guided by depth, and up-scaling, of screen-space occlusion",
-    source: "VAO §6",
-};

@@ -1,4 +1,0 @@
-//! Horizon-split ambient occlusion, the screen-space method that VAO §6 compares with.
-
-pub mod filter;
-pub mod march;

@@ -1,3 +1,0 @@
-pub mod march;
-pub mod rasterize;
-pub mod reduce;

@@ -1,2 +1,0 @@
-pub mod deform;
-pub mod gbuffer;

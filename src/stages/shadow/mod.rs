@@ -1,3 +1,0 @@
-pub mod compose;
-pub mod depth;
-pub mod mask;

@@ -1,2 +1,0 @@
-pub mod compose;
-pub mod draw;

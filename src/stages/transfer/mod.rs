@@ -1,4 +1,0 @@
-pub mod bounce;
-pub mod map;
-pub mod shadow;
-pub mod sight;

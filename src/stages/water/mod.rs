@@ -1,2 +1,0 @@
-pub mod reflection;
-pub mod refraction;
