@@ -48,9 +48,9 @@ impl Pipeline for Planar {
         let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
 
-        let light_map = (params.shadow.size, params.surface.cells);
+        let (shadow_px, cells, grid) = (params.shadow.size, params.surface.cells, &params.transfer);
         let transfers =
-            screen_tracing::transfers(resources, shared, geometry, light_map, &params.transfer)?
+            screen_tracing::transfers(resources, shared, geometry, shadow_px, cells, grid)?
                 .transfers;
 
         let of_view = &resources.sized_by(VIEWPORT);
