@@ -49,9 +49,8 @@ impl Pipeline for Planar {
         let geometry = &Geometry::new(resources, scene);
 
         let (shadow_px, cells, grid) = (params.shadow.size, params.surface.cells, &params.transfer);
-        let transfers =
-            screen_tracing::transfers(resources, shared, geometry, shadow_px, cells, grid)?
-                .transfers;
+        let map = screen_tracing::transfers(resources, shared, geometry, shadow_px, cells, grid)?;
+        let transfers = map.transfers;
 
         let of_view = &resources.sized_by(VIEWPORT);
         let size_px = view.size_px.to_array();
