@@ -52,9 +52,8 @@ impl Pipeline for PhotonTracing {
         let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
 
-        let light_map = (params.shadow.size, params.surface.cells);
-        let map =
-            screen_tracing::transfers(resources, shared, geometry, light_map, &params.transfer)?;
+        let (shadow_px, cells, grid) = (params.shadow.size, params.surface.cells, &params.transfer);
+        let map = screen_tracing::transfers(resources, shared, geometry, shadow_px, cells, grid)?;
 
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);
@@ -83,7 +82,7 @@ impl Pipeline for PhotonTracing {
             None
         };
         let shafts = drawn.as_ref().map(|(flux, scale)| Shafts { flux, scale: *scale });
-        let light = (shafts, params.compose.exposure);
+        let exposure = params.compose.exposure;
         let compose = |composed: &Composed<'_>| -> Result<wgpu::Texture, GpuError> {
             let stage = compose::new(of_view, shared, seen, &irradiance, composed)?;
             Ok(of_view.push(stage))
@@ -95,11 +94,10 @@ impl Pipeline for PhotonTracing {
                 start_m: (START_M * scene.solid_bounds().times_tank()) as f32,
                 ..walk_uniforms(&layers, scene.solid_bounds(), params.rays.least_px)
             };
-            let walk = (&walk, view.water.bound_m());
-            let surface = surface::new(of_view, shared, &dry, walk, light)?;
-            of_view.push(surface)
+            let bound_m = view.water.bound_m();
+            of_view.push(surface::new(of_view, shared, &dry, &walk, bound_m, shafts, exposure)?)
         } else {
-            compose(&Composed::Picture { shafts: light.0, exposure: light.1 })?
+            compose(&Composed::Picture { shafts, exposure })?
         };
         Ok(Self { params: params.clone(), view, photons, layers, irradiance, image })
     }
@@ -127,7 +125,7 @@ fn shafts(
     let pixel_m = view.pixel_tangent(view.size_px.into()) * params.middle_m();
     let photon_w = photon_w(params, view);
     let length_px = params.floor_depth_m / pixel_m;
-    let lines = lines::new(of_view, shared, photons, &seen.depth, (photon_w, length_px))?;
+    let lines = lines::new(of_view, shared, photons, &seen.depth, photon_w, length_px)?;
     let lines = of_view.push(lines);
     let blur = of_view.push(blur::new(of_view, &lines, params.shafts.sigma_px)?);
     // A photon of the flux Φ along a line scatters σ Φ / 4π for each metre and steradian. Its line is a pixel wide.

@@ -47,10 +47,9 @@ impl Pipeline for Planar {
         let shared = &settings::begin(resources, &view);
         let geometry = &Geometry::new(resources, scene);
 
-        let light_map = (params.shadow.size, params.surface.cells);
-        let transfers =
-            screen_tracing::transfers(resources, shared, geometry, light_map, &params.transfer)?
-                .transfers;
+        let (shadow_px, cells, grid) = (params.shadow.size, params.surface.cells, &params.transfer);
+        let map = screen_tracing::transfers(resources, shared, geometry, shadow_px, cells, grid)?;
+        let transfers = map.transfers;
 
         let of_view = &resources.sized_by(VIEWPORT);
         let size_px = view.size_px.to_array();

@@ -119,7 +119,8 @@ pub fn transfers(
     resources: &Resources<'_>,
     shared: &Shared,
     geometry: &Geometry,
-    (shadow_px, cells): (u32, u32),
+    shadow_px: u32,
+    cells: u32,
     transfer: &Transfer,
 ) -> Result<Map, GpuError> {
     let of_light = &resources.sized_by("shadow.size");

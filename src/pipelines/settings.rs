@@ -222,8 +222,8 @@ pub fn deform(
         Deform::Twist => Motion::Twist,
         Deform::Wave => Motion::Wave,
     };
-    let amount = (animation.cycles(), animation.amplitude);
-    deform::new(resources, geometry, scene, motion, amount).map(Some)
+    let (cycles, amplitude) = (animation.cycles(), animation.amplitude);
+    deform::new(resources, geometry, scene, motion, cycles, amplitude).map(Some)
 }
 
 /// The same without water, of what lies within these bounds: default water, which a dry scene has too, moves no shadow.

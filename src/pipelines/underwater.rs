@@ -17,7 +17,7 @@ use super::settings::{VIEWPORT, begin, scaled};
 use super::{Drawing, Judge, JudgeError, Judged, Pipeline};
 use fathom_gpu::{Gpu, GpuError};
 use fathom_scene::Scene;
-use fathom_stages::caustics::splat::{self, SplatUniforms};
+use fathom_stages::caustics::splat::{self, SplatStyle, SplatUniforms};
 use fathom_stages::compose::{self, ComposeUniforms, Composed};
 use fathom_stages::geometry::Geometry;
 use fathom_stages::godrays::lines::LinesUniforms;
@@ -101,9 +101,9 @@ impl Pipeline for Underwater {
             reflection: &reflection,
             refraction: &refraction,
         };
-        let flux = params.caustics.intensity == Intensity::Conserving;
-        let rules = (flux, params.compose.add_caustics);
-        let compose = compose::new(of_view, shared, &composed, &plan.compose, rules)?;
+        let conserving = params.caustics.intensity == Intensity::Conserving;
+        let (settings, added) = (&plan.compose, params.compose.add_caustics);
+        let compose = compose::new(of_view, shared, &composed, settings, conserving, added)?;
         let image = of_view.push(compose);
         Ok(Self { params: params.clone(), view, caustics, godrays, image, plan })
     }
@@ -156,12 +156,12 @@ fn photon_grids(
         light,
         (path, &plan.traces[0], &filter),
         |of, photons, conserving| {
-            let (inputs, settings, side_px) = ((photons, seen), &plan.splat, plan.splat_px);
-            let sides_px = [side_px, params.caustics.point_size_max_px];
-            let rules = (conserving, params.caustics.coverage);
-            match params.caustics.splatting {
-                Splatting::Compute => splat::scatter(of, shared, inputs, settings, rules, sides_px),
-                Splatting::Raster => splat::raster(of, shared, inputs, settings, rules, side_px),
+            let (inputs, settings, params) = ((photons, seen), &plan.splat, &params.caustics);
+            let (coverage, max_px) = (params.coverage, params.point_size_max_px);
+            let style = SplatStyle { conserving, coverage, typical_px: plan.splat_px, max_px };
+            match params.splatting {
+                Splatting::Compute => splat::scatter(of, shared, inputs, settings, style),
+                Splatting::Raster => splat::raster(of, shared, inputs, settings, style),
             }
         },
     )?;
@@ -198,8 +198,8 @@ fn photon_stages(
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;
     let of_grid = &resources.sized_by(path.grid_sized_by);
-    let rules = (grid.is_dynamic(), conserving);
-    let trace = photon::tracing(of_grid, path.trace, shared, light, uniforms, rules)?;
+    let (info, dynamic) = (path.trace, grid.is_dynamic());
+    let trace = photon::tracing(of_grid, info, shared, light, uniforms, dynamic, conserving)?;
     let photons = of_grid.push(trace);
     let of_buffer = &resources.sized_by(path.buffer_sized_by);
     let draw = draw(of_buffer, &photons, conserving)?;

@@ -37,7 +37,8 @@ pub fn new(
     shared: &Shared,
     composed: &Composed<'_>,
     settings: &ComposeUniforms,
-    (conserving, added): (bool, bool),
+    conserving: bool,
+    added: bool,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let occlusion = i32::from(settings.occlusion_taps > 0);
     let defs = [

@@ -128,8 +128,8 @@ impl Known {
             water_cells: 64,
             depth_share: DEPTH_SHARE as f32,
         };
-        let rules = (self.pixel_tangent.is_some(), self.added);
-        let stage = compose::new(rig, &Shared::new(rig, view), &inputs, &settings, rules)?;
+        let (shared, conserving) = (Shared::new(rig, view), self.pixel_tangent.is_some());
+        let stage = compose::new(rig, &shared, &inputs, &settings, conserving, self.added)?;
         let shown = rig.drawn(&[&stage], stage.texture(), BLUE)?;
         Ok(shown.map(|value| radiance_of(value, self.exposure)))
     }

@@ -30,8 +30,7 @@ type Vertex = [DVec3; 2];
 fn check(rig: &Rig<'_>, (motion, of_stage, name): (Motion, deform::Motion, &str)) -> Checks {
     let scene = Scene::load(SCENE)?;
     let geometry = Geometry::new(rig, &scene);
-    let amount = (CYCLES, AMPLITUDE);
-    rig.run(&[&deform::new(rig, &geometry, &scene, of_stage, amount)?])?;
+    rig.run(&[&deform::new(rig, &geometry, &scene, of_stage, CYCLES, AMPLITUDE)?])?;
     let words: Vec<f32> = rig.read(&geometry.vertices)?;
     let vector = |v: &[f32]| Vec3::from_slice(v).as_dvec3();
     let found: Vec<Vertex> =

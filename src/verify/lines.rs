@@ -29,14 +29,15 @@ pub fn cases() -> Vec<Case> {
 
 /// Draws photons' lines without occlusion.
 pub fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image> {
-    draw_as(rig, view, photons, (SIZE[0], WIDTH_PX), false)
+    draw_as(rig, view, photons, SIZE[0], WIDTH_PX, false)
 }
 
 fn draw_as(
     rig: &Rig<'_>,
     view: &View,
     photons: &[Photon],
-    (side_px, width_px): (u32, f64),
+    side_px: u32,
+    width_px: f64,
     conserving: bool,
 ) -> Result<Image> {
     let shared = Shared::new(rig, view);
@@ -155,10 +156,11 @@ fn conserved(rig: &Rig<'_>) -> Result<Check> {
     };
     let exact = lines.segments.iter().map(integral).sum::<f64>() / f64::from(SIZE[0]);
     let worst = |conserving: bool| -> Result<f64> {
-        let ways = [(SIZE[0], 1.5), (SIZE[0], 12.0), (SIZE[0] / 2, 3.0), (SIZE[0] * 2, 6.0)];
-        let errors = ways.map(|way| {
-            let sum = draw_as(rig, &lines.view, &lines.photons, way, conserving)?.sum();
-            Ok(relative_error(sum / f64::from(way.0), exact))
+        let sizes_px = [(SIZE[0], 1.5), (SIZE[0], 12.0), (SIZE[0] / 2, 3.0), (SIZE[0] * 2, 6.0)];
+        let errors = sizes_px.map(|(side_px, width_px)| {
+            let (view, photons) = (&lines.view, &lines.photons);
+            let sum = draw_as(rig, view, photons, side_px, width_px, conserving)?.sum();
+            Ok(relative_error(sum / f64::from(side_px), exact))
         });
         Ok(largest(errors.into_iter().collect::<Result<Vec<_>>>()?))
     };

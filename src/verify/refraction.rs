@@ -176,8 +176,8 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
         radiance: &rig.grey(&image),
     };
     let walk = walk_uniforms(&peel, scene.solid_bounds(), LEAST);
-    let walk = (&walk, scene.water.bound_m());
-    let stage = surface::new(rig, shared, &dry, walk, (None, EXPOSURE))?;
+    let bound_m = scene.water.bound_m();
+    let stage = surface::new(rig, shared, &dry, &walk, bound_m, None, EXPOSURE)?;
     let shown = rig.drawn(&[&stage], stage.texture(), RED)?;
     let seen = pixels(SIZE).filter(|(x, y)| x % 4 == 1 && y % 4 == 1);
     let met: Vec<_> = seen.map(|at| (at, meet(&stand, at))).collect();

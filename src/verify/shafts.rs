@@ -81,7 +81,7 @@ fn drawn(rig: &Rig<'_>, view: &View, seed: u32, depth: f64) -> Result<Vec<Drawn>
         let [start, end] = line.ends_m;
         let photons = rig.photons(&[rig::photon(start, end, start.distance(end))]);
         let inputs = (&photons, &rig.ones(photons.count));
-        let stage = lines::new(rig, &shared, inputs, &depth, (PHOTON_W, 1.0))?;
+        let stage = lines::new(rig, &shared, inputs, &depth, PHOTON_W, 1.0)?;
         let image = rig.drawn(&[&stage], &stage.texture, 0)?;
         let lit = pixels(SIZE).map(|at| (at, image.at(at))).filter(|(_, value)| *value > 0.0);
         Ok((line, lit.collect()))

@@ -3,7 +3,7 @@
 use crate::prelude::*;
 use fathom_pipelines::underwater::{Intensity as Rule, Params, Splatting, Underwater};
 use fathom_reference::splat::{Intensity, PointSize, Splat, rasterize, splat_value};
-use fathom_stages::caustics::splat::{self, SplatCoverage, SplatUniforms};
+use fathom_stages::caustics::splat::{self, SplatCoverage, SplatStyle, SplatUniforms};
 
 const STAGE: &str = "caustics/splat";
 const SIZE: [u32; 2] = [512, 512];
@@ -172,11 +172,12 @@ fn draw(
         photons: photons.len() as u32,
         photons_per_instance: PHOTONS_PER_INSTANCE,
     };
-    let how = (rules.intensity == Intensity::Conserving, rules.coverage);
+    let (conserving, coverage) = (rules.intensity == Intensity::Conserving, rules.coverage);
+    let style = SplatStyle { conserving, coverage, typical_px: 10.0, max_px };
     let inputs = (&rig.photons(photons), depth);
     let stage = match rules.splatting {
-        Splatting::Compute => splat::scatter(rig, &shared, inputs, &settings, how, [10.0, max_px])?,
-        Splatting::Raster => splat::raster(rig, &shared, inputs, &settings, how, 10.0)?,
+        Splatting::Compute => splat::scatter(rig, &shared, inputs, &settings, style)?,
+        Splatting::Raster => splat::raster(rig, &shared, inputs, &settings, style)?,
     };
     // Twice: a frame must not add to the one before.
     rig.drawn(&[&stage, &stage], &stage.texture, 0)

@@ -106,8 +106,19 @@ pub fn steps([least, most]: [f64; 2]) -> f32 {
     steps.min(f32::MAX.into()) as f32
 }
 
-/// A square is drawn as two triangles, and blending adds it up. `typical_px` is the side of a splat in the middle of the view, for the
-/// declared work.
+/// How splats are drawn.
+#[derive(Clone, Copy)]
+pub struct SplatStyle {
+    /// Pixels share the flux of a splat's photon; else each of them gets all of it.
+    pub conserving: bool,
+    pub coverage: SplatCoverage,
+    /// Side of a splat in the middle of the view, for the declared work.
+    pub typical_px: f64,
+    /// No splat has a longer side.
+    pub max_px: f64,
+}
+
+/// A square is drawn as two triangles, and blending adds it up.
 ///
 /// # Errors
 /// What the GPU reports.
@@ -116,16 +127,15 @@ pub fn raster(
     shared: &Shared,
     inputs: (&Photons, &wgpu::Texture),
     settings: &SplatUniforms,
-    (conserving, coverage): (bool, SplatCoverage),
-    typical_px: f64,
+    style: SplatStyle,
 ) -> Result<Stage<Sums>, GpuError> {
     let drawing = Drawing {
         uniforms: &resources.uniform(INFO.name, settings),
         size_px: settings.size_px.as_uvec2().to_array(),
-        def: Some(coverage.def()),
-        conserving,
-        fragments: fragments(inputs.0, typical_px),
-        column: column(conserving),
+        def: Some(style.coverage.def()),
+        conserving: style.conserving,
+        fragments: fragments(inputs.0, style.typical_px),
+        column: column(style.conserving),
     };
     splatting::new(resources, &INFO, shared, inputs, drawing)
 }
@@ -143,7 +153,7 @@ const SPLAT_ROWS: u64 = 32;
 const PIXEL_BYTES: u64 = 8 + 4 + 4;
 
 /// An invocation for each photon adds it to fixed-point sums of 64 bits. Sums do not depend on the order of photons, so they are the
-/// same in every frame, and need no target that the adapter can blend. As [`raster`]. No splat has a longer side than `most_px`.
+/// same in every frame, and need no target that the adapter can blend.
 ///
 /// # Errors
 /// What the GPU reports.
@@ -152,8 +162,7 @@ pub fn scatter(
     shared: &Shared,
     (photons, scene_depth): (&Photons, &wgpu::Texture),
     settings: &SplatUniforms,
-    (conserving, coverage): (bool, SplatCoverage),
-    [typical_px, most_px]: [f64; 2],
+    style: SplatStyle,
 ) -> Result<Stage<Sums>, GpuError> {
     let [width, height] = settings.size_px.as_uvec2().to_array();
     let pixels = u64::from(width) * u64::from(height);
@@ -164,12 +173,12 @@ pub fn scatter(
     let own = Group::new(&[&uniforms, photons, scene_depth, &sums, &depths, &image]);
     let groups = [&shared.group, &own];
     let step = |number: i32, workgroups| {
-        let conserving = ("CONSERVING", i32::from(conserving));
-        let defs = [("STEP", number), conserving, coverage.def(), shared.fresnel_def()];
+        let conserving = ("CONSERVING", i32::from(style.conserving));
+        let defs = [("STEP", number), conserving, style.coverage.def(), shared.fresnel_def()];
         Dispatch::new(resources, (INFO.name, &defs), &groups, workgroups)
     };
     let of_pixels = [width.div_ceil(COLUMNS), height.div_ceil(ROWS), 1];
-    let side = most_px.floor() as u64 + 1;
+    let side = style.max_px.floor() as u64 + 1;
     let parts = side.min(height.into()).div_ceil(SPLAT_ROWS);
     let turns = 1 + SPLAT_ROWS * (side.min(width.into()) + 2);
     resources.turns("view.width of caustics.buffer", turns);
@@ -177,7 +186,7 @@ pub fn scatter(
     let of_photons = [x, y, parts as u32];
     // Sums cleared, photons added, sums turned into the picture.
     let steps = [step(0, of_pixels)?, step(1, of_photons)?, step(2, of_pixels)?];
-    let (count, fragments) = (u64::from(photons.count), fragments(photons, typical_px));
+    let (count, fragments) = (u64::from(photons.count), fragments(photons, style.typical_px));
     let work = Work {
         photons: count,
         fragments,
@@ -189,5 +198,5 @@ pub fn scatter(
     // Splats may lie outside the picture, and no rasterizer draws them.
     let least = Work { fragments: 0, bytes_written: pixels * PIXEL_BYTES, ..work };
     let stage = Dispatch::stage(steps, &INFO, work).at_least(least).leaving(image);
-    Ok(summing(stage, column(conserving)))
+    Ok(summing(stage, column(style.conserving)))
 }

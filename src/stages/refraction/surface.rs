@@ -39,8 +39,10 @@ pub fn new(
     resources: &Resources<'_>,
     shared: &Shared,
     dry: &Dry<'_>,
-    (walk, bound_m): (&WalkUniforms, f64),
-    (shafts, exposure): (Option<Shafts<'_>>, f64),
+    walk: &WalkUniforms,
+    bound_m: f64,
+    shafts: Option<Shafts<'_>>,
+    exposure: f64,
 ) -> Result<Stage<wgpu::Texture>, GpuError> {
     let size_px = dry.layers.size_px();
     let settings = SurfaceUniforms {

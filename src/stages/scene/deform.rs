@@ -65,7 +65,8 @@ pub fn new(
     geometry: &Geometry,
     scene: &Scene,
     motion: Motion,
-    (cycles, amplitude): (f64, f64),
+    cycles: f64,
+    amplitude: f64,
 ) -> Result<Stage, GpuError> {
     let count = geometry.vertices();
     let uniforms = DeformUniforms {

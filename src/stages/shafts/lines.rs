@@ -24,7 +24,8 @@ pub fn new(
     shared: &Shared,
     (photons, weights): (&Photons, &Buffer),
     depth: &wgpu::Texture,
-    (photon_w, length_px): (f64, f64),
+    photon_w: f64,
+    length_px: f64,
 ) -> Result<Stage<Sums>, GpuError> {
     let count = photons.count;
     let settings = ShaftUniforms { photon_w: photon_w as f32, photons: count };

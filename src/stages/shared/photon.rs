@@ -278,7 +278,8 @@ pub fn tracing(
     shared: &Shared,
     (depth, mask): (&wgpu::Texture, &wgpu::Texture),
     settings: &TraceUniforms,
-    (dynamic, conserving): (bool, bool),
+    dynamic: bool,
+    conserving: bool,
 ) -> Result<Stage<Photons>, GpuError> {
     let name = info.name;
     let settings = &settings.with_search(depth.width(), shared.entry_turns);
