@@ -30,8 +30,15 @@ impl CargoTarget {
 /// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
 #[derive(Debug, Error)]
 pub enum SubjectError {
-    #[error("unknown pipeline `{name}`{}", did_you_mean(.nearest))]
-    UnknownPipeline { name: String, nearest: Option<String> },
+    #[error("unknown pipeline `{name}`{}; there are {}", did_you_mean(.nearest), .known.join(", "))]
+    UnknownPipeline { name: String, nearest: Option<String>, known: Vec<&'static str> },
+    #[error("pipeline {pipeline} has no parameter `{path}`, which is one of {}{}", .owners.join(", "), did_you_mean(.nearest))]
+    OfAnother {
+        pipeline: &'static str,
+        path: String,
+        owners: Vec<&'static str>,
+        nearest: Option<String>,
+    },
     #[error(transparent)]
     Scene(#[from] SceneError),
     #[error(transparent)]
@@ -151,7 +158,19 @@ impl Catalog {
         found.copied().ok_or_else(|| SubjectError::UnknownPipeline {
             name: name.to_owned(),
             nearest: nearest(name, self.kinds.iter().map(|kind| kind.name)),
+            known: self.kinds.iter().map(|kind| kind.name).collect(),
         })
+    }
+
+    /// An error of an unknown parameter that some other pipeline has names those that do.
+    pub(super) fn explained(&self, error: ParamError, of: PipelineKind) -> SubjectError {
+        let ParamError::Unknown { path, nearest } = error else { return error.into() };
+        let has_it = |kind: &&PipelineKind| (kind.fields)().iter().any(|field| field.path == path);
+        let owners: Vec<_> = self.kinds.iter().filter(has_it).map(|kind| kind.name).collect();
+        if owners.is_empty() {
+            return ParamError::Unknown { path, nearest }.into();
+        }
+        SubjectError::OfAnother { pipeline: of.name, path, owners, nearest }
     }
 
     /// The stages that a pipeline's frame holds by some of its parameters, in frame order: found by planning it with each of the
