@@ -12,13 +12,14 @@ use crate::gpu::{self, Audit, Gpu};
 use crate::harness::assets::{self, AssetStatus};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, Figure};
-use crate::harness::plan::Request;
+use crate::harness::plan::{GIVEN, Request};
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
     ceilings, dump as dumping, picture, query as querying, render as rendering, sheet,
     verify as verifying,
 };
+use crate::record::command::{OF_CELLS, parted};
 use crate::record::output::{OutputFolder, RECORDS};
 use crate::record::{Clock, FolderLock, OutcomeCounts, PassKind, Reading, Record, Standing};
 use crate::report::{self, Artifact, ReportView};
@@ -61,20 +62,32 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         command: private::command(),
         request: request(args),
     };
+    measure(&options, start)
+}
+
+/// Measures what is asked for, writes records and reports, and prints what came out in short: of sweeps their tables.
+pub fn measure(options: &Options, start: Instant) -> Outcome {
+    let mut has_tables = false;
     let mut report = |folder: &Path, records: &[Record], standing: Standing| {
         let view =
             ReportView { standing: Some(standing), ..ReportView::new(records, Some(folder)) };
         if let Err(error) = exporters::write_view(folder, &view) {
             tell::note(format!("error: no report yet: {error}"));
         }
+        if !std::mem::replace(&mut has_tables, true) {
+            print_sizes(&view);
+        }
     };
-    let summary = run::run(&options, start, &mut report, &INTERRUPT)?;
+    let summary = run::run(options, start, &mut report, &INTERRUPT)?;
     let output = OutputFolder { folder: summary.out.clone() };
     let reading = record::read(&output.records())?;
-    let in_short = report::in_short(&ReportView::new(&reading.records, Some(&output.folder)));
+    let view = ReportView::new(&reading.records, Some(&output.folder));
+    let in_short = report::in_short(&view);
+    print_sizes(&view);
+    drop(view);
     let files = exporters::write(&output.folder, reading)?;
     in_short.iter().for_each(tell::done);
-    print_summary(&summary);
+    print_summary(&summary, options);
     print_pages(&files);
     let OutcomeCounts { measured, failed, over_budget, .. } = summary.counts;
     let nothing = measured + failed + summary.kept == 0;
@@ -114,11 +127,32 @@ pub fn request(args: RunArgs) -> Request {
     };
     Request {
         experiments: args.experiments,
+        given: None,
         axes: args.axis.into_iter().map(shown).collect(),
         sets: args.set,
         cells: args.cell,
         part: args.shard,
     }
+}
+
+/// What each size of a sweep costs; nothing where there is no sweep.
+fn print_sizes(view: &ReportView<'_>) {
+    let parts = report::sizes::parts(view);
+    if !parts.is_empty() {
+        tell::answer(report::document::terminal(&parts));
+    }
+}
+
+/// The command that goes on with a run.
+fn resuming(options: &Options, folder: &Path) -> String {
+    let Request { experiments, given, .. } = &options.request;
+    let made = given.iter().map(|_| folder.join(GIVEN).display().to_string());
+    let known: &[_] = if given.is_some() { &OF_CELLS[2..] } else { &OF_CELLS };
+    let (of_cells, _) = parted(&options.command, known);
+    let words = ["fathom", "run"].map(str::to_owned).into_iter();
+    let words = words.chain(made).chain(experiments.iter().cloned()).chain(of_cells);
+    let folder = ["--out".to_owned(), folder.display().to_string(), "--resume".to_owned()];
+    words.chain(folder).map(|word| text::shell(&word)).join(" ")
 }
 
 /// The files that a person opens first.
@@ -141,7 +175,7 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
     .context("cannot watch for Ctrl-C")
 }
 
-fn print_summary(summary: &Summary) {
+fn print_summary(summary: &Summary, options: &Options) {
     let Summary {
         counts: OutcomeCounts { measured, skipped, failed, over_budget }, kept, end, ..
     } = summary;
@@ -149,8 +183,9 @@ fn print_summary(summary: &Summary) {
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
     if *over_budget > 0 {
+        let command = resuming(options, &summary.out);
         tell::done(format!(
-            "{over_budget} cells not run or not finished; `fathom run --resume` goes on with them"
+            "{over_budget} cells not run or not finished; `{command}` goes on with them"
         ));
     }
     let ratio = end.measuring_wall_s / end.measured_gpu_s;

@@ -8,6 +8,7 @@ mod doctor;
 mod export;
 mod history;
 mod list;
+mod sweep;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -57,6 +58,7 @@ pub fn parse<W: AsRef<str>>(words: &[W]) -> Result<(), clap::Error> {
 fn obey(catalog: &Catalog, command: Command) -> commands::Outcome {
     match command {
         Command::Run(args) => commands::run(catalog, args),
+        Command::Sweep(args) => sweep::sweep(catalog, args),
         Command::Doctor { json, adapter } => doctor::doctor(catalog, json, &adapter),
         Command::List(args) => list::list(catalog, &args),
         Command::Audit { json, adapter } => commands::audit(catalog, json, &adapter),
@@ -98,6 +100,7 @@ fn quiet_driver_layers() {
           fathom doctor                           is this machine fit to measure on?\n  \
           fathom run                              measure everything, then open the page that it names\n  \
           fathom run uw-default --set view.width=400\n  \
+          fathom sweep volume_ao --scene my.glb --axis voxel.resolution=64,128,256\n  \
           fathom compare --base HEAD~1            did a stage become slower?\n  \
           fathom list parameters --pipeline hsao\n\n\
         Exit status: 0 all well; 1 a cell or a check failed, or `compare` found a regression; 2 bad input, or it could not run; \
@@ -116,6 +119,14 @@ struct Cli {
 pub enum Command {
     /// Measure experiments; write records, tables, plots and pictures
     Run(RunArgs),
+    /// Time a pipeline on a scene or a mesh of your own, over the values of one or two parameters
+    #[command(after_help = "Examples:\n  \
+            fathom sweep volume_ao --scene my.glb --axis voxel.resolution=64,128,256\n  \
+            fathom sweep underwater --scene tank --axis caustics.grid=100,200,400 --axis view.width=400,800 --budget 2m\n\n\
+            Prints the time of each stage at each value with the error of its result, the exponent of its growth, and the knees: from which \
+            size on a stage takes more than a share of the frame, and where its exponent changes. Writes what `fathom run` does, and the \
+            experiment as sweep.toml: edit it, and `fathom run` measures it.")]
+    Sweep(sweep::SweepArgs),
     /// Check whether this machine is fit to measure on: adapter, clock, load, precision to expect, assets, tools
     #[command(
         after_help = "Takes about half a minute. Exit status: 0 the machine is ready for a run; 1 a warning says what would make its \

@@ -98,6 +98,7 @@ impl Refusal {
             self,
             Self::Subject(
                 SubjectError::UnknownPipeline { .. }
+                    | SubjectError::OfAnother { .. }
                     | SubjectError::Scene(SceneError::Unknown { .. })
                     | SubjectError::Param(ParamError::Unknown { .. })
             ) | Self::NoStage { .. }

@@ -56,6 +56,9 @@ pub struct Experiment {
     /// Time that a cell of this experiment gets, as a multiple of the usual: less than 1 where errors count and times do not.
     #[serde(default = "one")]
     pub weight: f64,
+    /// Share of a frame, 0 … 1, from which a stage counts as costly. Where it is set, reports tell of each axis what each size costs and
+    /// from which size on a stage is costly.
+    pub knee_share: Option<f64>,
     #[serde(default)]
     pub pictures: Pictures,
     /// A map of the signed error beside each picture, for pipelines whose error is known point by point.
@@ -374,6 +377,9 @@ impl Experiment {
         }
         if !(self.weight > 0.0 && self.weight <= 10.0) {
             return Err(format!("weight {} must lie within 0 … 10", self.weight));
+        }
+        if let Some(share) = self.knee_share.filter(|share| !(*share > 0.0 && *share < 1.0)) {
+            return Err(format!("knee_share {share} must lie between 0 and 1"));
         }
         if let Some(Views { turns_deg, .. }) = &self.views {
             let count = turns_deg.len();

@@ -32,6 +32,8 @@ impl CargoTarget {
 pub enum SubjectError {
     #[error("unknown pipeline `{name}`{hint}")]
     UnknownPipeline { name: String, hint: String },
+    #[error("pipeline {pipeline} has no parameter `{path}`, which is one of {}{hint}", .owners.join(", "))]
+    OfAnother { pipeline: &'static str, path: String, owners: Vec<&'static str>, hint: String },
     #[error(transparent)]
     Scene(#[from] SceneError),
     #[error(transparent)]
@@ -152,6 +154,17 @@ impl Catalog {
             name: name.to_owned(),
             hint: did_you_mean(name, self.kinds.iter().map(|kind| kind.name)),
         })
+    }
+
+    /// An error of an unknown parameter that some other pipeline has names those that do.
+    pub(super) fn explained(&self, error: ParamError, of: PipelineKind) -> SubjectError {
+        let ParamError::Unknown { path, hint } = error else { return error.into() };
+        let has_it = |kind: &&PipelineKind| (kind.fields)().iter().any(|field| field.path == path);
+        let owners: Vec<_> = self.kinds.iter().filter(has_it).map(|kind| kind.name).collect();
+        if owners.is_empty() {
+            return ParamError::Unknown { path, hint }.into();
+        }
+        SubjectError::OfAnother { pipeline: of.name, path, owners, hint }
     }
 
     /// The stages that a pipeline's frame holds by some of its parameters, in frame order: found by planning it with each of the

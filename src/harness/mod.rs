@@ -26,6 +26,7 @@ pub mod schedule;
 pub mod shard;
 pub mod sheet;
 pub mod subject;
+pub mod sweep;
 
 pub use fathom_record::{calendar, output};
 pub use fathom_verify as verify;

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
+use itertools::Itertools as _;
 use serde_json::Value;
 
 use super::catalog::{Catalog, SubjectError};
@@ -22,11 +23,16 @@ use fathom_gpu::Capacity;
 use fathom_record as record;
 use fathom_record::{Earlier, Outcome, Params, Part, Profile};
 
+/// Name of the file in a run's folder that holds the experiment that a command made.
+pub const GIVEN: &str = "sweep.toml";
+
 /// What to measure.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
     /// Names of built-in experiments or paths of files; none means all built-in ones.
     pub experiments: Vec<String>,
+    /// An experiment in place of those, which is written into the run's folder as [`GIVEN`].
+    pub given: Option<Experiment>,
     /// Values that replace those of an axis.
     pub axes: Vec<(String, Vec<String>)>,
     /// Parameters of every cell, (dotted path, value).
@@ -39,6 +45,9 @@ pub struct Request {
 
 impl Request {
     pub fn load(&self, catalog: &Catalog) -> Result<Vec<Experiment>, ExperimentError> {
+        if let Some(given) = &self.given {
+            return Ok(vec![given.clone()]);
+        }
         let names = if self.experiments.is_empty() {
             Experiment::ids(&catalog.experiments)
         } else {
@@ -192,8 +201,16 @@ fn planned_cell(
     Ok(planned)
 }
 
-/// Of each pipeline the cell that is nearest to its defaults, of those that are timed: its experiment's number and its own.
+/// Of each pipeline the cell that is nearest to its defaults, of those that are timed: its experiment's number and its own. Of sweeps
+/// over sizes all cells, so that the first report has every size.
 pub fn first_cells(planned: &[PlannedExperiment]) -> Vec<(usize, usize)> {
+    let sweeps = planned.iter().enumerate().filter(|(_, of)| of.experiment.knee_share.is_some());
+    let of_sweeps = sweeps.flat_map(|(number, of)| (0..of.cells.len()).map(move |c| (number, c)));
+    let of_sweeps = of_sweeps.filter(|(number, cell)| planned[*number].cells[*cell].skip.is_none());
+    nearest_cells(planned).into_iter().chain(of_sweeps).unique().collect()
+}
+
+fn nearest_cells(planned: &[PlannedExperiment]) -> Vec<(usize, usize)> {
     let mut by_pipeline = BTreeMap::<&str, Vec<((usize, usize), Choice<'_>)>>::new();
     for (experiment, of) in planned.iter().enumerate() {
         for (index, cell) in of.cells.iter().enumerate() {

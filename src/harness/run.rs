@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 
 use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, KnownCells, Session, Spent};
@@ -16,6 +16,7 @@ use super::reports::{Output, Report, Reports};
 use super::sample::{self, Goal, Settings};
 use super::schedule::{Batch, CellState, OpenClaim, Schedule, Seen, Unit};
 use super::{ceilings, memory};
+use fathom_base::folder::Folder;
 use fathom_base::{quiet, tell};
 use fathom_clock::Samples;
 use fathom_experiments::{CellPlan, Experiment};
@@ -113,6 +114,11 @@ pub fn run(
         Some(held) => held,
         None => Held::create(options.out.as_deref(), &gpu.adapter.title(), profile)?,
     };
+    if let Some(given) = &request.given {
+        let folder = Folder::make(&held.output.folder);
+        let written = folder.and_then(|folder| folder.write(plan::GIVEN, given.text.as_bytes()));
+        written.with_context(|| format!("cannot write {}", plan::GIVEN))?;
+    }
     let now = spent.since(now, SetUp::Scenes);
     let audit = gpu::audit_all(&gpu)?;
     spent.since(now, SetUp::Audit);

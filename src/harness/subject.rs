@@ -126,19 +126,29 @@ impl Subjects {
         scene: &str,
         overrides: &[(String, Value)],
     ) -> Result<Subject, SubjectError> {
-        let kind = self.catalog.kind(pipeline)?;
-        let file = self.file(scene)?;
-        let mut params = (kind.defaults)(&file);
-        for (path, value) in overrides {
-            parameter::set(&mut params, path, value.clone())?;
-        }
-        let params = (kind.checked)(&params)?;
+        let (kind, file) = (self.catalog.kind(pipeline)?, self.file(scene)?);
+        let params = self.params(kind, scene, overrides)?;
         let file = pipelines::staged(&params, &file)?;
         let scene_name = scene.to_owned();
         let too_large = self.too_large(&file);
         let file = if too_large.is_some() { pipelines::smallest(file) } else { file };
         let scene = self.scene(file)?;
         Ok(Subject { kind, scene_name, scene, params, too_large })
+    }
+
+    /// The parameters of a subject, checked. No scene is made.
+    pub fn params(
+        &mut self,
+        kind: PipelineKind,
+        scene: &str,
+        overrides: &[(String, Value)],
+    ) -> Result<Value, SubjectError> {
+        let mut params = (kind.defaults)(&self.file(scene)?);
+        for (path, value) in overrides {
+            let set = parameter::set(&mut params, path, value.clone());
+            set.map_err(|error| self.catalog.explained(error, kind))?;
+        }
+        Ok((kind.checked)(&params)?)
     }
 
     fn too_large(&self, file: &SceneFile) -> Option<String> {

@@ -15,6 +15,7 @@ pub mod clocks;
 pub mod counts;
 pub mod exact;
 pub mod files;
+pub mod knees;
 pub mod noise;
 pub mod rank;
 pub mod run;

@@ -1,4 +1,5 @@
-//! `cells.csv`: one row per cell and stage, as RFC 4180 has it. A cell without figures has one row with an empty stage.
+//! `cells.csv`: one row per cell and stage, as RFC 4180 has it, with a column for each axis of the run's cells. A cell without figures has
+//! one row with an empty stage.
 //! The quantities of a cell stand in its first row only: they are many, and the same for all its stages.
 //! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::spreadsheet`].
 
@@ -7,10 +8,12 @@ use std::io::{self, Write};
 use itertools::Itertools;
 
 use super::{Entry, Exporter, OfRun, ReportView, RunExporter, Written};
-use fathom_base::statistics::median;
+use fathom_base::statistics::{mean, median, quantile};
 use fathom_base::text;
+use fathom_experiments::label_text;
 use fathom_record::{
-    Estimate, Fenced, Interval, Measured, Outcome, Run, StageRecord, Throttling, Work, machine,
+    ErrorFigure, Estimate, Fenced, Interval, Measured, Outcome, Run, StageRecord, Throttling, Work,
+    machine,
 };
 
 pub const EXPORTER: RunExporter = Exporter {
@@ -40,7 +43,7 @@ const OF_CELL: [(&str, OfCell); 10] = [
 ];
 
 /// No figures of a time that is below the resolution, which then stands alone.
-const OF_STAGE: [(&str, OfStage); 8] = [
+const OF_STAGE: [(&str, OfStage); 13] = [
     ("stage", |stage| stage.stage.to_string()),
     ("clock", |stage| {
         let clock = serde_json::to_value(stage.clock).unwrap_or_default();
@@ -49,16 +52,32 @@ const OF_STAGE: [(&str, OfStage); 8] = [
     ("median_ns", |stage| middle(&resolved(stage))),
     ("low_ns", |stage| end(&resolved(stage), |interval| interval.low)),
     ("high_ns", |stage| end(&resolved(stage), |interval| interval.high)),
+    ("p95_ns", |stage| tail(resolved_samples(stage), 0.95)),
+    ("p99_ns", |stage| tail(resolved_samples(stage), 0.99)),
+    ("max_ns", |stage| tail(resolved_samples(stage), 1.0)),
     ("samples", |stage| stage.time.n.to_string()),
     ("submit_cost_median_ns", |stage| fenced(stage, |of| median(&of.submit_cost_samples_ns))),
     ("resolution_ns", |stage| fenced(stage, |of| of.resolution_ns)),
+    ("limit", |stage| stage.ceiling.as_ref().map_or("", |of| of.limit.name()).to_owned()),
+    ("limit_share", |stage| optional(stage.ceiling.as_ref().map(|of| of.share))),
 ];
 
-const OF_FRAME: [(&str, OfFrame); 12] = [
+/// The first error that judges the stage's output: the others are among the quantities.
+const OF_ERROR: [(&str, fn(&ErrorFigure) -> String); 3] = [
+    ("error", |error| number(error.value)),
+    ("error_name", |error| error.name.clone()),
+    ("error_unit", |error| error.unit.clone()),
+];
+
+const OF_FRAME: [(&str, OfFrame); 16] = [
     ("frame_untimed_median_ns", |cell| middle(&cell.frame.untimed)),
     ("frame_untimed_low_ns", |cell| end(&cell.frame.untimed, |interval| interval.low)),
     ("frame_untimed_high_ns", |cell| end(&cell.frame.untimed, |interval| interval.high)),
+    ("frame_untimed_p95_ns", |cell| tail(&cell.frame.untimed_samples_ns, 0.95)),
+    ("frame_untimed_p99_ns", |cell| tail(&cell.frame.untimed_samples_ns, 0.99)),
+    ("frame_untimed_max_ns", |cell| tail(&cell.frame.untimed_samples_ns, 1.0)),
     ("frame_untimed_samples", |cell| cell.frame.untimed.n.to_string()),
+    ("frame_energy_j", |cell| optional(energy_j(cell))),
     ("accounting_error", |cell| number(cell.frame.accounting_error)),
     ("timing_cost", |cell| number(cell.frame.timing_cost.median)),
     ("allocated_bytes", |cell| cell.allocated_bytes.to_string()),
@@ -73,22 +92,28 @@ const OF_FRAME: [(&str, OfFrame); 12] = [
 ];
 
 fn export(view: &ReportView<'_>, to: &mut dyn Write) -> io::Result<()> {
-    let of_cell = OF_CELL.iter().map(|(name, _)| *name);
-    let of_stage = OF_STAGE.iter().map(|(name, _)| *name).chain(Work::NAMES.iter().copied());
+    let axes = view.entries().flat_map(|entry| entry.cell.axes.keys().map(String::as_str)).unique();
+    let axes = axes.collect_vec();
+    let of_cell = OF_CELL.iter().map(|(name, _)| (*name).to_owned());
+    let of_axes = axes.iter().map(|name| format!("axis:{name}"));
+    let of_stage = OF_STAGE.iter().map(|(name, _)| *name).chain(OF_ERROR.map(|(name, _)| name));
     let of_frame = OF_FRAME.iter().map(|(name, _)| *name).chain(["quantities"]);
-    let header = of_cell.chain(of_stage).chain(of_frame);
-    let header = header.map(str::to_owned).collect_vec();
+    let others = of_stage.chain(Work::NAMES.iter().copied()).chain(of_frame);
+    let header = of_cell.chain(of_axes).chain(others.map(str::to_owned)).collect_vec();
     let columns = header.len();
     let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(to);
-    let rows = view.entries().flat_map(|entry| rows(entry, columns));
+    let rows = view.entries().flat_map(|entry| rows(entry, &axes, columns));
     for row in std::iter::once(header).chain(rows) {
         writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)))?;
     }
     writer.flush()
 }
 
-fn rows(entry: &Entry<'_>, columns: usize) -> Vec<Vec<String>> {
-    let of_cell = OF_CELL.iter().map(|(_, field)| field(entry)).collect_vec();
+fn rows(entry: &Entry<'_>, axes: &[&str], columns: usize) -> Vec<Vec<String>> {
+    let of_cell = OF_CELL.iter().map(|(_, field)| field(entry));
+    let values = axes.iter().map(|name| entry.cell.axes.get(*name));
+    let of_axes = values.map(|value| value.map_or_else(String::new, label_text));
+    let of_cell = of_cell.chain(of_axes).collect_vec();
     let Some(measured) = entry.cell.measured() else {
         let mut row = of_cell;
         row.resize(columns, String::new());
@@ -98,8 +123,10 @@ fn rows(entry: &Entry<'_>, columns: usize) -> Vec<Vec<String>> {
         let work = stage.work.fields().into_iter().map(|(_, count)| count.to_string()).collect();
         let quantities = if index == 0 { quantities(measured) } else { String::new() };
         let of_stage = OF_STAGE.iter().map(|(_, field)| field(stage)).collect();
+        let error = measured.errors.iter().find(|error| error.stage == stage.stage);
+        let of_error = OF_ERROR.map(|(_, field)| error.map_or_else(String::new, field));
         let of_frame = OF_FRAME.iter().map(|(_, field)| field(measured)).collect();
-        [of_cell.clone(), of_stage, work, of_frame, vec![quantities]].concat()
+        [of_cell.clone(), of_stage, of_error.into(), work, of_frame, vec![quantities]].concat()
     };
     measured.stages.iter().enumerate().map(row).collect()
 }
@@ -120,6 +147,32 @@ fn status<'e>(entry: &'e Entry<'_>) -> [&'e str; 2] {
 
 fn resolved(stage: &StageRecord) -> Estimate {
     if stage.is_resolved() { stage.time } else { Estimate::default() }
+}
+
+fn resolved_samples(stage: &StageRecord) -> &[f64] {
+    if stage.is_resolved() { &stage.samples_ns } else { &[] }
+}
+
+fn tail(samples: &[f64], share: f64) -> String {
+    optional(percentile(samples, share))
+}
+
+fn optional(value: Option<f64>) -> String {
+    value.map_or_else(String::new, number)
+}
+
+/// The value below which this share of the samples lies; none where less than one of them is expected beyond it. Of all: the largest.
+pub fn percentile(samples: &[f64], share: f64) -> Option<f64> {
+    let beyond = samples.len() as f64 * (1.0 - share);
+    let is_known = if share < 1.0 { beyond.round() >= 1.0 } else { !samples.is_empty() };
+    is_known.then(|| quantile(samples, share))
+}
+
+/// Energy of a frame: the mean power at the cell's samples times the frame's time.
+fn energy_j(cell: &Measured) -> Option<f64> {
+    let watts = cell.frame.machine.iter().filter_map(|state| state.power_w).collect_vec();
+    let is_known = !watts.is_empty() && cell.is_timed();
+    is_known.then(|| mean(watts) * cell.frame.untimed.median * 1e-9)
 }
 
 fn fenced(stage: &StageRecord, field: fn(&Fenced) -> f64) -> String {
@@ -166,10 +219,50 @@ mod tests {
         let records = fixtures::run();
         let text = exported(&records);
         let mut reader = csv::Reader::from_reader(&text[..]);
-        assert_eq!(reader.headers().unwrap().len(), 38);
+        let head: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
+        assert!(head.iter().all_unique(), "{head:?}");
+        let axes = head.iter().filter(|name| name.starts_with("axis:"));
+        assert_eq!(head.len() - axes.count(), 50);
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         assert!(rows.len() > 20);
         assert!(rows.iter().any(|row| &row[8] == "skipped"));
+    }
+
+    #[test]
+    fn rows_are_tidy_and_tails_need_their_samples() {
+        let mut records = fixtures::run();
+        let cell = fixtures::cells(&mut records).find(|cell| !cell.axes.is_empty()).unwrap();
+        let cells = [cell.experiment.clone(), cell.cell.clone()];
+        let axis = cell.axes.keys().next().unwrap().clone();
+        let value = label_text(&cell.axes[&axis]);
+        let measured = cell.measured_mut().unwrap();
+        let stage = &mut measured.stages[0];
+        (stage.fenced, stage.samples_ns) = (None, (1..=100).map(f64::from).collect());
+        measured.errors = vec![ErrorFigure::new("e", 0.25, "m", &stage.stage)];
+        measured.frame.untimed_samples_ns = (1..=20).map(f64::from).collect();
+        measured.frame.untimed.median = 2e9;
+        let state = |power_w| MachineState { power_w, ..MachineState::default() };
+        measured.frame.machine = [Some(10.0), Some(30.0), None].map(state).into();
+        let text = exported(&records);
+        let mut reader = csv::Reader::from_reader(&text[..]);
+        let head = reader.headers().unwrap().clone();
+        let mut rows = reader.records().map(Result::unwrap);
+        let row = rows.find(|row| row[0] == *cells[0] && row[1] == *cells[1]).unwrap();
+        for (name, expected) in [
+            (&*format!("axis:{axis}"), &*value),
+            ("p95_ns", "95.05"),
+            ("p99_ns", "99.01"),
+            ("max_ns", "100"),
+            ("error", "0.25"),
+            ("error_name", "e"),
+            ("frame_untimed_p95_ns", "19.05"),
+            ("frame_untimed_p99_ns", ""),
+            ("frame_untimed_max_ns", "20"),
+            ("frame_energy_j", "40"),
+        ] {
+            let place = head.iter().position(|column| column == name).expect(name);
+            assert_eq!(&row[place], expected, "{name}");
+        }
     }
 
     #[test]
@@ -179,7 +272,7 @@ mod tests {
         let text = exported(&records);
         let mut reader = csv::Reader::from_reader(&text[..]);
         let rows = reader.records().map(Result::unwrap);
-        let told = rows.filter(|row| row[37].contains('=')).count();
+        let told = rows.filter(|row| row[row.len() - 1].contains('=')).count();
         let with_figures = view.measured().filter(|(_, measured)| !measured.figures().is_empty());
         assert_eq!(told, with_figures.count());
     }
@@ -194,7 +287,7 @@ mod tests {
         let text = exported(&records);
         let mut reader = csv::Reader::from_reader(&text[..]);
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
-        let told = |row: &csv::StringRecord| [34, 35, 36].map(|column| row[column].to_owned());
+        let told = |row: &csv::StringRecord| [4, 3, 2].map(|n| row[row.len() - n].to_owned());
         let measured = rows.iter().filter(|row| &row[8] == "measured").map(told);
         let kinds: std::collections::BTreeSet<[String; 3]> = measured.collect();
         let expected = [["0", "0", ""], ["2", "1", "sw power cap"]];
@@ -213,8 +306,8 @@ mod tests {
             submit_cost_samples_ns: vec![6e4; 7],
             resolution_ns: 5e4,
         });
-        let fields = OF_STAGE[2..].iter().map(|(_, field)| field(stage)).collect_vec();
-        assert_eq!(fields, ["", "", "", "7", "60000", "50000"]);
+        let fields = OF_STAGE[2..11].iter().map(|(_, field)| field(stage)).collect_vec();
+        assert_eq!(fields, ["", "", "", "", "", "", "7", "60000", "50000"]);
         assert_eq!(crate::format::stage_ms(stage), "< 0.0500");
     }
 }

@@ -56,16 +56,11 @@ pub struct StageShare<'a> {
 impl<'a> Representative<'a> {
     /// Every stage in frame order.
     pub fn stages(&self) -> Vec<StageShare<'a>> {
-        let stages = &self.measured.stages;
-        let frames = stages.iter().map(|stage| stage.samples_ns.len()).min().unwrap_or(0);
-        let sums = (0..frames).map(|f| stages.iter().map(|stage| stage.samples_ns[f]).sum::<f64>());
-        let sums: Vec<f64> = sums.collect();
-        let of = |stage: &'a StageRecord| {
-            let pairs: Vec<(f64, f64)> =
-                stage.samples_ns.iter().copied().zip(sums.iter().copied()).collect();
-            StageShare { stage, share: statistics::ratio_estimate(&pairs) }
+        let share = |(stage, shares): (&'a StageRecord, Vec<f64>)| StageShare {
+            stage,
+            share: statistics::estimate(&shares),
         };
-        stages.iter().map(of).collect()
+        stage_shares(self.measured).into_iter().map(share).collect()
     }
 
     /// The stage with the largest share.
@@ -82,6 +77,18 @@ impl<'a> Representative<'a> {
             _ => self.cell.scene.clone(),
         }
     }
+}
+
+/// Every stage in frame order, with its share of the sum of all stages frame by frame.
+pub fn stage_shares(measured: &Measured) -> Vec<(&StageRecord, Vec<f64>)> {
+    let stages = &measured.stages;
+    let frames = stages.iter().map(|stage| stage.samples_ns.len()).min().unwrap_or(0);
+    let sums = (0..frames).map(|f| stages.iter().map(|stage| stage.samples_ns[f]).sum::<f64>());
+    let sums = sums.collect_vec();
+    let of = |stage: &StageRecord| {
+        stage.samples_ns.iter().zip(&sums).map(|(ns, sum)| ns / sum).collect()
+    };
+    stages.iter().map(|stage| (stage, of(stage))).collect()
 }
 
 /// A frame for each pipeline, in the order in which the plan first has them.

@@ -16,6 +16,7 @@ pub mod facts;
 pub mod format;
 pub mod noise;
 pub mod page;
+pub mod sizes;
 mod summary;
 #[cfg(test)]
 mod testing;

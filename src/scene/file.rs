@@ -8,8 +8,8 @@ use glam::{DMat4, DQuat, DVec3, EulerRot};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Camera, Light, Material, Mesh, Object, Scene, SceneError, VolumeFile, Water, assets, check,
-    generators, read, toml_text,
+    Bounds, Camera, Light, Material, Object, Scene, SceneError, VolumeFile, Water, assets, check,
+    generators, mesh_file, mesh_file::MeshPart, toml_text,
 };
 use fathom_base::embedded::{Folders, SCENES};
 use fathom_base::{choices, settings};
@@ -50,7 +50,7 @@ pub struct ObjectFile {
     pub generator: Option<String>,
     /// Name of a mesh to fetch; see [`assets`].
     pub asset: Option<String>,
-    /// Path of an .obj or .ply file, plain or compressed by gzip, relative to the scene file.
+    /// Path of an .obj, .ply, .stl, .gltf or .glb file, plain or compressed by gzip, relative to the scene file.
     pub file: Option<PathBuf>,
     /// The generator's parameters; those left out have their defaults.
     #[serde(default)]
@@ -102,21 +102,20 @@ impl Stand {
 }
 
 impl Transform {
-    /// Object space to world space, for this mesh.
-    pub fn matrix(&self, mesh: &Mesh, floor_depth_m: f64) -> DMat4 {
+    /// Object space to world space, for a mesh of these bounds.
+    pub fn matrix(&self, bounds: &Bounds, floor_depth_m: f64) -> DMat4 {
         let [x, y, z] = self.rotate_deg.map(f64::to_radians);
         let ground = self.on.height_m(floor_depth_m);
         let turn = DQuat::from_euler(EulerRot::ZYX, z, y, x);
         let place = DVec3::from(self.translate_m) + DVec3::Y * ground;
         let scale = DVec3::splat(self.scale);
-        DMat4::from_scale_rotation_translation(scale, turn, place) * self.fitting(mesh)
+        DMat4::from_scale_rotation_translation(scale, turn, place) * self.fitting(bounds)
     }
 
-    fn fitting(&self, mesh: &Mesh) -> DMat4 {
+    fn fitting(&self, bounds: &Bounds) -> DMat4 {
         if self.fit_m == 0.0 {
             return DMat4::IDENTITY;
         }
-        let bounds = mesh.bounds();
         let foot = bounds.center().with_y(bounds.min.y);
         let largest = bounds.size().max_element().max(f64::MIN_POSITIVE);
         DMat4::from_scale(DVec3::splat(self.fit_m / largest)) * DMat4::from_translation(-foot)
@@ -130,13 +129,17 @@ impl Transform {
 }
 
 impl SceneFile {
-    /// A built-in scene's file by name, or one by path.
+    /// A built-in scene's file by name, or one by path; of a mesh's path the mesh on a plate.
     pub fn load(name_or_path: &str) -> Result<SceneFile, SceneError> {
         SceneFile::load_from(&Folders::of(SCENES), name_or_path)
     }
 
     /// The file of a scene of these folders by name, or one by path.
     pub fn load_from(folders: &Folders, name_or_path: &str) -> Result<SceneFile, SceneError> {
+        let path = Path::new(name_or_path);
+        if mesh_file::reader(path).is_some() {
+            return SceneFile::of_mesh(path);
+        }
         let (origin, text) = toml_text::find(folders, name_or_path)?;
         SceneFile::read(folders, origin, &text)
     }
@@ -200,34 +203,46 @@ impl ObjectFile {
         Ok(())
     }
 
-    /// Makes or reads the mesh, of at most `triangles`, and places it. Adds an absent asset's stand-in to `stand_ins`.
+    /// Makes or reads the mesh, of at most `triangles`, and places it: an object for each colour of its file. Adds an absent asset's
+    /// stand-in to `stand_ins`.
     pub(super) fn build(
         &self,
         file: &SceneFile,
         triangles: usize,
         stand_ins: &mut Vec<String>,
-    ) -> Result<Object, String> {
-        let mesh = self.mesh(file, triangles, stand_ins)?;
-        if mesh.triangle_count() > triangles {
+    ) -> Result<Vec<Object>, String> {
+        let parts = self.parts(file, triangles, stand_ins)?;
+        if parts.iter().map(|part| part.mesh.triangle_count()).sum::<usize>() > triangles {
             return Err(read::too_many_triangles(triangles));
         }
-        let matrix = self.transform.matrix(&mesh, file.floor_depth_m);
-        let mesh = mesh.transformed(&matrix);
-        mesh.validate()?;
-        Ok(Object { material: self.material.clone(), ..Object::new(&self.name, mesh) })
+        let bounds = parts.iter().map(|part| part.mesh.bounds()).fold(Bounds::EMPTY, Bounds::union);
+        let matrix = self.transform.matrix(&bounds, file.floor_depth_m);
+        // What a scene file says of a colour counts; what nobody says is the material's default.
+        let has_own_colour = self.material.albedo != Material::default().albedo;
+        let object = |MeshPart { mesh, albedo }: MeshPart| {
+            let mesh = mesh.transformed(&matrix);
+            mesh.validate()?;
+            let mut material = self.material.clone();
+            if let Some(albedo) = albedo.filter(|_| !has_own_colour) {
+                material.albedo = albedo;
+            }
+            Ok(Object { material, ..Object::new(&self.name, mesh) })
+        };
+        parts.into_iter().map(object).collect()
     }
 
-    fn mesh(
+    fn parts(
         &self,
         file: &SceneFile,
         triangles: usize,
         stand_ins: &mut Vec<String>,
-    ) -> Result<Mesh, String> {
+    ) -> Result<Vec<MeshPart>, String> {
         if let Some(name) = &self.generator {
-            return generators::find(name)?.mesh(&self.params, file.floor_depth_m);
+            let mesh = generators::find(name)?.mesh(&self.params, file.floor_depth_m)?;
+            return Ok(vec![mesh.into()]);
         }
         if let Some(path) = &self.file {
-            return Mesh::read_within(&file.folder.join(path), triangles);
+            return mesh_file::read_parts(&file.folder.join(path), triangles);
         }
         let name = self.asset.as_deref().unwrap_or_default();
         let asset = assets::named(name)?;
@@ -235,11 +250,11 @@ impl ObjectFile {
             return Err(format!("asset `{name}` is a volume: it belongs to [volume]"));
         }
         if let Some(path) = assets::find(name) {
-            return Mesh::read_within(&path, triangles);
+            return mesh_file::read_parts(&path, triangles);
         }
         let generator = generators::find(asset.stand_in.0)?;
         let mesh = generator.mesh(&asset.stand_in_params(), file.floor_depth_m)?;
         stand_ins.push(asset.stand_in_note(&format!("{} triangles", mesh.triangle_count())));
-        Ok(mesh)
+        Ok(vec![mesh.into()])
     }
 }

@@ -1,40 +1,77 @@
 //! Meshes from files.
 
 use std::collections::BTreeSet;
+use std::io::Read;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use super::read::{MAX_TRIANGLES, Source, open, text_of};
-use super::{Mesh, check, obj, ply};
+use super::{Mesh, check, gltf, obj, ply, stl};
 use fathom_base::tell;
 
-impl Mesh {
-    /// Reads a mesh by the ending of its name: `.obj` or `.ply` (ASCII), each plain or compressed by gzip with `.gz` after it.
-    pub fn read(path: &Path) -> Result<Mesh, String> {
-        Mesh::read_within(path, MAX_TRIANGLES)
-    }
+/// What a mesh file holds of one colour.
+pub struct MeshPart {
+    pub mesh: Mesh,
+    /// Diffuse reflectance, linear RGB, where the file has one.
+    pub albedo: Option<[f32; 3]>,
+}
 
-    /// The same of no more than so many triangles.
-    pub(super) fn read_within(path: &Path, triangles: usize) -> Result<Mesh, String> {
-        let malformed = |what| format!("mesh {}: {what}", path.display());
-        let name = path.to_string_lossy().to_ascii_lowercase();
-        let plain = name.strip_suffix(".gz").unwrap_or(&name);
-        let read: fn(Source, usize, &mut Vec<String>) -> Result<Mesh, String> =
-            match plain.rsplit_once('.') {
-                Some((_, "obj")) => obj::read,
-                Some((_, "ply")) => ply::read,
-                _ => {
-                    let what = "its name must end in .obj or .ply, or in one of them and .gz";
-                    return Err(malformed(what.to_owned()));
-                }
-            };
-        let source = open(path).and_then(text_of);
-        let source = source.map_err(|e| format!("cannot read the mesh {}: {e}", path.display()))?;
-        let mut notes = Vec::new();
-        let mesh = read(source, triangles, &mut notes).and_then(checked).map_err(malformed)?;
-        notes.into_iter().map(malformed).for_each(note_once);
+/// Reads the content of a file, of no more than so many triangles, and adds what it does not read to the notes.
+type Reader = fn(Box<dyn Read>, usize, &mut Vec<String>) -> Result<Vec<MeshPart>, String>;
+
+/// Endings of names with what reads such files.
+const READERS: [(&str, Reader); 5] = [
+    ("obj", |file, most, notes| of_text(file, |text| obj::read(text, most, notes))),
+    ("ply", |file, most, notes| of_text(file, |text| ply::read(text, most, notes))),
+    ("stl", |file, most, notes| Ok(vec![stl::read(file, most, notes)?.into()])),
+    ("gltf", gltf::read),
+    ("glb", gltf::read),
+];
+
+/// For messages.
+pub const ENDINGS: &str = ".obj, .ply, .stl, .gltf or .glb";
+
+impl From<Mesh> for MeshPart {
+    fn from(mesh: Mesh) -> Self {
+        Self { mesh, albedo: None }
+    }
+}
+
+/// What reads a file of this name; none where its ending is not that of a mesh.
+pub fn reader(path: &Path) -> Option<Reader> {
+    let name = path.to_string_lossy().to_ascii_lowercase();
+    let (_, ending) = name.strip_suffix(".gz").unwrap_or(&name).rsplit_once('.')?;
+    READERS.iter().find(|(known, _)| *known == ending).map(|(_, reader)| *reader)
+}
+
+impl Mesh {
+    /// Reads a mesh by the ending of its name: [`ENDINGS`], each plain or compressed by gzip with `.gz` after it.
+    pub fn read(path: &Path) -> Result<Mesh, String> {
+        let mut mesh = Mesh::default();
+        read_parts(path, MAX_TRIANGLES)?.iter().for_each(|part| mesh.append(&part.mesh));
         Ok(mesh)
     }
+}
+
+/// The parts of a mesh file of no more than so many triangles: one at least.
+pub fn read_parts(path: &Path, triangles: usize) -> Result<Vec<MeshPart>, String> {
+    let malformed = |what| format!("mesh {}: {what}", path.display());
+    let named = || malformed(format!("its name must end in {ENDINGS}, or in one of them and .gz"));
+    let read = reader(path).ok_or_else(named)?;
+    let file = open(path);
+    let file = file.map_err(|e| format!("cannot read the mesh {}: {e}", path.display()))?;
+    let mut notes = Vec::new();
+    let parts = read(file, triangles, &mut notes).and_then(checked).map_err(malformed)?;
+    notes.into_iter().map(malformed).for_each(note_once);
+    Ok(parts)
+}
+
+fn of_text(
+    file: Box<dyn Read>,
+    read: impl FnOnce(Source) -> Result<Mesh, String>,
+) -> Result<Vec<MeshPart>, String> {
+    let mesh = read(text_of(file).map_err(|error| error.to_string())?)?;
+    Ok(vec![mesh.into()])
 }
 
 /// Prints a note, if this process has not done so before: a scene's files are read more than once.
@@ -45,16 +82,19 @@ fn note_once(note: String) {
     }
 }
 
-/// The mesh, if it can be used.
-fn checked(mesh: Mesh) -> Result<Mesh, String> {
+/// The parts that have triangles, if they can be used.
+fn checked(mut parts: Vec<MeshPart>) -> Result<Vec<MeshPart>, String> {
     let far = check::FAR_M as f32;
     let bad = |p: &[f32; 3]| !p.iter().all(|c| c.abs() <= far);
-    if let Some(i) = mesh.positions.iter().position(bad) {
-        let vertex = mesh.positions[i];
-        return Err(format!(
-            "vertex {i} is {vertex:?}; coordinates must be finite and within ±{far}"
-        ));
+    parts.retain(|part| !part.mesh.indices.is_empty());
+    for MeshPart { mesh, .. } in &parts {
+        if let Some(i) = mesh.positions.iter().position(bad) {
+            let vertex = mesh.positions[i];
+            return Err(format!(
+                "vertex {i} is {vertex:?}; coordinates must be finite and within ±{far}"
+            ));
+        }
+        mesh.validate()?;
     }
-    mesh.validate()?;
-    Ok(mesh)
+    if parts.is_empty() { Mesh::default().validate().map(|()| parts) } else { Ok(parts) }
 }

@@ -13,6 +13,7 @@ mod documented;
 mod file;
 mod frustum;
 pub mod generators;
+mod gltf;
 mod grid;
 mod light;
 mod light_frame;
@@ -21,11 +22,13 @@ mod mesh_file;
 mod noise;
 mod obj;
 mod photon_start;
+mod placed;
 mod ply;
 mod polygon;
 mod read;
 mod samples;
 mod shapes;
+mod stl;
 mod toml_text;
 mod volume;
 mod volume_file;
@@ -64,12 +67,17 @@ const HEADROOM_M: f64 = 1.0;
 /// Why a scene cannot be had. Each message says what to do about it.
 #[derive(Debug, Error)]
 pub enum SceneError {
-    #[error("there is no scene `{name}`: {hint} (or give the path of a .toml file)")]
+    #[error("there is no scene `{name}`: {hint} (or give the path of a .toml file or a mesh)")]
     Unknown { name: String, hint: String },
     #[error("cannot read the scene file {path}: {source}")]
     Read { path: PathBuf, source: std::io::Error },
     #[error("scene file {origin}: {}", line(.message))]
     Parse { origin: String, message: String },
+    /// Of a mesh file in the place of a scene.
+    #[error("{}", line(.0))]
+    Mesh(String),
+    #[error("{}: a scene's file ends in .toml, a mesh in {}", path.display(), mesh_file::ENDINGS)]
+    NoScene { path: PathBuf },
     #[error("scene `{}`: {}", line(.scene), line(.message))]
     Invalid { scene: String, message: String },
 }
@@ -190,8 +198,8 @@ impl Scene {
             let built = object
                 .build(file, left, &mut stand_ins)
                 .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))?;
-            left -= built.mesh.triangle_count();
-            objects.push(built);
+            left -= built.iter().map(|object| object.mesh.triangle_count()).sum::<usize>();
+            objects.extend(built);
         }
         let volume = file.volume.as_ref().map(|v| v.build(file, &mut stand_ins)).transpose();
         let volume = volume.map_err(|m| invalid(format!("[volume]: {m}")))?;

@@ -6,7 +6,7 @@ use std::path::Path;
 use fathom_base::input;
 
 /// What some editors put before text.
-const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+pub const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 
 /// Most bytes that are read from one file, after decompression.
 pub const MAX_BYTES: u64 = 512 << 20;

@@ -30,6 +30,9 @@ pub fn find(folders: &Folders, name_or_path: &str) -> Result<(String, String), S
             hint: check::hint(name_or_path, scenes.iter().map(|(name, _)| name.as_str())),
         });
     }
+    if path.extension().is_some_and(|ending| !ending.eq_ignore_ascii_case("toml")) {
+        return Err(SceneError::NoScene { path: path.to_owned() });
+    }
     let text = input::text(path, input::MAX_TEXT)
         .map_err(|source| SceneError::Read { path: path.to_owned(), source })?;
     Ok((name_or_path.to_owned(), text))

@@ -6,6 +6,9 @@ mod cli;
 mod common;
 mod documents;
 mod dumps;
+#[allow(dead_code, reason = "an STL file is written elsewhere")]
+#[path = "../common/files.rs"]
+mod files;
 mod folders;
 mod history;
 mod host_costs;
@@ -17,3 +20,4 @@ mod printing;
 mod private;
 mod queries;
 mod shards;
+mod sweeps;

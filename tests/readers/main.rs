@@ -113,6 +113,9 @@ readers! {
     comparisons: "records.jsonl", comparison;
     objs: "a.obj", mesh;
     plys: "a.ply", mesh;
+    stls: "a.stl", mesh;
+    glbs: "a.glb", mesh;
+    gltfs: "a.gltf", mesh;
     histories: "history.sqlite", history;
 }
 
@@ -165,6 +168,12 @@ fn comparison(path: &Path) -> Answer {
 /// What is read can be used.
 fn mesh(path: &Path) -> Answer {
     told(Mesh::read(path)).map(|mesh| mesh.validate().unwrap())
+}
+
+fn gltf(path: &Path) -> Answer {
+    let path = path.with_extension("gltf");
+    fs::rename(path.with_extension("toml"), &path).unwrap();
+    mesh(&path)
 }
 
 /// All that is asked of a history: its runs, its series, and what changed in them.
@@ -270,7 +279,7 @@ fn immense_content_is_refused() {
     // A polygon has as many triangles as corners, less two.
     let polygons = format!("f{}\n", " 1 2 3".repeat(10_000)).repeat(134);
     let no_faces = "f 1 2\nl 1 1 1\no\ng a\n";
-    let rows: [(String, Reader, &str); 10] = [
+    let rows: [(String, Reader, &str); 11] = [
         (of(axes), experiment, "counted too: at most 20000"),
         (of(turns), experiment, "at most 72"),
         (format!("{}{}", seeds::SCENE, knot.repeat(2000)), scene, "of 4000000"),
@@ -281,6 +290,11 @@ fn immense_content_is_refused() {
         ("v 0 0 0\n".repeat(3_600_001), mesh, "more than 3600000 vertices"),
         (corners(polygons), mesh, "more than 4000000 triangles"),
         (corners(no_faces.repeat(1 << 18)), mesh, "no triangles"),
+        (
+            format!("{{\"nodes\":[{}{{}}]}}", "{},".repeat(1_000_000)),
+            gltf,
+            "more than 2000000 values",
+        ),
     ];
     // Each in a thread of its own, whose memory is counted.
     let refuse = |(text, reader, reason): (String, Reader, &str)| {

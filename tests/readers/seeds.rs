@@ -1,11 +1,14 @@
 //! Small good inputs of every kind, from which the bad ones are made.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use fathom::experiments::Experiment;
 use fathom::history::{History, NewRun, Origin};
 use fathom::record::Record;
 use fathom::record::comparison::{Gate, Side, Skip};
 
 use super::common::{Place, lines, reference};
+use super::files::{GLTF, fan, glb, stl};
 use super::stored::{BYTES, Stored, TRACE};
 
 type Seeds = Vec<Vec<u8>>;
@@ -107,6 +110,21 @@ pub fn plys() -> Seeds {
     all([
         "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float confidence\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 1\n1 1 0 1\n0 1 0 1\n4 0 1 2 3\n",
     ])
+}
+
+pub fn stls() -> Seeds {
+    let text = b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid a\n";
+    vec![text.to_vec(), stl(b"solid", &[[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]; 2], 1)]
+}
+
+pub fn glbs() -> Seeds {
+    let nodes = r#"{"children":[1],"scale":[1,-2,3]},{"mesh":0,"rotation":[0,1,0,0]}"#;
+    vec![glb(GLTF, &fan()), glb(&GLTF.replace(r#"{"mesh":0}"#, nodes), &fan())]
+}
+
+pub fn gltfs() -> Seeds {
+    let uri = format!("\"buffers\":[{{\"uri\":\"data:;base64,{}\",", BASE64.encode(fan()));
+    all([&GLTF.replace("\"buffers\":[{", &uri)])
 }
 
 /// Requests to a worker and its replies.

@@ -1,13 +1,17 @@
 //! Every cell as a row that can be sorted, filtered, opened, and measured again.
 
+use std::path::Path;
+
 use itertools::Itertools;
 use maud::{Markup, html};
 
 use super::setting_words;
 use super::{Fold, Page, PageRun, PageSection};
 use crate::Entry;
+use crate::cells_csv::percentile;
 use crate::format::{NS_PER_MS, percent, three};
-use fathom_base::text;
+use fathom_base::{private, text};
+use fathom_experiments::Experiment;
 use fathom_record::command::{OF_CELLS, parted};
 use fathom_record::{Cell, Estimate, Measured, OVER_BUDGET, Outcome, Run, StageRecord, Throttling};
 
@@ -45,7 +49,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
                 thead { tr {
                     @if page.is_overlay() { th scope="col" { "Run" } }
                     @for title in ["Experiment", "Cell"] { th scope="col" { (title) } }
-                    @for title in ["Frame (ms)", "± %", "n", "Cost of timing"] { th.number scope="col" { (title) } }
+                    @for title in ["Frame (ms)", "± %", "n", "p95 (ms)", "p99 (ms)", "Worst (ms)", "Cost of timing"] { th.number scope="col" { (title) } }
                     th scope="col" { "Slowest stage" }
                     th.number scope="col" { "Its share" }
                     th.script-only scope="col" { "Look closer" }
@@ -93,13 +97,13 @@ fn row(page: &Page<'_>, row: &Row<'_>) -> Markup {
             th scope="row" title=(cell.cell) { (name(cell)) }
             @match &cell.outcome {
                 Outcome::Measured(measured) => { (figures(measured)) }
-                Outcome::Skipped { reason } => { td.faint colspan="6" { "skipped: " (reason) } }
-                Outcome::Failed { reason } => { td.bad colspan="6" { "failed: " (reason) } }
-                Outcome::OverBudget => { td.faint colspan="6" { (OVER_BUDGET) } }
+                Outcome::Skipped { reason } => { td.faint colspan="9" { "skipped: " (reason) } }
+                Outcome::Failed { reason } => { td.bad colspan="9" { "failed: " (reason) } }
+                Outcome::OverBudget => { td.faint colspan="9" { (OVER_BUDGET) } }
             }
             td.script-only {
                 @if at.is_some() { button.stages type="button" { "stages" } " " }
-                button.copy type="button" data-copy=(command(cell, entry.run)) { "copy" }
+                button.copy type="button" data-copy=(command(cell, entry.run, run.view.folder.as_deref())) { "copy" }
             }
         }
     }
@@ -116,7 +120,7 @@ fn name(cell: &Cell) -> String {
 fn figures(measured: &Measured) -> Markup {
     let Estimate { median, n, .. } = measured.frame.untimed;
     if !measured.is_timed() {
-        return html! { td.faint colspan="6" { "its errors were asked for, not its time" } };
+        return html! { td.faint colspan="9" { "its errors were asked for, not its time" } };
     }
     let half = measured.frame.untimed.relative_half_width();
     let slowest = slowest(measured);
@@ -130,12 +134,22 @@ fn figures(measured: &Measured) -> Markup {
         }
         td.number data-v=[finite(half).map(|half| half as f32)] { (three(100.0 * half)) }
         td.number data-v=(n) { (n) }
+        (tails(&measured.frame.untimed_samples_ns))
         (cost(measured))
         @if let Some(stage) = slowest {
             td { (stage.stage) }
             td.number data-v=[finite(stage.time.median / total).map(|share| share as f32)] { (percent(stage.time.median / total)) }
         } @else {
             td.faint colspan="2" { "no stage is above the clock's resolution" }
+        }
+    }
+}
+
+/// Percentiles of the frame's times, where samples are enough for them, and the longest.
+fn tails(samples_ns: &[f64]) -> Markup {
+    html! {
+        @for ns in [0.95, 0.99, 1.0].map(|share| percentile(samples_ns, share)) {
+            td.number data-v=[ns] { (ns.map_or_else(|| "–".to_owned(), |ns| three(ns / NS_PER_MS))) }
         }
     }
 }
@@ -155,9 +169,18 @@ fn slowest(measured: &Measured) -> Option<&StageRecord> {
     resolved.max_by(|a, b| a.time.median.total_cmp(&b.time.median))
 }
 
-/// The command that measures a cell again, with the options of its run that it depends on.
-pub fn command(cell: &Cell, run: Option<&Run>) -> String {
-    let mut words = vec!["fathom".to_owned(), "run".to_owned(), text::shell(&cell.experiment)];
+/// The command that measures a cell again, with the options of its run that it depends on. An experiment that is not built in is named
+/// by its file: the one that the run was given, or the one that `fathom sweep` left in its folder.
+pub fn command(cell: &Cell, run: Option<&Run>, folder: Option<&Path>) -> String {
+    let own = || {
+        let given = run?.command.get(2..)?.iter().find(|word| word.ends_with(".toml"));
+        let is_sweep = run?.command[1] == "sweep";
+        let made = folder.filter(|_| is_sweep).map(|of| private::path(&of.join("sweep.toml")));
+        made.or_else(|| given.cloned())
+    };
+    let own = if Experiment::builtin_text(&cell.experiment).is_none() { own() } else { None };
+    let experiment = own.unwrap_or_else(|| cell.experiment.clone());
+    let mut words = vec!["fathom".to_owned(), "run".to_owned(), text::shell(&experiment)];
     words.extend(["--cell".to_owned(), text::shell(&cell.cell)]);
     if let Some(run) = run {
         words.extend(["--profile".to_owned(), run.profile.to_string()]);
@@ -182,5 +205,27 @@ mod tests {
         measured.frame.machine = vec![MachineState { throttle, ..MachineState::default() }];
         let marked = figures(measured).0;
         assert!(marked.contains("clocks down in 1 of 1 samples (power limit)"), "{marked}");
+    }
+
+    #[test]
+    fn an_experiment_that_is_not_built_in_is_named_by_its_file() {
+        let mut records = fixtures::run();
+        let mut cell = fixtures::cells(&mut records).next().unwrap().clone();
+        let again = |cell: &Cell, line: &str| {
+            let run =
+                Run { command: line.split(' ').map(str::to_owned).collect(), ..Run::default() };
+            command(cell, Some(&run), Some(Path::new("out")))
+        };
+        let builtin = format!("fathom run {} --cell", cell.experiment);
+        assert!(again(&cell, "fathom run a.toml").starts_with(&builtin));
+        cell.experiment = "own".to_owned();
+        for (line, expected) in [
+            ("fathom run b.toml --out out", "fathom run b.toml --cell "),
+            ("fathom sweep hsao --scene a.toml", "fathom run out/sweep.toml --cell "),
+            ("fathom run", "fathom run own --cell "),
+        ] {
+            let told = again(&cell, line);
+            assert!(told.starts_with(expected), "{line}: {told}");
+        }
     }
 }

@@ -30,7 +30,7 @@ use sha2::{Digest, Sha256};
 use super::charts::style;
 use super::colors::StageColors;
 use super::document::{self, Field, Part, Table};
-use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written};
+use super::{Artifact, Exporter, LeftOut, OfRun, ReportView, RunExporter, Written, sizes};
 use fathom_base::{private, text};
 use fathom_record::Run;
 
@@ -145,12 +145,21 @@ const COMPARED: PageSection = PageSection {
     },
 };
 
+const SIZES: PageSection = PageSection {
+    id: "sizes",
+    title: "Sizes",
+    question: "What does each size cost, and from which size does a stage dominate?",
+    fold: Fold::Open,
+    write: |page| document::of(page.runs.iter().flat_map(|run| sizes::parts(run.view)).collect()),
+};
+
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 14] = [
+const SECTIONS: [PageSection; 15] = [
     CHANGES,
     overview::SECTION,
     HISTORY,
     COMPARED,
+    SIZES,
     claims::SECTION,
     time::SECTION,
     host::SECTION,

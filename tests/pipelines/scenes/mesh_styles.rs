@@ -1,11 +1,13 @@
 //! Meshes as people and programs write them are the same meshes as written plainly.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use fathom::scene::Mesh;
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use super::files::gzip;
+use super::files::{GLTF, fan, glb, gzip, stl};
 use super::meshes::read;
 use crate::promises::draws;
 
@@ -30,9 +32,9 @@ fn triangles(mesh: &Mesh) -> Vec<[Corner; 3]> {
 }
 
 /// The triangles of a file, which are the same when it is compressed.
-fn of(name: &str, text: &str) -> Result<Vec<[Corner; 3]>, String> {
-    let mesh = read(name, text.as_bytes())?;
-    assert_eq!(read(&format!("{name}.gz"), &gzip(text.as_bytes())).as_ref(), Ok(&mesh));
+fn of(name: &str, content: impl AsRef<[u8]>) -> Result<Vec<[Corner; 3]>, String> {
+    let mesh = read(name, content.as_ref())?;
+    assert_eq!(read(&format!("{name}.gz"), &gzip(content.as_ref())).as_ref(), Ok(&mesh));
     Ok(triangles(&mesh))
 }
 
@@ -40,9 +42,125 @@ const VERTICES: &str = "v 0 0 0\nv 4 0 0\nv 4 4 0\nv 2 1 0\nv 0 4 0\n";
 const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
     property list uchar int vertex_index\nend_header\n0 0 0\n4 0 0\n4 4 0\n2 1 0\n0 4 0\n5 0 1 2 3 4\n";
 
+/// STL files of this mesh.
+fn stls(plain: &Mesh) -> Vec<(&'static str, Vec<u8>)> {
+    let facets: Vec<_> = (0..plain.triangle_count())
+        .map(|n| plain.triangle(n).map(|c| c.as_vec3().to_array()))
+        .collect();
+    let facet = |corners: &[[f32; 3]; 3]| {
+        let vertex = |[x, y, z]: &[f32; 3]| format!("vertex {x} {y} {z}\n");
+        let corners: String = corners.iter().map(vertex).collect();
+        format!("facet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\n")
+    };
+    let text = format!("solid a\n{}endsolid a\n", facets.iter().map(facet).collect::<String>());
+    let texts = [
+        ("mark of byte order", format!("\u{feff}{text}")),
+        ("CR LF", text.replace('\n', "\r\n")),
+        ("CR", text.replace('\n', "\r")),
+        ("no last line end", text.trim_end().to_owned()),
+        ("blanks", text.replace(' ', " \t ").replace('\n', "\t\n\n  ")),
+        ("capitals", text.to_ascii_uppercase()),
+        ("solids without facets", format!("solid\nendsolid\n{text}solid b\nendsolid b\n")),
+        ("normals of length 0", text.replace("0 0 1", "0 0 0")),
+        ("normals that are no numbers", text.replace("normal 0 0 1", "normal nan inf x")),
+        ("zeros with a sign", text.replace("vertex 0 0 0", "vertex -0 -0 -0")),
+    ];
+    let texts = texts.into_iter().map(|(what, text)| (what, text.into_bytes()));
+    let binaries = [
+        ("binary", stl(b"", &facets, 0)),
+        ("binary that begins as text does", stl(b"solid made by hand", &facets, 0)),
+        ("binary with colours, and more behind it", [stl(b"", &facets, 0x7fff), vec![1]].concat()),
+    ];
+    texts.chain(binaries).collect()
+}
+
+/// Ways to write [`GLTF`]: what is replaced, separated by bars, and the buffer.
+fn gltfs() -> Vec<(&'static str, &'static str, Vec<u8>)> {
+    const MESH: &str = r#"{"mesh":0}"#;
+    assert!(GLTF.contains(MESH));
+    let (fan, positions) = (fan(), fan()[..60].to_vec());
+    let indices = |size: usize, corners: &[u8]| {
+        let corners = corners.iter().flat_map(|corner| [*corner, 0, 0, 0].into_iter().take(size));
+        positions.iter().copied().chain(corners).chain([0; 500]).take(560).collect::<Vec<u8>>()
+    };
+    let moved = |by: [f32; 3], times: [f32; 3]| {
+        let numbers = positions.chunks(4).map(|c| f32::from_le_bytes(c.try_into().unwrap()));
+        let numbers = numbers.enumerate().map(|(i, c)| (c - by[i % 3]) * times[i % 3]);
+        [numbers.flat_map(f32::to_le_bytes).collect(), fan[60..].to_vec()].concat()
+    };
+    let strided: Vec<u8> =
+        positions.chunks(12).flat_map(|place| [place, &[9; 4]].concat()).collect();
+    let strided = [strided, fan[60..540].to_vec()].concat();
+    let normals = |normal: [f32; 3]| {
+        let normals = [normal; 5].into_iter().flatten().flat_map(f32::to_le_bytes);
+        fan[..500].iter().copied().chain(normals).collect::<Vec<u8>>()
+    };
+    const NORMALS: &str = r#"N":0}|N":0,"NORMAL":2}|AR"}|AR"},{"bufferView":1,"byteOffset":440,"componentType":5126,"count":5,"type":"VEC3"}"#;
+    vec![
+        ("plain", "", fan.clone()),
+        ("CR LF", "\n|\r\n", fan.clone()),
+        (
+            "triangles",
+            r#"mode":6|mode":4|5123,"count":5|5123,"count":9"#,
+            indices(2, &[3, 4, 0, 3, 0, 1, 3, 1, 2]),
+        ),
+        ("strip", r#"mode":6|mode":5"#, indices(2, &[4, 0, 3, 1, 2])),
+        ("indices of four bytes", "5123|5125", indices(4, &[3, 4, 0, 1, 2])),
+        ("indices of one byte", "5123|5121", indices(1, &[3, 4, 0, 1, 2])),
+        (
+            "interleaved",
+            r#""byteLength":60|"byteLength":80,"byteStride":16|Offset":60|Offset":80|500|480"#,
+            strided,
+        ),
+        ("nodes without meshes", r#"{"mesh":0}|{"children":[1,2]},{},{"mesh":0}"#, fan.clone()),
+        ("no default scene", r#""scene":0,|"#, fan.clone()),
+        ("colours of vertices", r#"N":0}|N":0,"COLOR_0":0}"#, fan.clone()),
+        (
+            "far from the origin",
+            r#"{"mesh":0}|{"mesh":0,"translation":[65536,-32768,4096]}"#,
+            moved([65_536.0, -32_768.0, 4096.0], [1.0; 3]),
+        ),
+        (
+            "mirrored and scaled",
+            r#"{"mesh":0}|{"mesh":0,"scale":[-4,2,1]}"#,
+            // Whose front faces are those that run the other way.
+            [&moved([0.0; 3], [-0.25, 0.5, 1.0])[..60], &indices(2, &[3, 2, 1, 0, 4])[60..]]
+                .concat(),
+        ),
+        (
+            "turned",
+            r#"{"mesh":0}|{"mesh":0,"rotation":[0,0,1,0]}"#,
+            moved([0.0; 3], [-1.0, -1.0, 1.0]),
+        ),
+        (
+            "matrix below a translation",
+            r#"{"mesh":0}|{"children":[1],"translation":[8,0,0]},{"mesh":0,"matrix":[2,0,0,0,0,2,0,0,0,0,2,0,0,0,0,1]}"#,
+            moved([8.0, 0.0, 0.0], [0.5; 3]),
+        ),
+        ("normals of length 0", NORMALS, normals([0.0; 3])),
+        ("normals that are no numbers", NORMALS, normals([f32::NAN, 0.0, 1.0])),
+        ("long normals", NORMALS, normals([0.0, 0.0, 7.0])),
+        (
+            "an extension of looks",
+            r#"{"asset"|{"extensionsRequired":["KHR_materials_unlit"],"asset""#,
+            fan.clone(),
+        ),
+    ]
+}
+
+/// [`GLTF`] with each second part of `changes` in the place of the one before it.
+pub fn changed(changes: &str) -> String {
+    let parts: Vec<&str> = changes.split('|').collect();
+    parts.chunks_exact(2).fold(GLTF.to_owned(), |json, pair| {
+        assert!(json.contains(pair[0]), "{}", pair[0]);
+        json.replace(pair[0], pair[1])
+    })
+}
+
 #[test]
 fn files_of_every_style_are_the_plain_mesh() {
-    let plain = of("a.obj", &format!("{VERTICES}f 1 2 3 4 5\n")).unwrap();
+    let plain_mesh = read("a.obj", format!("{VERTICES}f 1 2 3 4 5\n").as_bytes()).unwrap();
+    let plain = triangles(&plain_mesh);
     assert_eq!(plain.len(), 3);
     let face = |lines: &str| format!("{VERTICES}{lines}");
     let plainly = face("f 1 2 3 4 5\n");
@@ -99,7 +217,18 @@ fn files_of_every_style_are_the_plain_mesh() {
     let of_kind = |name: &'static str, rows: &[(&'static str, String)]| -> Vec<_> {
         rows.iter().map(|(what, text)| (name, *what, of(name, text))).collect()
     };
-    for (name, what, read) in [of_kind("a.obj", &objs), of_kind("a.ply", &plys)].concat() {
+    let stls =
+        stls(&plain_mesh).into_iter().map(|(what, bytes)| ("a.stl", what, of("a.stl", bytes)));
+    let of_gltf = |(what, changes, binary): (&'static str, &str, Vec<u8>)| {
+        let json = changed(changes);
+        let uri = format!("\"uri\":\"data:;base64,{}\",", BASE64.encode(&binary));
+        let embedded = json.replace("\"buffers\":[{", &format!("\"buffers\":[{{{uri}"));
+        [("a.glb", glb(&json, &binary)), ("a.gltf", format!("\u{feff}{embedded}").into_bytes())]
+            .map(|(name, bytes)| (name, what, of(name, bytes)))
+    };
+    let others = stls.chain(gltfs().into_iter().flat_map(of_gltf));
+    let texts = [of_kind("a.obj", &objs), of_kind("a.ply", &plys)].concat();
+    for (name, what, read) in texts.into_iter().chain(others) {
         assert_eq!(read.as_ref(), Ok(&plain), "{name}: {what}");
     }
 }

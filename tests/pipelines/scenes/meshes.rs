@@ -1,10 +1,11 @@
-//! OBJ and PLY files: what is read, and that bad ones give one clear line. `tests/readers` looks for panics.
+//! Mesh files: what is read, and that bad ones give one clear line. `tests/readers` looks for panics.
 
 use std::path::Path;
 
-use fathom::scene::Mesh;
+use fathom::scene::{Mesh, Scene};
 
-use super::files::gzip;
+use super::files::{GLTF, fan, glb, gzip, stl};
+use super::mesh_styles::changed;
 
 const PLY: &str = "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float confidence\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 1\n1 1 0 1\n0 1 0 1\n4 0 1 2 3\n";
 
@@ -36,7 +37,7 @@ fn missing_and_empty_files_are_told() {
         fault(name, b"");
     }
     assert!(fault("a.obj", b"# nothing\n").contains("no triangles"));
-    assert!(fault("a.stl", b"solid").contains(".obj or .ply"));
+    assert!(fault("a.off", b"OFF").contains(".obj, .ply, .stl, .gltf or .glb"));
 }
 
 #[test]
@@ -90,6 +91,86 @@ fn ply_faults_are_told() {
     assert!(with("4 0 1 2 3\n", "").contains("the file ends before face 0 of 1"));
     let long = "x".repeat(70_000);
     assert!(with("made", &long).contains("longer than"));
+}
+
+#[test]
+fn stl_faults_are_told() {
+    let text = |text: &str| format!("solid\nfacet\n{text}").into_bytes();
+    let binary = stl(b"", &[[[0.0; 3], [1.0; 3], [0.0, 1.0, 0.0]]], 0);
+    for (bytes, expected) in [
+        (text("vertex 0 0"), "line 3: a vertex has three coordinates"),
+        (text("vertex 0 0 x"), "line 3: a vertex has three coordinates"),
+        (text("vertex 0 0 0\nendloop\n"), "line 4: a facet has three corners"),
+        (text("vertex 0 0 0\n"), "the file ends within a facet"),
+        (text("tetrahedron"), "begins no line of an STL file"),
+        (binary[..100].to_vec(), "reading triangle 0 of 1"),
+        (b"short".to_vec(), "reading the header"),
+        ([&binary[..80], &[0xff; 4], &binary[84..]].concat(), "reading triangle 1 of 4294967295"),
+    ] {
+        let told = fault("a.stl", &bytes);
+        assert!(told.contains(expected), "{expected}: {told}");
+    }
+}
+
+#[test]
+fn gltf_faults_are_told() {
+    for (changes, expected) in [
+        (r#"5,"type":"VEC3"|48,"type":"VEC3""#, "an accessor reaches beyond its buffer"),
+        (r#"5,"type":"VEC3"|9999999,"type":"VEC3""#, "at most 3600000 are read"),
+        (r#"5,"type":"VEC3"|0,"type":"VEC3""#, "accessor 0 has no elements"),
+        (r#"Offset":60|Offset":18446744073709551615"#, "accessor 1 reaches beyond its buffer"),
+        (r#"Length":60|Length":60,"byteStride":8"#, "its elements beyond each other"),
+        ("5126|5123", "accessor 0 is of another type"),
+        ("5123|5126", "accessor 1 is of another type"),
+        ("SCALAR|VEC2", "accessor 1 is of another type"),
+        (r#"indices":1|indices":7"#, "Index out of bounds"),
+        (r#"mode":6|mode":4"#, "5 indices are not a whole number of triangles"),
+        (r#"mode":6|mode":0"#, "it has no triangles"),
+        (r#"{"mesh":0}|{"mesh":0,"children":[0]}"#, "node 0 stands below two nodes"),
+        (r#""scene":0,"scenes":[{"nodes":[0]}],|"#, "it has no scene"),
+        (
+            r#"560}|560,"uri":"a.bin"}"#,
+            "buffer 0 is another file, which is not read: save it as .glb",
+        ),
+        (r#"560}|560,"uri":"data:;base64,?"}"#, "buffer 0 is no base64"),
+        (
+            r#"{"asset"|{"extensionsRequired":["KHR_draco_mesh_compression"],"asset""#,
+            "export it without",
+        ),
+        (r#"{"asset"|{,"asset""#, "line 1"),
+    ] {
+        let told = fault("a.glb", &glb(&changed(changes), &fan()));
+        assert!(told.contains(expected), "{changes}: {told}");
+    }
+    let mut beyond = fan();
+    beyond[60] = 9;
+    assert!(fault("a.glb", &glb(GLTF, &beyond)).contains("uses vertex 9, but there are 5"));
+    assert!(fault("a.glb", &glb(GLTF, &[])[..200]).contains("it ends within a chunk"));
+}
+
+/// An object for each base colour, unless the scene file has a colour of its own.
+#[test]
+fn base_colours_are_those_of_objects() {
+    let place = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(place.path().join(name), bytes).unwrap();
+    let scene = |name: &str| Scene::load(&place.path().join(name).display().to_string()).unwrap();
+    let two = r#"[0]|[0,1]|{"mesh":0}|{"mesh":0},{"mesh":1,"translation":[9,0,0]}|"material":0}]}|"material":0}]},{"primitives":[{"attributes":{"POSITION":0},"indices":1,"mode":6}]}"#;
+    write("a.glb", &glb(&changed(two), &fan()));
+    let bare = scene("a.glb");
+    let colours: Vec<_> = bare.objects.iter().map(|o| (&*o.name, o.material.albedo)).collect();
+    assert_eq!(colours.len(), 3, "{colours:?}");
+    assert!(
+        colours.contains(&("mesh", [0.5, 0.25, 0.125])) && colours.contains(&("mesh", [0.7; 3]))
+    );
+    let bounds = bare.objects[1].mesh.bounds().union(bare.objects[2].mesh.bounds());
+    assert!((bounds.size().max_element() - 2.0).abs() < 1e-6, "{bounds:?}");
+    assert!((bounds.min.y + bare.floor_depth_m).abs() < 1e-6, "{bounds:?}");
+    let own =
+        "[[object]]\nname = \"a\"\nfile = \"a.glb\"\nmaterial = { albedo = [0.1, 0.2, 0.3] }\n";
+    write("own.toml", format!("base = \"ball\"\nname = \"own\"\n{own}").as_bytes());
+    let own = scene("own.toml");
+    let own: Vec<_> = own.objects.iter().filter(|object| object.name == "a").collect();
+    assert!(own.len() == 2 && own.iter().all(|o| o.material.albedo == [0.1, 0.2, 0.3]));
 }
 
 /// `tobj` multiplies such an index by three before it compares it.

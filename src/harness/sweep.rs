@@ -1,0 +1,253 @@
+//! `fathom sweep`: a pipeline, a scene and one or two axes as an experiment, which is run as any other.
+
+use std::iter::once;
+
+use anyhow::{Result, bail, ensure};
+use glam::DVec3;
+use itertools::Itertools as _;
+use serde_json::{Map, Value, json};
+
+use super::catalog::Catalog;
+use super::subject::{Subject, Subjects};
+use fathom_base::{parameter, text};
+use fathom_experiments::{Experiment, parse_set};
+use fathom_scene::{Bounds, Camera};
+
+/// Share of a frame from which a stage counts as costly, unless told otherwise.
+pub const KNEE_SHARE: f64 = 0.5;
+/// The view on a software driver, whose frames at the pipelines' own sizes take seconds.
+const QUICK_VIEW: [(&str, u32); 2] = [("view.width", 160), ("view.height", 120)];
+/// Parameters that an error names, of a pipeline that may have a hundred.
+const EXAMPLES: usize = 6;
+
+/// What is to be swept.
+#[derive(Clone, Debug, Default)]
+pub struct SweepRequest {
+    pub pipeline: String,
+    /// Name of a scene, or path of a scene file or a mesh.
+    pub scene: String,
+    /// Paths of parameters and their values.
+    pub axes: Vec<(String, Vec<String>)>,
+    /// Parameters of every cell.
+    pub sets: Vec<(String, Value)>,
+    /// Azimuth and elevation in degrees, or position and target in metres.
+    pub camera: Option<Vec<f64>>,
+    pub knee_share: f64,
+    /// The command line, for the file.
+    pub command: String,
+}
+
+impl SweepRequest {
+    /// The experiment that it stands for. Each value of each axis is checked; nothing is measured.
+    ///
+    /// # Errors
+    /// One line that says what is missing, and what to write.
+    pub fn experiment(&self, catalog: &Catalog) -> Result<Experiment> {
+        let kind = catalog.kind(&self.pipeline)?;
+        let mut subjects = Subjects::of(catalog).silent();
+        let base = subjects.params(kind, &self.scene, &self.sets)?;
+        self.check_axes(&base)?;
+        for (path, values) in self.parsed_axes()? {
+            for value in values {
+                let set = self.sets.iter().cloned().chain(once((path.clone(), value)));
+                subjects.params(kind, &self.scene, &set.collect_vec())?;
+            }
+        }
+        let subject = subjects.subject(&self.pipeline, &self.scene, &self.sets)?;
+        let text = self.toml(&subject)?;
+        Ok(Experiment::parse("sweep", &text)?)
+    }
+
+    fn check_axes(&self, params: &Value) -> Result<()> {
+        let is_size = |path: &String| {
+            let value = parameter::get(params, path);
+            value.is_some_and(Value::is_u64) && !path.contains("seed")
+        };
+        let sizes = parameter::leaves(params).into_iter().filter(is_size).take(EXAMPLES).join(", ");
+        let pipeline = &self.pipeline;
+        ensure!(
+            !self.axes.is_empty(),
+            "give an axis: --axis PARAM=V1,V2,…; sizes of {pipeline} are {sizes}; `fathom list parameters --pipeline {pipeline}` has all"
+        );
+        ensure!(self.axes.len() <= 2, "{} axes: at most two are swept at once", self.axes.len());
+        for (number, (path, values)) in self.axes.iter().enumerate() {
+            let again = self.axes[..number].iter().any(|(other, _)| other == path);
+            ensure!(!again, "axis `{path}` is there twice: give all its values in one --axis");
+            let is_set = self.sets.iter().any(|(set, _)| set == path);
+            ensure!(!is_set, "`{path}` is swept: leave --set {path} out");
+            ensure!(
+                values.iter().unique().count() > 1,
+                "axis `{path}` has one value: a sweep needs two, and an exponent three: --axis {path}={},…",
+                values.join(",")
+            );
+        }
+        Ok(())
+    }
+
+    fn parsed_axes(&self) -> Result<Vec<(String, Vec<Value>)>> {
+        let axis = |(path, values): &(String, Vec<String>)| {
+            let value = |text| Ok(parse_set(&format!("{path}={text}"))?.1);
+            Ok((path.clone(), values.iter().unique().map(value).collect::<Result<_>>()?))
+        };
+        self.axes.iter().map(axis).collect()
+    }
+
+    fn toml(&self, subject: &Subject) -> Result<String> {
+        let axes = self.parsed_axes()?;
+        let paths = axes.iter().map(|(path, _)| path.as_str()).collect_vec();
+        let (first, over) = (paths[0], paths.join(" and "));
+        let mut params: Map<String, Value> = self.sets.iter().cloned().collect();
+        params.extend(self.camera(subject)?);
+        let is_free = |path: &str| {
+            let is_chosen = params.contains_key(path) || paths.contains(&path);
+            !is_chosen && parameter::get(&subject.params, path).is_some()
+        };
+        let quick = QUICK_VIEW.into_iter().filter(|(path, _)| is_free(path));
+        let quick: Map<String, Value> =
+            quick.map(|(path, px)| (path.to_owned(), px.into())).collect();
+        let stages = subject.plan()?.stages;
+        let stages = stages.iter().map(|stage| format!("stage:{}", stage.name)).unique();
+        let is_category = axes[0].1.iter().any(|v| v.is_string() || v.is_boolean());
+        let times = if is_category {
+            json!({ "title": format!("Frame time by {first}"), "kind": "bars", "over": first, "y": ["frame"] })
+        } else {
+            let y = once("frame".to_owned()).chain(stages).collect_vec();
+            let x = format!("axis:{first}");
+            json!({ "title": format!("Times over {first}"), "kind": "scaling", "over": first, "x": x, "y": y })
+        };
+        let mut plots = vec![times, json!({ "title": "Stages of a frame", "kind": "stacked" })];
+        if let [first, second] = paths[..] {
+            plots.push(json!({ "title": "Frame time", "kind": "map", "columns": first, "rows": second, "y": ["frame"] }));
+        }
+        let of_axis =
+            |(path, values): &(String, Vec<Value>)| json!({ "name": path, "values": values });
+        let experiment = json!({
+            "id": format!("sweep-{}", self.pipeline.replace('_', "-")),
+            "title": format!("{} over {over}", self.pipeline),
+            "source": "fathom sweep",
+            "pipeline": self.pipeline,
+            "scene": self.scene,
+            "knee_share": self.knee_share,
+            "params": params,
+            "profile": { "quick": { "params": quick } },
+            "sweep": [{ "axis": axes.iter().map(of_axis).collect_vec() }],
+            "plot": plots,
+        });
+        let text = toml::to_string(&experiment)?;
+        let command = text::line(&self.command);
+        Ok(format!("# What `{command}` measures. `fathom run FILE` measures it again.\n\n{text}"))
+    }
+
+    /// The parameters of the camera that was asked for.
+    fn camera(&self, subject: &Subject) -> Result<Vec<(String, Value)>> {
+        let Some(numbers) = &self.camera else { return Ok(Vec::new()) };
+        let bounds = subject.scene.solid_bounds();
+        let camera = match numbers[..] {
+            [azimuth, elevation] => Camera::around(&bounds, [azimuth, elevation]),
+            [x, y, z, tx, ty, tz] => seeing_all(&bounds, [x, y, z], [tx, ty, tz]),
+            _ => bail!(
+                "--camera takes AZIMUTH,ELEVATION in degrees, or X,Y,Z,X,Y,Z of the camera and of what it looks at in metres; the scene lies \
+                 from {} to {}",
+                bounds.min,
+                bounds.max
+            ),
+        };
+        camera.validate().map_err(anyhow::Error::msg)?;
+        let tree = parameter::tree(&camera);
+        let leaves = parameter::leaves(&tree).into_iter();
+        Ok(leaves.map(|leaf| (format!("camera.{leaf}"), tree[&leaf].clone())).collect())
+    }
+}
+
+/// A camera whose clipping planes hold the whole box.
+fn seeing_all(bounds: &Bounds, position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
+    let corners = bounds.corners().map(|corner| corner.distance(DVec3::from(position_m)));
+    let far = corners.into_iter().fold(f64::MIN_POSITIVE, f64::max);
+    Camera::new(position_m, target_m, 60.0, [far / 100.0, far])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fathom_experiments::parse_axis;
+    use fathom_record::Profile;
+
+    /// Of `PIPELINE SCENE AXIS…`.
+    fn request(words: &str) -> SweepRequest {
+        let words: Vec<&str> = words.split(' ').collect();
+        SweepRequest {
+            pipeline: words[0].to_owned(),
+            scene: words[1].to_owned(),
+            axes: words[2..].iter().map(|word| parse_axis(word).unwrap()).collect(),
+            knee_share: KNEE_SHARE,
+            ..SweepRequest::default()
+        }
+    }
+
+    /// Each in one line that says what to write.
+    #[test]
+    fn wrong_calls_say_what_to_write() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("notes.txt"), "v 0 0 0").unwrap();
+        std::fs::write(path("broken.obj"), "v 0 0 0\nf 1 2 3\n").unwrap();
+        let told = |request: SweepRequest, expected: &str| {
+            let told = request.experiment(&Catalog::builtin()).expect_err(expected);
+            let told = format!("{told:#}");
+            assert!(told.contains(expected) && told.lines().count() == 1, "{expected}: {told}");
+        };
+        for (words, expected) in [
+            ("volum_ao plane a=1,2", "did you mean `volume_ao`?; there are underwater, "),
+            ("x plane a=1,2", "unknown pipeline `x`; there are underwater, voxelize, "),
+            ("volume_ao plane", "--axis PARAM=V1,V2,…; sizes of volume_ao are "),
+            ("volume_ao plane voxel.resolutoin=32,64", "did you mean `voxel.resolution`?"),
+            ("volume_ao plane caustics.grid=32,64", "which is one of underwater"),
+            ("volume_ao plane voxel.resolution=32,32", "has one value: a sweep needs two"),
+            ("volume_ao plane voxel.resolution=32,9999", "is 9999: it must lie within "),
+            ("volume_ao plane voxel.resolution=32,few", "takes a whole number"),
+            ("volume_ao plane ao.rays=1,2 ao.rays=3,4", "is there twice"),
+            ("volume_ao plane ao.rays=1,2 ao.samples=1,2 view.width=1,2", "at most two"),
+            ("volume_ao NOTES ao.rays=1,2", "a scene's file ends in .toml, a mesh in .obj, .ply, "),
+            ("volume_ao BROKEN ao.rays=1,2", "out of bounds"),
+            ("volume_ao no/such.glb ao.rays=1,2", "cannot read the mesh no/such.glb"),
+            ("volume_ao plan ao.rays=1,2", "did you mean `plane`?"),
+        ] {
+            let files = [("NOTES", "notes.txt"), ("BROKEN", "broken.obj")];
+            let words = files.into_iter().fold(words.to_owned(), |words, (word, name)| {
+                words.replace(word, &path(name).display().to_string())
+            });
+            told(request(&words), expected);
+        }
+        let good = || request("volume_ao plane ao.rays=1,2");
+        let sets = vec![("ao.rays".to_owned(), 8.into())];
+        told(SweepRequest { sets, ..good() }, "leave --set ao.rays out");
+        let camera = Some(vec![1.0]);
+        told(SweepRequest { camera, ..good() }, "--camera takes AZIMUTH,ELEVATION");
+        told(SweepRequest { knee_share: 50.0, ..good() }, "must lie between 0 and 1");
+    }
+
+    #[test]
+    fn a_sweep_is_an_experiment_that_its_file_gives_again() {
+        let axes = "volume_ao plane voxel.resolution=32,64,128 voxel.method=overlap,slicemap";
+        let sets = vec![("view.width".to_owned(), 64.into())];
+        let request = SweepRequest { camera: Some(vec![30.0, -20.0]), sets, ..request(axes) };
+        let experiment = request.experiment(&Catalog::builtin()).unwrap();
+        let cells = experiment.cells(Profile::Quick, &[], &[]).unwrap();
+        assert_eq!(
+            (cells.len(), &*cells[1].cell),
+            (6, "voxel.resolution=32,voxel.method=slicemap")
+        );
+        let mut subjects = Subjects::default();
+        for cell in &cells {
+            let subject = subjects.subject(&cell.pipeline, &cell.scene, &cell.overrides).unwrap();
+            assert_eq!(
+                subject.params["view"],
+                json!({ "width": 64, "height": 120 }),
+                "{}",
+                cell.cell
+            );
+        }
+        assert_eq!(Experiment::parse("again", &experiment.text).unwrap(), experiment);
+        assert!(experiment.plot[0].y.len() > 3, "{:?}", experiment.plot[0]);
+    }
+}

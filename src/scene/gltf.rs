@@ -1,0 +1,255 @@
+//! glTF 2.0: `.glb`, and `.gltf` with its buffers embedded. The crate `gltf` checks indices, but not that accessors lie within their
+//! buffers and hold what is read from them: that is done here.
+
+use std::collections::HashMap;
+use std::io::Read;
+
+use ::gltf::accessor::{DataType, Dimensions};
+use ::gltf::json::{Root, deserialize};
+use ::gltf::mesh::Mode;
+use ::gltf::{Accessor, Document, Primitive, Semantic};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use glam::{DMat4, Mat4, Vec3};
+
+use super::Mesh;
+use super::mesh_file::MeshPart;
+use super::read::{self, BYTE_ORDER_MARK, MAX_VERTICES};
+use fathom_base::input::Limited;
+
+/// Largest file, bytes: its JSON and its buffers stand in memory more than once.
+const MAX_FILE: u64 = 192 << 20;
+/// Most objects, lists and commas of the JSON: an empty object of the file becomes up to 400 bytes (gltf-json 1.4).
+const MAX_MARKS: usize = 2_000_000;
+/// Beginnings of names of extensions that change no triangle.
+const OF_LOOKS: [&str; 4] = ["KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_"];
+
+/// Reads all triangles of the file's scene, at most `triangles`, one part for each base colour.
+pub fn read(
+    file: Box<dyn Read>,
+    triangles: usize,
+    notes: &mut Vec<String>,
+) -> Result<Vec<MeshPart>, String> {
+    let bytes = Limited::new(file, MAX_FILE).bytes().map_err(|error| error.to_string())?;
+    let is_binary = bytes.starts_with(b"glTF");
+    let (text, chunk) = if is_binary { chunks(&bytes)? } else { (bytes.as_slice(), None) };
+    let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
+    check_size(text)?;
+    let root: Root = deserialize::from_slice(text).map_err(|error| error.to_string())?;
+    let document = checked(root)?;
+    notes.extend(unread(&document));
+    let uris = document.as_json().buffers.iter().map(|buffer| buffer.uri.as_deref());
+    let buffers = uris.enumerate().map(|(number, uri)| {
+        buffer(uri, chunk.filter(|_| number == 0)).map_err(|what| format!("buffer {number} {what}"))
+    });
+    let buffers = buffers.collect::<Result<_, _>>()?;
+    Reader { buffers, left: triangles, most: triangles, vertices: 0 }.parts(&document)
+}
+
+/// The JSON and the binary chunk of a `.glb` file.
+fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
+    let number = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
+    let (mut at, mut text, mut binary) = (12, None, None);
+    while let Some(length) = number(at) {
+        let end = at + 8 + length as usize;
+        let content = bytes.get(at + 8..end).ok_or("it ends within a chunk")?;
+        match &bytes[at + 4..at + 8] {
+            b"JSON" if text.is_none() => text = Some(content),
+            b"BIN\0" if binary.is_none() => binary = Some(content),
+            _ => {}
+        }
+        at = end;
+    }
+    Ok((text.ok_or("it has no JSON: only version 2 is read")?, binary))
+}
+
+/// Refuses a JSON that would take far more memory than it has bytes.
+fn check_size(text: &[u8]) -> Result<(), String> {
+    let (mut marks, mut in_string, mut bytes) = (0, false, text.iter());
+    while let Some(byte) = bytes.next() {
+        match byte {
+            b'"' => in_string = !in_string,
+            b'\\' if in_string => drop(bytes.next()),
+            b'{' | b'[' | b',' if !in_string => marks += 1,
+            _ => {}
+        }
+    }
+    let error = || format!("more than {MAX_MARKS} values in its JSON; at most that is read");
+    (marks <= MAX_MARKS).then_some(()).ok_or_else(error)
+}
+
+/// Whether all its indices lie within what there is, and nothing is required that is not read.
+fn checked(mut root: Root) -> Result<Document, String> {
+    let is_of_looks = |name: &String| OF_LOOKS.iter().any(|start| name.starts_with(start));
+    root.extensions_required.retain(|name| !is_of_looks(name));
+    if let Some(name) = root.extensions_required.first() {
+        let name = read::clipped(name);
+        return Err(format!("it requires the extension {name}: export it without"));
+    }
+    Document::from_json(root).map_err(|error| match error {
+        ::gltf::Error::Validation(faults) => {
+            faults.first().map_or_else(String::new, |(path, fault)| format!("{path}: {fault}"))
+        }
+        other => other.to_string(),
+    })
+}
+
+/// What of the file is not read.
+fn unread(document: &Document) -> Vec<String> {
+    let primitives = || document.meshes().flat_map(|mesh| mesh.primitives());
+    let kinds = [
+        (document.images().len() > 0, "textures are not read: surfaces have their base colour"),
+        (document.skins().len() > 0, "skins are not read: the mesh stands as it was modelled"),
+        (primitives().any(|of| of.morph_targets().len() > 0), "morph targets are not read"),
+        (document.animations().len() > 0, "animations are not read"),
+        (document.cameras().len() > 0, "cameras are not read"),
+        (!primitives().all(|of| is_of_triangles(&of)), "points and lines are not read"),
+    ];
+    let kinds = kinds.into_iter().filter(|(is_there, _)| *is_there);
+    let extensions = document.extensions_used().map(read::clipped);
+    let extensions = extensions.map(|name| format!("the extension {name} is not read"));
+    kinds.map(|(_, what)| what.to_owned()).chain(extensions).collect()
+}
+
+fn is_of_triangles(primitive: &Primitive<'_>) -> bool {
+    let of_triangles = [Mode::Triangles, Mode::TriangleStrip, Mode::TriangleFan];
+    of_triangles.contains(&primitive.mode()) && primitive.get(&Semantic::Positions).is_some()
+}
+
+/// The bytes of a buffer.
+fn buffer(uri: Option<&str>, chunk: Option<&[u8]>) -> Result<Vec<u8>, String> {
+    match uri {
+        None => chunk.map(<[u8]>::to_vec).ok_or_else(|| "is not in the file".to_owned()),
+        Some(uri) if uri.starts_with("data:") => {
+            let (_, code) = uri.split_once(";base64,").ok_or("is not in base64")?;
+            BASE64.decode(code).map_err(|error| format!("is no base64: {error}"))
+        }
+        Some(_) => Err("is another file, which is not read: save it as .glb".to_owned()),
+    }
+}
+
+struct Reader {
+    buffers: Vec<Vec<u8>>,
+    /// Triangles that may still be read, of so many.
+    left: usize,
+    most: usize,
+    vertices: usize,
+}
+
+impl Reader {
+    /// Every node of the scene once, with the transforms of those above it.
+    fn parts(mut self, document: &Document) -> Result<Vec<MeshPart>, String> {
+        let scene = document.default_scene().or_else(|| document.scenes().next());
+        let nodes = scene.ok_or("it has no scene")?.nodes();
+        let mut open: Vec<_> = nodes.map(|node| (node, DMat4::IDENTITY)).collect();
+        let mut is_seen = vec![false; document.nodes().len()];
+        let (mut parts, mut places) = (Vec::<MeshPart>::new(), HashMap::new());
+        while let Some((node, above)) = open.pop() {
+            if std::mem::replace(&mut is_seen[node.index()], true) {
+                return Err(format!("node {} stands below two nodes", node.index()));
+            }
+            let matrix = above * Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
+            let primitives = node.mesh().into_iter().flat_map(|mesh| mesh.primitives());
+            for primitive in primitives.filter(is_of_triangles) {
+                let mesh = self.mesh(&primitive)?.transformed(&matrix);
+                let albedo = albedo(&primitive);
+                let place = places.entry(albedo.map(|rgb| rgb.map(f32::to_bits)));
+                let place = *place.or_insert_with(|| {
+                    parts.push(MeshPart { mesh: Mesh::default(), albedo });
+                    parts.len() - 1
+                });
+                parts[place].mesh.append(&mesh);
+            }
+            open.extend(node.children().map(|child| (child, matrix)));
+        }
+        Ok(parts)
+    }
+
+    fn mesh(&mut self, primitive: &Primitive<'_>) -> Result<Mesh, String> {
+        for (semantic, accessor) in primitive.attributes() {
+            if let Semantic::Positions | Semantic::Normals = semantic {
+                check(&accessor, Dimensions::Vec3, &[DataType::F32], MAX_VERTICES)?;
+            }
+        }
+        let of_indices = [DataType::U8, DataType::U16, DataType::U32];
+        if let Some(accessor) = primitive.indices() {
+            check(&accessor, Dimensions::Scalar, &of_indices, self.most.saturating_mul(3))?;
+        }
+        let reader = primitive.reader(|buffer| self.buffers.get(buffer.index()).map(Vec::as_slice));
+        let beyond = || "an accessor reaches beyond its buffer".to_owned();
+        let positions: Vec<[f32; 3]> = reader.read_positions().ok_or_else(beyond)?.collect();
+        let count = positions.len();
+        self.vertices += count;
+        if self.vertices > MAX_VERTICES {
+            return Err(format!("more than {MAX_VERTICES} vertices; at most that is read"));
+        }
+        let unit = |normal| Vec3::from_array(normal).as_dvec3().try_normalize();
+        let unit = |normal| unit(normal).unwrap_or_default().as_vec3().to_array();
+        let normals = match primitive.get(&Semantic::Normals) {
+            Some(_) => reader.read_normals().ok_or_else(beyond)?.map(unit).collect(),
+            None => vec![[0.0; 3]; count],
+        };
+        let corners: Vec<u32> = match primitive.indices() {
+            Some(_) => reader.read_indices().ok_or_else(beyond)?.into_u32().collect(),
+            None => (0..count as u32).collect(),
+        };
+        if let Some(bad) = corners.iter().find(|corner| **corner as usize >= count) {
+            return Err(format!("a triangle uses vertex {bad}, but there are {count}"));
+        }
+        let indices = triangles(primitive.mode(), &corners);
+        let left = self.left.checked_sub(indices.len() / 3);
+        self.left = left.ok_or_else(|| read::too_many_triangles(self.most))?;
+        let mut mesh = Mesh { positions, normals, indices };
+        if !mesh.indices.is_empty() {
+            mesh.validate()?;
+        }
+        mesh.complete_normals();
+        Ok(mesh)
+    }
+}
+
+/// The indices of triangles, strips and fans as those of triangles.
+fn triangles(mode: Mode, corners: &[u32]) -> Vec<u32> {
+    let joined = 0..corners.len().saturating_sub(2);
+    let places: Vec<[usize; 3]> = match mode {
+        Mode::TriangleFan => joined.map(|n| [0, n + 1, n + 2]).collect(),
+        // Every second triangle of a strip is turned over.
+        Mode::TriangleStrip => joined.map(|n| [n, n + 1 + n % 2, n + 2 - n % 2]).collect(),
+        _ => return corners.to_vec(),
+    };
+    places.as_flattened().iter().map(|place| corners[*place]).collect()
+}
+
+/// Linear RGB; none of a primitive without a material.
+fn albedo(primitive: &Primitive<'_>) -> Option<[f32; 3]> {
+    let material = primitive.material();
+    material.index()?;
+    let [r, g, b, _] = material.pbr_metallic_roughness().base_color_factor();
+    Some([r, g, b].map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.0 }))
+}
+
+/// What the crate takes for granted when it reads an accessor; whether it lies within its buffer it checks itself.
+fn check(
+    accessor: &Accessor<'_>,
+    dimensions: Dimensions,
+    types: &[DataType],
+    most: usize,
+) -> Result<(), String> {
+    let fault = |what: &str| Err(format!("accessor {} {what}", accessor.index()));
+    let Some(view) = accessor.view().filter(|_| accessor.sparse().is_none()) else {
+        return fault("is sparse, which is not read");
+    };
+    if accessor.dimensions() != dimensions || !types.contains(&accessor.data_type()) {
+        return fault("is of another type than is read there");
+    }
+    let places = [accessor.offset(), view.offset(), view.length()];
+    let is_far = places.into_iter().any(|place| place as u64 > MAX_FILE);
+    if is_far || view.stride().is_some_and(|stride| stride < accessor.size()) {
+        return fault("reaches beyond its buffer, or its elements beyond each other");
+    }
+    match accessor.count() {
+        0 => fault("has no elements"),
+        count if count > most => fault(&format!("has {count} elements; at most {most} are read")),
+        _ => Ok(()),
+    }
+}

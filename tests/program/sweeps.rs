@@ -1,0 +1,33 @@
+//! `fathom sweep` over a mesh of one's own, as a user meets it.
+
+use crate::common::{Ends, Place, cells, holds, measured};
+use crate::files::{GLTF, fan, glb};
+
+#[test]
+fn a_sweep_over_a_mesh_prints_tables_and_leaves_its_experiment() {
+    let place = Place::new();
+    place.write("own.glb", glb(GLTF, &fan()));
+    let sizes = "--set view.width=40 --set view.height=30 --set shadow.size=64 --set ao.rays=4 --camera 10,40";
+    let sweep = "sweep volume_ao --scene own.glb --axis voxel.resolution=8,16,32 --precision 1";
+    let told = place.fathom(format!("{sweep} {sizes} --budget 10m --out out")).answer();
+    let expected = [
+        "times over voxels along the longest side",
+        "growth over voxels along the longest side",
+        "RMS error of occlusion",
+        "More than 50 % of the frame",
+        "3 cells measured, 0 skipped, 0 failed",
+    ];
+    holds(&told, &expected);
+    assert!(!told.contains("NaN"), "{told}");
+    for cell in cells(&place.path("out")) {
+        assert!(
+            measured(&cell).errors.iter().all(|error| error.value.is_finite()),
+            "{}",
+            cell.cell
+        );
+    }
+    holds(&place.read("out/index.html"), &["id=\"sizes\"", "growth over voxels"]);
+    holds(&place.read("out/cells.csv"), &["axis:voxel.resolution"]);
+    let again = place.fathom("run out/sweep.toml --out out --resume --precision 1").answer();
+    holds(&again, &["0 cells measured, 0 skipped, 0 failed, 3 kept"]);
+}
