@@ -213,7 +213,7 @@ impl ObjectFile {
     ) -> Result<Vec<Object>, String> {
         let parts = self.parts(file, triangles, stand_ins)?;
         if parts.iter().map(|part| part.mesh.triangle_count()).sum::<usize>() > triangles {
-            return Err(read::too_many_triangles(triangles));
+            return Err(super::read::too_many_triangles(triangles));
         }
         let bounds = parts.iter().map(|part| part.mesh.bounds()).fold(Bounds::EMPTY, Bounds::union);
         let matrix = self.transform.matrix(&bounds, file.floor_depth_m);
