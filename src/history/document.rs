@@ -11,7 +11,7 @@ use fathom_judge::change_points::LEAST_RUNS;
 use fathom_report::axis::Scale;
 use fathom_report::charts::points::{self, ChangeLine, PointChart};
 use fathom_report::charts::style::{self, Marker};
-use fathom_report::document::{Field, Line, Part, Span, Table, Tone};
+use fathom_report::document::{Field, Part, Span, Table, Tone};
 
 /// Charts of a page. A page of as many charts of as many points stays below 5 MB.
 const MOST_CHARTS: usize = 60;
@@ -125,12 +125,12 @@ fn chart(stored: &StoredRuns, findings: &Findings, place: usize) -> Vec<Part> {
     let marks: Vec<Mark> = marks.collect();
     let (name, unit) = (name(series), tables::unit(series));
     let about = format!("{name} ({unit}) over {} runs", points.len());
-    let place = Span::Faint(format!(" {}", series.key.place()));
     let drawn = match drawing(stored, series, points, &marks) {
         Some(chart) => Part::Chart(chart.svg(SIZE_PX, &about)),
         None => Part::paragraph("No value can be drawn."),
     };
-    let mut parts = vec![Part::paragraph(Line::from(Span::Bold(name)).and(place)), drawn];
+    let heads = [Span::Bold(name), Span::Faint(series.key.place())].map(Part::paragraph);
+    let mut parts: Vec<Part> = heads.into_iter().chain([drawn]).collect();
     if earlier > 0 {
         parts.push(Part::paragraph(format!("{earlier} earlier runs are not drawn.")));
     }

@@ -59,7 +59,7 @@ fn child() {
         (vec![24], 3, vec!["device lost: "]),
         // The second time it is not opened again, and what was measured before stays.
         (
-            vec![24, 32],
+            vec![20, 24],
             1,
             vec!["device lost: ", "device lost: ", "not recovered: it was lost before"],
         ),
