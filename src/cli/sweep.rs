@@ -48,9 +48,6 @@ pub struct SweepArgs {
     /// Folder to write to [default: a new one in reports/out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Seed of the order of cells and frames [default: drawn, and recorded]
-    #[arg(long)]
-    pub seed: Option<u64>,
     /// Measure the adapter's limits first, so that stages have a share of them
     #[arg(long)]
     pub ceilings: bool,
@@ -84,7 +81,6 @@ pub fn sweep(catalog: &Catalog, args: SweepArgs) -> Outcome {
         budget_s: args.budget.map(|budget| budget.as_secs_f64()),
         precision: args.precision,
         out: args.out,
-        seed: args.seed,
         no_ceilings: !args.ceilings,
         command,
         ..Options::default()

@@ -7,7 +7,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
-use itertools::Itertools as _;
 use serde_json::Value;
 
 use super::catalog::{Catalog, SubjectError};
@@ -93,6 +92,12 @@ impl Request {
 pub struct PlannedExperiment {
     pub experiment: Experiment,
     pub cells: Vec<PlannedCell>,
+}
+
+impl PlannedExperiment {
+    fn is_sweep(&self) -> bool {
+        self.experiment.knee_share.is_some()
+    }
 }
 
 /// A cell ready to be measured, or the reason why it cannot be.
@@ -201,18 +206,17 @@ fn planned_cell(
     Ok(planned)
 }
 
-/// Of each pipeline the cell that is nearest to its defaults, of those that are timed: its experiment's number and its own. Of sweeps
-/// over sizes all cells, so that the first report has every size.
-pub fn first_cells(planned: &[PlannedExperiment]) -> Vec<(usize, usize)> {
-    let sweeps = planned.iter().enumerate().filter(|(_, of)| of.experiment.knee_share.is_some());
-    let of_sweeps = sweeps.flat_map(|(number, of)| (0..of.cells.len()).map(move |c| (number, c)));
-    let of_sweeps = of_sweeps.filter(|(number, cell)| planned[*number].cells[*cell].skip.is_none());
-    nearest_cells(planned).into_iter().chain(of_sweeps).unique().collect()
+/// Cells of sweeps over sizes, which are begun together: experiment and cells.
+pub fn sweeps(planned: &[PlannedExperiment]) -> Vec<(usize, Vec<usize>)> {
+    let cells = |of: &PlannedExperiment| (0..of.cells.len()).collect();
+    let sweeps = planned.iter().enumerate().filter(|(_, of)| of.is_sweep());
+    sweeps.map(|(number, of)| (number, cells(of))).collect()
 }
 
-fn nearest_cells(planned: &[PlannedExperiment]) -> Vec<(usize, usize)> {
+/// Of each pipeline the cell that is nearest to its defaults, of those that are timed and of no sweep: its experiment's number and its own.
+pub fn first_cells(planned: &[PlannedExperiment]) -> Vec<(usize, usize)> {
     let mut by_pipeline = BTreeMap::<&str, Vec<((usize, usize), Choice<'_>)>>::new();
-    for (experiment, of) in planned.iter().enumerate() {
+    for (experiment, of) in planned.iter().enumerate().filter(|(_, of)| !of.is_sweep()) {
         for (index, cell) in of.cells.iter().enumerate() {
             let PlannedCell { plan, subject, skip, .. } = cell;
             if skip.is_none() && !plan.errors_only {

@@ -248,7 +248,8 @@ fn schedule(planned: &[PlannedExperiment], known: &[KnownCells], precision: f64)
     });
     let (cells, units) = (states.collect(), units.collect());
     let first = plan::first_cells(planned);
-    Schedule { cells, units, first, precision, ..Schedule::default() }
+    let sweeps = plan::sweeps(planned);
+    Schedule { cells, units, first, sweeps, precision, ..Schedule::default() }
 }
 
 /// A resumed shard keeps its number.

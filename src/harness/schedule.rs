@@ -2,7 +2,7 @@
 //!
 //! A run begins cells in the order of one list, as far as they fit into the time that is left:
 //!
-//! 1. the cell of each pipeline that is nearest to the pipeline's defaults, the cheapest pipeline first;
+//! 1. the cell of each pipeline that is nearest to the pipeline's defaults, the cheapest pipeline first, and all sizes of a sweep together;
 //! 2. units of cells that claims speak of, those first that have the most claims per second of foreseen time;
 //! 3. units without claims, the cheapest first;
 //! 4. single cells of units that are too long for the time that is left, the cheapest first.
@@ -101,6 +101,8 @@ pub struct Schedule {
     pub units: Vec<Unit>,
     /// Experiment and cell: one for each pipeline.
     pub first: Vec<(usize, usize)>,
+    /// Experiment and cells: the sizes of each sweep.
+    pub sweeps: Vec<(usize, Vec<usize>)>,
     pub open: Vec<OpenClaim>,
     /// Of the frame time, half the width of the interval over the median.
     pub precision: f64,
@@ -140,7 +142,12 @@ impl Schedule {
             is_new(experiment, cell).then(|| self.choice(rank, batch))
         };
         let first = self.first.iter().filter_map(|(experiment, cell)| alone(0, *experiment, *cell));
-        let mut choices: Vec<Choice> = first.collect();
+        let together = self.sweeps.iter().filter_map(|(experiment, cells)| {
+            let cells = cells.iter().copied().filter(|cell| is_new(*experiment, *cell)).collect();
+            let batch = Batch { experiment: *experiment, cells, goal: Goal::FirstVisits };
+            (!batch.cells.is_empty()).then(|| self.choice(0, batch))
+        });
+        let mut choices: Vec<Choice> = first.chain(together).collect();
         for Unit { experiment, cells, claims } in &self.units {
             let state = |cell: &usize| &self.cells[*experiment][*cell];
             if cells.iter().all(|cell| state(cell).is_looked_at()) {

@@ -11,7 +11,7 @@ use super::catalog::Catalog;
 use super::subject::{Subject, Subjects};
 use fathom_base::{parameter, text};
 use fathom_experiments::{Experiment, parse_set};
-use fathom_scene::{Bounds, Camera};
+use fathom_scene::Camera;
 
 /// Share of a frame from which a stage counts as costly, unless told otherwise.
 pub const KNEE_SHARE: f64 = 0.5;
@@ -144,7 +144,12 @@ impl SweepRequest {
         let bounds = subject.scene.solid_bounds();
         let camera = match numbers[..] {
             [azimuth, elevation] => Camera::around(&bounds, [azimuth, elevation]),
-            [x, y, z, tx, ty, tz] => seeing_all(&bounds, [x, y, z], [tx, ty, tz]),
+            [x, y, z, tx, ty, tz] => {
+                // Its clipping planes hold the whole scene.
+                let corners = bounds.corners().map(|corner| corner.distance(DVec3::new(x, y, z)));
+                let far = corners.into_iter().fold(f64::MIN_POSITIVE, f64::max);
+                Camera::new([x, y, z], [tx, ty, tz], 60.0, [far / 100.0, far])
+            }
             _ => bail!(
                 "--camera takes AZIMUTH,ELEVATION in degrees, or X,Y,Z,X,Y,Z of the camera and of what it looks at in metres; the scene lies \
                  from {} to {}",
@@ -157,13 +162,6 @@ impl SweepRequest {
         let leaves = parameter::leaves(&tree).into_iter();
         Ok(leaves.map(|leaf| (format!("camera.{leaf}"), tree[&leaf].clone())).collect())
     }
-}
-
-/// A camera whose clipping planes hold the whole box.
-fn seeing_all(bounds: &Bounds, position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
-    let corners = bounds.corners().map(|corner| corner.distance(DVec3::from(position_m)));
-    let far = corners.into_iter().fold(f64::MIN_POSITIVE, f64::max);
-    Camera::new(position_m, target_m, 60.0, [far / 100.0, far])
 }
 
 #[cfg(test)]
@@ -198,7 +196,7 @@ mod tests {
         };
         for (words, expected) in [
             ("volum_ao plane a=1,2", "did you mean `volume_ao`?; there are underwater, "),
-            ("x plane a=1,2", "unknown pipeline `x`; there are underwater, voxelize, "),
+            ("x plane a=1,2", "; there are underwater, voxelize, volume_ao, hsao, "),
             ("volume_ao plane", "--axis PARAM=V1,V2,…; sizes of volume_ao are "),
             ("volume_ao plane voxel.resolutoin=32,64", "did you mean `voxel.resolution`?"),
             ("volume_ao plane caustics.grid=32,64", "which is one of underwater"),

@@ -5,7 +5,7 @@ use itertools::Itertools;
 
 use super::charts::names;
 use super::document::{ColumnKind, Field, Line, Part, Table};
-use super::facts::{self, exponent};
+use super::facts::exponent;
 use super::format::{self, percent, si, three};
 use super::{ReportView, Section};
 use fathom_base::statistics;
@@ -67,9 +67,9 @@ impl<'v> Sizes<'v> {
     }
 
     fn is_small(&self, stage: &str) -> bool {
-        let shares = self.columns().flat_map(|(_, measured)| facts::stage_shares(measured));
-        let mut own = shares.filter(|(of, _)| of.stage == stage);
-        own.all(|(_, shares)| statistics::median(&shares) < SMALL_SHARE)
+        let mut own =
+            self.columns().filter_map(|(_, of_cell)| Some(shares(of_cell, of(of_cell, stage)?)));
+        own.all(|(_, most)| statistics::median(&most) < SMALL_SHARE)
     }
 
     /// Stages by sizes, each with its interval, and below a stage the errors of its result.
@@ -143,13 +143,8 @@ impl<'v> Sizes<'v> {
 
     fn stage_growth(&self, stage: &str) -> [Line; 4] {
         let points = self.columns().filter_map(|(cell, measured)| {
-            let shares = facts::stage_shares(measured);
-            let (record, shares) = shares.into_iter().find(|(of, _)| of.stage == stage)?;
-            Some(ShareAt {
-                size: self.size(cell, measured)?,
-                shares,
-                is_bound: !record.is_resolved(),
-            })
+            let (least, most) = shares(measured, of(measured, stage)?);
+            Some(ShareAt { size: self.size(cell, measured)?, least, most })
         });
         let points = points.sorted_by(|a, b| a.size.total_cmp(&b.size)).collect_vec();
         let knee = crossing(&points, self.share);
@@ -157,7 +152,7 @@ impl<'v> Sizes<'v> {
             Knee::Seen(seen) if seen.before > seen.after => format!("up to {}", place(seen)),
             Knee::Seen(seen) => format!("from {}", place(seen)),
             Knee::NotSeen => {
-                let first = points.first().map_or(0.0, |point| statistics::median(&point.shares));
+                let first = points.first().map_or(0.0, |point| statistics::median(&point.least));
                 let side = if first > self.share { "more" } else { "less" };
                 format!("not seen in this range: {side} at every size")
             }
@@ -201,6 +196,23 @@ impl<'v> Sizes<'v> {
 
 fn of<'m>(measured: &'m Measured, stage: &str) -> Option<&'m StageRecord> {
     measured.stages.iter().find(|one| one.stage == stage)
+}
+
+/// A stage's share of the sum of all, frame by frame, at least and at most.
+fn shares(measured: &Measured, stage: &StageRecord) -> (Vec<f64>, Vec<f64>) {
+    let frames = measured.stages.iter().map(|of| of.samples_ns.len()).min().unwrap_or(0);
+    let share = |frame: usize| {
+        let sum = |are_bounds_counted: bool| {
+            let stages = measured.stages.iter();
+            let stages = stages.filter(|of| are_bounds_counted || of.is_resolved());
+            stages.map(|of| of.samples_ns[frame]).sum::<f64>()
+        };
+        let own = stage.samples_ns[frame];
+        let is_bound = !stage.is_resolved();
+        let most = own / (sum(false) + if is_bound { own } else { 0.0 });
+        (if is_bound { 0.0 } else { own / sum(true) }, most)
+    };
+    (0..frames).map(share).unzip()
 }
 
 /// Why a cell has no column.

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::io::Read;
 
 use ::gltf::accessor::{DataType, Dimensions};
-use ::gltf::json::{Root, deserialize};
+use ::gltf::json::{Index, Root, deserialize};
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Document, Primitive, Semantic};
 use base64::Engine as _;
@@ -86,6 +86,12 @@ fn checked(mut root: Root) -> Result<Document, String> {
         let name = read::clipped(name);
         return Err(format!("it requires the extension {name}: export it without"));
     }
+    // The crate uses these before it checks them.
+    let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let mut accessors = primitives.flat_map(|of| of.attributes.values()).map(Index::value);
+    if let Some(bad) = accessors.find(|accessor| *accessor >= root.accessors.len()) {
+        return Err(format!("accessor {bad} is out of bounds"));
+    }
     Document::from_json(root).map_err(|error| match error {
         ::gltf::Error::Validation(faults) => {
             faults.first().map_or_else(String::new, |(path, fault)| format!("{path}: {fault}"))
@@ -102,7 +108,6 @@ fn unread(document: &Document) -> Vec<String> {
         (document.skins().len() > 0, "skins are not read: the mesh stands as it was modelled"),
         (primitives().any(|of| of.morph_targets().len() > 0), "morph targets are not read"),
         (document.animations().len() > 0, "animations are not read"),
-        (document.cameras().len() > 0, "cameras are not read"),
         (!primitives().all(|of| is_of_triangles(&of)), "points and lines are not read"),
     ];
     let kinds = kinds.into_iter().filter(|(is_there, _)| *is_there);

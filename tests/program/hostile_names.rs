@@ -121,11 +121,13 @@ fn reports_show_hostile_names_as_text() {
     let csv = place.read("a/b/cells.csv");
     plain("cells.csv", &csv.replace("\r\n", "\n"));
     let mut reader = csv::Reader::from_reader(csv.as_bytes());
+    let head = reader.headers().unwrap();
+    let columns = 50 + head.iter().filter(|name| name.starts_with("axis:")).count();
     let mut rows = 0;
     for row in reader.records() {
         let row = row.unwrap();
         rows += 1;
-        assert_eq!(row.len(), 38);
+        assert_eq!(row.len(), columns);
         for field in &row {
             let formula = field.starts_with(['=', '+', '-', '@']);
             assert!(!formula || field.parse::<f64>().is_ok(), "{field}");

@@ -188,3 +188,19 @@ proptest! {
         prop_assert!(!model.done.is_empty());
     }
 }
+
+#[test]
+fn sizes_of_a_sweep_are_begun_together() {
+    let mut model = Model::of(vec![vec![USUAL; 2], vec![USUAL; 3]], &[1, 0]);
+    (model.schedule.first, model.schedule.sweeps) = (vec![(0, 0)], vec![(1, vec![0, 1, 2])]);
+    let mut begun = Vec::new();
+    for _ in 0..2 {
+        let batch = model.schedule.next(1e3).unwrap();
+        for cell in &batch.cells {
+            model.schedule.cells[batch.experiment][*cell].recorded = true;
+        }
+        begun.push((batch.experiment, batch.cells, batch.goal));
+    }
+    let expected = [(0, vec![0], Goal::FirstVisits), (1, vec![0, 1, 2], Goal::FirstVisits)];
+    assert_eq!(begun, expected);
+}

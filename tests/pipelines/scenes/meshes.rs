@@ -124,6 +124,7 @@ fn gltf_faults_are_told() {
         ("5123|5126", "accessor 1 is of another type"),
         ("SCALAR|VEC2", "accessor 1 is of another type"),
         (r#"indices":1|indices":7"#, "Index out of bounds"),
+        (r#"POSITION":0|POSITION":7"#, "accessor 7 is out of bounds"),
         (r#"mode":6|mode":4"#, "5 indices are not a whole number of triangles"),
         (r#"mode":6|mode":0"#, "it has no triangles"),
         (r#"{"mesh":0}|{"mesh":0,"children":[0]}"#, "node 0 stands below two nodes"),
