@@ -218,14 +218,14 @@ pub fn machine(machine: &Machine) -> String {
 pub fn mixed(view: &ReportView<'_>) -> Option<String> {
     let adapter = |run: &Run| format!("{}, {}", run.adapter.title(), run.adapter.driver_info);
     let profile = |run: &Run| run.profile.to_string();
-    let kinds: [(&str, &dyn Fn(&Run) -> String); 3] =
-        [("adapters", &adapter), ("builds", &program), ("profiles", &profile)];
-    let several = kinds.into_iter().filter_map(|(kind, of)| {
-        let runs = view.entries().filter_map(|entry| entry.run);
-        let values: IndexSet<String> = runs.map(of).collect();
-        (values.len() > 1)
-            .then(|| format!("{} {kind} ({})", values.len(), values.iter().join("; ")))
-    });
+    let of: [fn(&Run) -> String; 3] = [adapter, program, profile];
+    let several =
+        ["adapters", "builds", "profiles"].into_iter().zip(of).filter_map(|(kind, of)| {
+            let runs = view.entries().filter_map(|entry| entry.run);
+            let values: IndexSet<String> = runs.map(of).collect();
+            (values.len() > 1)
+                .then(|| format!("{} {kind} ({})", values.len(), values.iter().join("; ")))
+        });
     let several = several.collect::<Vec<_>>().join(", ");
     let words = "Times may differ for this alone.";
     (!several.is_empty()).then(|| format!("The cells are of {several}. {words}"))
