@@ -225,17 +225,17 @@ pub fn machine(machine: &Machine) -> String {
 pub fn mixed(view: &ReportView<'_>) -> Option<String> {
     let adapter = |run: &Run| format!("{}, {}", run.adapter.title(), run.adapter.driver_info);
     let profile = |run: &Run| run.profile.to_string();
-    let kinds: [(&str, &dyn Fn(&Run) -> String); 3] =
-        [("adapters", &adapter), ("builds", &program), ("profiles", &profile)];
-    let several = kinds.into_iter().filter_map(|(kind, of)| {
-        let runs = view.entries().filter_map(|entry| entry.run);
-        let values: IndexSet<String> = runs.map(of).collect();
-        (values.len() > 1)
-            .then(|| format!("{} {kind} ({})", values.len(), values.iter().join("; ")))
-    });
+    let of: [fn(&Run) -> String; 3] = [adapter, program, profile];
+    let several =
+        ["adapters", "builds", "profiles"].into_iter().zip(of).filter_map(|(kind, of)| {
+            let runs = view.entries().filter_map(|entry| entry.run);
+            let values: IndexSet<String> = runs.map(of).collect();
+            (values.len() > 1)
+                .then(|| format!("{} {kind} ({})", values.len(), values.iter().join("; ")))
+        });
     let several = several.collect::<Vec<_>>().join(", ");
-    let words = "Times may differ for this alone.";
-    (!several.is_empty()).then(|| format!("The cells are of {several}. {words}"))
+    let words = format!("The cells are of {several}. Times may differ for this alone.");
+    (!several.is_empty()).then_some(words)
 }
 
 /// A fitted exponent b of `y ∝ x^b`.
@@ -377,7 +377,8 @@ mod tests {
     /// Cells of the second half are of another run.
     #[test]
     fn a_report_of_unlike_runs_says_in_what_they_differ() {
-        let cases: [(fn(&mut Run), &str); 4] = [
+        type Change = fn(&mut Run);
+        let cases: [(Change, &str); 4] = [
             (|_| (), ""),
             (|run| run.adapter.name = "a".to_owned(), ", Mesa 22.3.6; a, Mesa 22.3.6). Times"),
             (|run| run.fathom_version = "9".to_owned(), "2 builds (fathom 0.1.0; fathom 9). Times"),
@@ -406,11 +407,10 @@ mod tests {
             }
             let view = ReportView { standing, ..ReportView::new(&records, None) };
             assert_eq!(ended_early(&view).is_some(), !is_whole && standing.is_none());
-            let parts = overview::identity(&view).map(document::Part::Table);
-            let text = document::terminal(&Vec::from_iter(parts));
-            assert!(text.contains(if is_whole { " 0 not run" } else { " 1 not run" }), "{text}");
-            let open = still_open(&view).join(" ");
-            assert_eq!(open.contains("8 of 9 cells are not reached"), standing.is_some(), "{open}");
+            let table = overview::identity(&view).map(document::Part::Table).unwrap();
+            let text = document::terminal(&[table]);
+            assert_eq!(text.contains(" 1 not run"), !is_whole, "{text}");
+            assert_eq!(still_open(&view).join("").contains("8 of 9 cells"), standing.is_some());
         }
     }
 

@@ -67,7 +67,7 @@ fn child() {
         *DESTROYING.lock().unwrap() = destroying;
         let mut catalog = Catalog::builtin();
         catalog.kinds = vec![PipelineKind { build, ..PipelineKind::of::<Voxelize>() }];
-        let out = place.path(&measured.to_string());
+        let out = place.path(measured.to_string());
         let options = Options {
             catalog,
             request: Request { experiments: experiments.clone(), ..Request::default() },
